@@ -108,7 +108,8 @@ class MachineLimits:
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """Yield the moves; refuse a path tolerance that is too large, or below the resolution of an axis or rounding.
+        """Yield the moves; refuse a path tolerance that is too large, or smaller than the resolution of an axis or
+        rounding errors.
 
         Raises ProgramError at the line of an unsuitable tolerance.
         """
@@ -119,7 +120,9 @@ class MachineLimits:
             yield move
 
     def unfit(self, tolerance: float) -> str:
-        """Return why a path tolerance, m, is too large, or below the resolution of an axis or rounding; else empty."""
+        """Return why a path tolerance, m, is too large, or smaller than the resolution of an axis or rounding errors;
+        an empty string if it is suitable.
+        """
         if tolerance > LARGEST:
             return Text(
                 f"the tolerance of {Quantity(tolerance, 'm'):mm} is more than {Quantity(LARGEST, 'm'):6 mm}: give a "

@@ -1,8 +1,8 @@
 """A path r(x) in pieces, and a motion along it in time intervals of constant snap.
 
 A piece of the path is a line, an arc or a seventh-degree polynomial, one row of arrays per piece.  x is measured from
-the start of each piece, and displacements from its own origin, so that no digits are lost to a large distance from the
-machine zero.  x is in m and nearly the arc length; |r'| need not be 1.
+the start of each piece, and displacements from its own origin, so that no precision is lost far from the machine zero.
+x is in m and nearly the arc length; |r'| need not be 1.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class Entering(NamedTuple):
 
     Both motions have the same time intervals, and each stays on one piece of its path.
 
-    tolerance  proven bound of the distance between q and the two pieces, m
+    tolerance  proven bound on the distance between q and the two pieces, m
     """
 
     pieces: Pieces
@@ -176,7 +176,8 @@ class Part(NamedTuple):
     The first piece is the one on which the previous part ended.  `ends` is True if the run ends with this part.  If the
     next run is `entering` at the same time, the following part continues from the position which that run has reached.
 
-    mode  path mode (`PathMode`) that requires the stop; empty if the tolerance is too small to pass without one
+    mode  path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed within
+          it
     """
 
     pieces: Pieces

@@ -21,14 +21,14 @@ FEW = 1000
 
 
 class Course(NamedTuple):
-    """A motion reduced to n intervals of samples; m .. m/s⁴.
+    """A motion reduced to n intervals of samples, in units of m to m/s⁴.
 
     time      start of each interval, s, shape (n,)
     position  position at the start of each interval, shape (n, N)
     speed     largest speed along the path in each interval, m/s, shape (n,)
     low, high  minimum and maximum of velocity .. snap of each axis, shape (n, N, 4)
     feed      the largest programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
-    line      line of the part program at its start, shape (n,)
+    line      line of the part program at the start of each interval, shape (n,)
     """
 
     time: np.ndarray
@@ -105,8 +105,8 @@ class Recorder:
 
 
 def _limit(limit: float, unit: str, per: str) -> Quantity:
-    """Return a limit in m or rad per s^n, displayed in mm without its unit (given in the table head) or in degrees
-    with it.
+    """Return a limit in m or rad per s^n, displayed in mm without its unit (given in the table head) or in degrees with
+    its unit.
     """
     if unit == "mm":
         return Quantity(limit, f"m/{per}", form=f"mm/{per}", stays=True, bare=True)
@@ -125,7 +125,7 @@ class Planned(Result):
     blocks            number of program blocks with a motion
     runs              number of runs from rest to rest
     proof             proof for all runs; unproven samples are not written
-    stops             the first 1,000 standstills; `stop_count` is the number of all
+    stops             the first 1,000 standstills; `stop_count` is their total number
     stop_reasons      number of stops of each kind
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots

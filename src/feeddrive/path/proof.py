@@ -1,4 +1,4 @@
-"""The independent proof that a planned motion keeps its limits in continuous time.
+"""The independent proof that a planned motion satisfies its limits in continuous time.
 
 It bounds the ranges of the derivatives of a path, of a motion along it, and of each axis:
 
@@ -10,10 +10,10 @@ It bounds the ranges of the derivatives of a path, of a motion along it, and of 
 with q = r(u(t)).  Extremes of polynomials of time are exact; r' .. r'''' are bounded by Taylor forms about the middle
 of a span.
 
-Over a span of time on one piece of the path each factor of the chain rule is an interval.  A span for which the limits
-cannot be shown to hold is halved, until they can or its middle violates one.  At the joints of path and time the jumps
-are computed from the planned state.  Apart from the evaluation of path and motion no code is shared with the planner,
-so its errors are not repeated here.
+Over a span of time on one piece of the path each factor of the chain rule is an interval.  A span whose motion cannot
+be shown to satisfy the limits is halved until it can, or until a limit is violated at its middle.  At the joints of
+path and time the jumps are computed from the planned state.  Apart from the evaluation of path and motion no code is
+shared with the planner, so its errors are not repeated here.
 
 Rounding is not directed.  A test involves some hundred roundings, so 1e-13 of its largest term is added to its
 interval; each limit is relaxed by a relative 1e-9.
@@ -24,9 +24,9 @@ both form one polynomial of time, whose range is exact even if they cancel; the 
 
 Let w0 be the remaining distance of the first run and w1 the distance covered by the second, and t* the time at which
 they are equal.  Between lines q is assigned to the path point at the distance w1 - w0 from the corner, from which it
-deviates by min(w0, w1) |t1 - t0|, at most at t*.  Otherwise it is assigned to q0 before t* (distance at most w1), to q1
-after t*, and at t* to the path between them: the (Fréchet) distance is at most max(w0, w1, |q - c|) at t*, plus the
-deviation of the pieces from their chords.
+deviates by min(w0, w1) |t1 - t0|, which is largest at t*.  Otherwise it is assigned to q0 before t* (distance at most
+w1), to q1 after t*, and at t* to the path between them: the (Fréchet) distance is at most max(w0, w1, |q - c|) at t*,
+plus the deviation of the pieces from their chords.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """Return a bound of |r'| over [x0, x1]; write intervals of r' .. r'''' by Taylor forms about the midpoint into
+    """Return a bound on |r'| over [x0, x1]; write intervals of r' .. r'''' by Taylor forms about the midpoint into
     out[i, k-1].
     """
     middle = 0.5 * (x0 + x1)
@@ -361,9 +361,9 @@ def share_of_limits(
 def _taken(
     kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
 ) -> float:
-    """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; return a bound of |r'|.
+    """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; return a bound on |r'|.
 
-    On input u[9] to u[11] hold u' .. u''' at t = 0.
+    On input u[9] to u[11] contain u' .. u''' at t = 0.
     """
     v = u[9, 0]
     a = u[10, 0]
@@ -464,8 +464,8 @@ def prove_sum(
     r: Floats3,
     q: Floats3,
 ) -> tuple[int, int, float]:
-    """Prove the sum of two motions with common time intervals; return the number of spans tested, of faults, and a
-    bound of the distance, m.
+    """Prove the sum of two motions with common time intervals; return the number of spans tested, the number of faults,
+    and a bound on the distance, m.
 
     Each fault is a row of `faults`: time interval, time within it, limit, share.
     """
@@ -653,8 +653,8 @@ def _span(
     halves: Floats2,
     r: Floats3,
 ) -> tuple[int, int, float]:
-    """Test one time interval; return the number of tests, the violated limit (-2: none) and its time; x, u' .. u''''
-    are at t = 0.
+    """Test one time interval; return the number of tests, the violated limit (-2: none) and its time; the values x, u'
+    .. u'''' are those at t = 0.
     """
     tests = 0
     count = 1
@@ -731,8 +731,8 @@ def _prove(
     after: Floats2,
     q: Floats2,
 ) -> tuple[int, int]:
-    """Return the number of tests and of faults; a row of `faults` holds path piece, time interval, time within it,
-    limit, share.
+    """Return the number of tests and that of faults; a row of `faults` contains path piece, time interval, time within
+    it, limit, share.
 
     A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`.
     On input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` the
@@ -887,7 +887,7 @@ class Fault(NamedTuple):
 class Proof(Result):
     """The result of the proof of a motion along a path.
 
-    faults    points at which a limit is exceeded or could not be shown to hold; the first hundred
+    faults    the first hundred points at which a limit is exceeded, or was not shown to be satisfied
     count     number of all faults
     use       the largest share of velocity .. snap limit used by each axis at the times evaluated, shape (N, 4)
     jump      largest jump of velocity, acceleration or jerk at a joint, as a share of its limit
@@ -912,7 +912,7 @@ class Proof(Result):
 
 
 class Prover:
-    """The prover of consecutive parts of runs; `limits` m/s .. m/s⁴, shape (N, 4)."""
+    """The prover of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4)."""
 
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
@@ -943,8 +943,8 @@ class Prover:
         return self._count == before
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """Prove one motion: no jumps, and the limits if it is `alone`; it starts at the end of the last one, or
-        `anywhere`.
+        """Prove that a motion has no jumps and, if it is `alone`, satisfies the limits; it starts at the end of the
+        last one, or `anywhere`.
         """
         spans, count = _prove(
             pieces.kind,

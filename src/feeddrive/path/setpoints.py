@@ -99,7 +99,7 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
     """Plan a short chain both with splines and blends and with all corners passed by overlapping runs; return the
     faster plan.
 
-    None if the chain is not short, or if both plans are identical.
+    The result is None if the chain is not short, or if both plans are identical.
     """
     if len(chain.tolerance) > SHORT:
         return None
@@ -270,7 +270,7 @@ class Samples(NamedTuple):
     values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
     line      line of the part program, shape (n,)
     feed      the programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
-    proven    True if the proof holds up to here
+    proven    True if the whole motion up to here is proven
     """
 
     first: int
@@ -403,8 +403,9 @@ class Setpoints:
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
     """Return the limiting cause of each sample as an index into `MachineLimits.causes`.
 
-    share  used share of each limit, shape (n, N, 4); speed and feed along the path, m/s, shape (n,); the feed is 0
-           at a standstill
+    share  used share of each limit, shape (n, N, 4)
+    speed  along the path, m/s, shape (n,)
+    feed   along the path, m/s, shape (n,); 0 at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
     reasons = np.argmax(rows, axis=1)

@@ -4,10 +4,11 @@
 
 p are the recorded positions with spacing h in time; B₆ is the B-spline of sixth order (degree five) on integer knots.
 q has four continuous derivatives, all known exactly, and no delay.  Where p is linear in time, q equals p; where p has
-the acceleration a, q deviates by a h² ((n² - 1)/6 + 1/4): on a circle of radius R at speed v it lies inside by v²/R
-times that.
+the acceleration a, q deviates by a h² ((n² - 1)/6 + 1/4): at the speed v, q lies inside a circle of radius R by this
+amount with a = v²/R.
 
-Do not use it to hide that a planner exceeds its limits; it lowers the peaks of its steps by spreading them over 4 n h.
+Do not use it to hide that a planner exceeds its limits; smoothing lowers the peaks only because it spreads the
+planner's steps over 4 n h.
 """
 
 import numpy as np

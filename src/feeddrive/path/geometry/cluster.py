@@ -2,7 +2,7 @@
 
 Within the tolerance P the blend of a corner with turning angle θ extends over L = P / (0.156 · 2 sin θ/2) of both
 lines.  If that is more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are
-initially 10 mm apart; they are refined where S is too far from the lines, until the bound of the distance is within the
+initially 10 mm apart; they are refined where S is too far from the lines, until the bound on the distance is within the
 tolerance.
 
 The spline has fifth degree and follows the polyline f(u): Schoenberg's variation-diminishing spline.
@@ -10,8 +10,8 @@ The spline has fifth degree and follows the polyline f(u): Schoenberg's variatio
     S(u) = Σ f(x_i) N_i(u),    x_i = (τ_{i+1} + ... + τ_{i+5}) / 5
 
 with B-splines N_i on the knots τ.  Straight parts are reproduced exactly, |S'| <= 1, no system has to be solved, and a
-change of f or of a knot has an effect over three knots only.  Beyond its ends f is extended by point reflection, so
-that S begins and ends on f.  The distance |S - f| is bounded on each interval between knots and corners, where both are
+change of f or of a knot affects S over three knots only.  Beyond its ends f is extended by point reflection, so that S
+begins and ends on f.  The distance |S - f| is bounded on each interval between knots and corners, where both are
 polynomials, by the convex hull of the Bernstein points.
 
 Source: Schoenberg 1967, On spline functions; de Boor 1978, A practical guide to splines.
@@ -130,7 +130,7 @@ def control_points(
     segment: Ints,
     straight: Ints,
 ) -> int:
-    """Write the Greville abscissas into `x`, and f at them into `control`.
+    """Write the Greville abscissas into `x`, and the values of f there into `control`.
 
     corner    u at the start of each segment, and the end of the last
     group     equal numbers for consecutive segments in one direction
@@ -177,7 +177,7 @@ def states(
 ) -> int:
     """Compute S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
 
-    They are exactly those of the line if all relevant control points lie on one line.
+    If all relevant control points lie on one line, the results are exactly those of the line.
     """
     q = zeros(5)
     move = zeros(5)
@@ -432,8 +432,8 @@ def clustered(
 ) -> int:
     """Mark the joints that belong to a cluster with 1 in `inside`; return their number.
 
-    A sharp corner between two nearly straight stretches, over ten tolerances, does not belong to a cluster: the run
-    stops there.
+    A sharp corner does not belong to a cluster if the path is nearly straight over ten tolerances on either side: the
+    run stops there.
     """
     count = 0
     since = 1e300  # distance from the last such corner
@@ -539,19 +539,20 @@ def fitted(
     curve: Floats3,
     room: Floats3,
 ) -> tuple[int, int]:
-    """Fit the lines first .. last from `begin` m after the first start to `end` m before the last end.
+    """Fit the spline to the lines first .. last, from `begin` m after the start of the first to `end` m before the end
+    of the last.
 
     Return the number of steps, 0 on failure, and the number of goal positions.
 
     begin, end  with `straight_...` the spline follows the line up to there; with `crossed_...` it ends at a corner
-                where runs overlap, to which its last span leaves the share CROSSED of the tolerance
+                where runs overlap; its span there leaves the share CROSSED of the tolerance to the overlap
     most_steps  divisor of the total length that bounds the longest step
-    fixed       number of given steps, with all knots before, `many` goal positions from there on, and the state at the
-                first knot, `begins`; or 0
+    fixed       number of given steps; if not 0, all knots before, `many` goal positions from there on, and the state
+                `begins` at the first knot are also given
     corner      u at the start of each line, counted from `begin`, and the end of the last one
-    sharing     tolerance of each line, m: the smaller one of its joints
+    sharing     tolerance of each line, m: the smaller one of those at its two joints
     curve       polynomials of the spans after knots; spans with `curved` 0 are straight
-    far         bound of the distance to each line, m; not less than `floor`
+    far         bound on the distance to each line, m; not less than `floor`
     """
     _prepared(first, last, begin, length, shape, tolerance, sharing, corner, group, slope, room[0, 0])
     total = corner[last + 1] - end
@@ -652,8 +653,8 @@ def fitted(
 
 @kernel
 def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
-    """Save the data with which the spline can continue from knot e: knots into `kept`, goal positions after them,
-    counted from u.
+    """Save the data with which the spline can continue from knot e: write the knots to `kept`, and retain the goal
+    positions after them; both are counted from u.
 
     Return the number of goal positions.
     """

@@ -1,7 +1,7 @@
-"""Joining of segments into a path: a joint is smooth already, rounded by a blend within the tolerance, or a stop.
+"""Joining of segments into a path: a joint is already smooth, rounded by a blend within the tolerance, or a stop.
 
 The segments of a run are connected lines and arcs as `Pieces`.  A blend uses at most half of the length of each of its
-segments.  A blend is stored in eight pieces, so that the bounds of its derivatives are tight.
+segments.  A blend is stored in eight pieces, so that the bounds on its derivatives are tight.
 """
 
 from __future__ import annotations
@@ -154,13 +154,14 @@ def join(
 ) -> tuple[int, int, int, float, int, int]:
     """Write the pieces of n segments, with blends or splines between them, into `kinds` .. `runs`.
 
-    Return the number of pieces and of runs that end in them; the first remaining segment, -1 if an unfinished spline
-    cannot be continued, and the length of it used by the preceding blend; the number of goal positions of an
-    unfinished spline, which is the next `goals`; and the number of pieces with those of a planned stop.
+    Return the number of pieces; the number of runs that end in them; the first remaining segment, or -1 if an
+    unfinished spline cannot be continued; the length of this segment used by the preceding blend; the number of goal
+    positions of an unfinished spline, which is `goals` in the next call; and the number of pieces including those of a
+    planned stop.
 
     Unless the chain `ends`, the last segment, or a cluster that may continue, is left for the next call.  In a cluster
-    of more than `held` lines the spline is final up to a knot far enough before the last line; its pieces from there to
-    a stop after the last line, the planned stop, follow the others.
+    of more than `held` lines the spline is final up to a knot far enough before the last line; the pieces from there to
+    the planned stop, at the end of the last line, follow the others.
 
     tolerance  tolerance of the joint after each segment, m; negative: stop; 0: stop unless it is smooth
     sharpest   sine of half of the largest corner angle without a stop
@@ -458,7 +459,7 @@ class Joiner:
     """The joiner that connects the segments of consecutive chains to runs.
 
     sharpest, lonely  as in `join`
-    held      largest number of lines of a cluster held back; a fifth suffices if they are 50 mm long
+    held      largest number of lines of a cluster held back; a fifth of it suffices if these lines are 50 mm long
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
@@ -489,7 +490,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """End a spline that cannot be continued with its planned stop, and join the chain anew behind it."""
+        """Let a spline that cannot be continued end in its planned stop, and join the chain anew after this stop."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -503,7 +504,7 @@ class Joiner:
         return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
-        """Return the sections and the joints after the finished segments; None if a spline cannot be continued."""
+        """Return the sections and the joints after the finished segments, or None if a spline cannot be continued."""
         n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
         # two knots per line, and the largest steps over the length; the number is known only after the fit

@@ -2,7 +2,7 @@
 
 Moves become lines, arcs and splines of the machine's axes, with feed and tolerance.  A move of both linear and rotary
 axes is a path in both, in which 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for a move without
-these to U V W; for a move of A B C alone it is in degrees.
+these it refers to U V W; for a move of A B C alone it is in degrees.
 
 A blend is a polynomial of seventh degree that matches both segments in three derivatives.  At the distance L before and
 after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected over a
@@ -189,8 +189,8 @@ def blend_at(
     difference: Floats2,
     out: Floats2,
 ) -> float:
-    """Write the blend that starts L before a joint into `out` (N, 8); return a bound of its distance to the
-    segments, m.
+    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on its distance to the segments,
+    m.
     """
     n = len(shape0)
     B = factor * L
@@ -256,8 +256,8 @@ def blend(
     difference: Floats2,
     out: Floats2,
 ) -> tuple[float, float, float]:
-    """Find the longest blend up to `longest` that is proven within `tolerance`; return L, B and its distance bound,
-    zeros if there is none.
+    """Find the longest blend up to `longest` that is proven within `tolerance`; return L, B and the bound on its
+    distance, or zeros if there is none.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest
@@ -326,8 +326,8 @@ class Chain(NamedTuple):
 
     tolerance  tolerance of the joint after each segment, m; 0: stop unless the joint is smooth
     ends       True if such a stop follows; otherwise the next chain continues this one
-    modes      path mode of the stricter move at each joint, as in `PathMode`, which requires a stop there; empty if
-               the joint has a tolerance
+    modes      path mode (see `PathMode`) of the stricter move at each joint, if it requires a stop there; empty if the
+               joint has a tolerance
     """
 
     segments: Pieces
@@ -337,7 +337,7 @@ class Chain(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A row of `Pieces`, with path mode and tolerance (m) of its joints; lines have only their displacement."""
+    """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement."""
 
     kind: int
     length: float
@@ -454,7 +454,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Yield the segments of a move in `columns` of the machine's axes; none if the move has no length."""
+    """Yield the segments of a move in `columns` of the machine's axes; a move of zero length has none."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]

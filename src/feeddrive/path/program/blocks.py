@@ -41,7 +41,7 @@ class Place(NamedTuple):
 class BlockError(Exception):
     """An error in a block, before its position in the file is known.
 
-    word   the word shown in the message; its letter is searched in the line if `index` is missing
+    word   the word shown in the message; the line is searched for its letter if `index` is missing
     index  its index in the line as compacted by `compact`
     column its column in the original line, from 1, if known
     """
@@ -94,7 +94,7 @@ class LineReader:
         self._file.seek(self._offset)
 
     def read(self) -> Line | None:
-        """Return the next line; None at the end of the file."""
+        """Return the next line, or None at the end of the file."""
         if self._file is None:
             self._file = self._open()
         # bounded: a binary file may be a single line of gigabytes
@@ -648,7 +648,7 @@ class Block:
         self.control = ""
 
     def take(self, letter: str, code: str = "") -> float | None:
-        """Remove a word and return it; return None for a missing word, or refuse it if `code` names a code that
+        """Remove a word and return it; for a missing word return None, or raise BlockError if `code` names a code that
         requires it.
         """
         value = self.words.pop(letter, None)
@@ -786,7 +786,7 @@ _WRITTEN = {
 
 
 def _place(text: str, letter: str, value: float) -> int:
-    """Return the position of a word in a line of plain words; the last one if there are several."""
+    """Return the position of a word in a line of plain words, or that of the last one if there are several."""
     return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 

@@ -3,8 +3,8 @@
 `Switches` handles the codes without motion: modes, spindle, tool, coolant, overrides, outputs and stops.
 `Flow` handles O-words: subroutines, loops and conditions.
 
-The program is never held in memory: a loop returns to the position of its line in the file, a call to that of its
-subroutine.
+The program is never held in memory: a loop returns to the position of its line in the file, and a call jumps to the
+position of its subroutine.
 """
 
 import re
@@ -81,7 +81,7 @@ class Frame:
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
-    """Return label and kind of an o-word in a skipped line; None for other lines."""
+    """Return label and kind of an o-word in a skipped line, or None for other lines."""
     try:
         statement = _SKIPPED.match(blocks.compact(text)[0])
     except BlockError:
@@ -114,11 +114,11 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """Record a motion or an offset: `MOST_AGAIN_AT_REST` counts repeated lines from here."""
+        """Record a motion or an offset: the count limited by `MOST_AGAIN_AT_REST` restarts at 0."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:
-        """Return the next line; None at the end of the program."""
+        """Return the next line, or None at the end of the program."""
         reader = self._frames[-1].reader
         line = reader.read()
         if line is None:
@@ -311,7 +311,7 @@ class Flow:
                 self._frames[-1].opened.pop()
 
     def _leave(self, label: str) -> None:
-        """Skip to the end of a condition of which a branch was taken."""
+        """Skip to the end of a condition after one of its branches was taken."""
         self._top(label, "if")
         self._skip(label, ("endif",))
         self._frames[-1].opened.pop()

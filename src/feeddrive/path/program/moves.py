@@ -75,8 +75,8 @@ _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
 
 
 def canonical_text(command: Command) -> str:
-    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; empty for PRINT,
-    which it does not print.
+    """Return the text of a command as LinuxCNC's interpreter prints it, without the line number; the text is empty for
+    PRINT, which is not printed there.
     """
     if command.name == "PRINT":
         return ""
@@ -202,9 +202,9 @@ class Arc:
     """An arc or helix at the feed.
 
     axes    first and second axis of its plane, and the normal axis, right-handed: 0, 1, 2 in XY
-    center  center of the circle, along the first and second axis; radii at start and end may differ by rounding of the
-            program
-    turns   number of turns begun: 1, 2, .. counterclockwise as seen from the third axis, -1, -2, .. clockwise
+    center  center of the circle, along the first and second axis; the radii at start and end may differ by rounding in
+            the program
+    turns   number of full or partial turns: 1, 2, .. counterclockwise as seen from the third axis, -1, -2, .. clockwise
     """
 
     source: Line
@@ -270,7 +270,7 @@ class PathMode:
     """The path mode of the following moves.
 
     mode             exact_path (G61), exact_stop (G61.1) or continuous (G64)
-    tolerance        largest deviation from the path, m (G64 P); 0 without P, for which the planner allows none
+    tolerance        largest deviation from the path, m (G64 P); 0 without P: the planner then allows none
     naive_tolerance  tolerance for merging consecutive points into one line, m (G64 Q)
     """
 
@@ -308,8 +308,8 @@ class Spindle:
 
 @dataclass(frozen=True, slots=True)
 class Synchronized:
-    """A spindle-synchronized feed: the following feeds advance by `pitch` (m) per spindle revolution (G33); 0 ends
-    it.
+    """A spindle-synchronized feed: the following feeds advance by `pitch` (m) per spindle revolution (G33); a pitch of
+    0 ends it.
     """
 
     source: Line
@@ -318,7 +318,7 @@ class Synchronized:
 
 @dataclass(frozen=True, slots=True)
 class ToolChange:
-    """A change to tool `number`; 0 is no tool."""
+    """A change to tool `number`, where 0 means no tool."""
 
     source: Line
     number: int
@@ -362,7 +362,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A program stop; `optional`: only if the operator has enabled optional stops (M1)."""
+    """A program stop; an `optional` one (M1) takes effect only if the operator has enabled optional stops."""
 
     source: Line
     optional: bool

@@ -1,8 +1,8 @@
 """Reading of a part program with a suitable front end, as canonical commands or as moves.
 
-The front ends are our own interpreter and that of LinuxCNC, whose program `rs274` is run and its canonical text parsed.
-The latter supports cutter compensation and the rest of the language, but prints only four decimals of the program unit
-(0.1 um in mm, 2.5 um in inches), and neither U, V nor W.
+The front ends are the built-in interpreter and that of LinuxCNC: its program `rs274` is run, and the canonical text
+that it prints is parsed. The latter supports cutter compensation and the rest of the language, but prints only four
+decimals of the program unit (0.1 um in mm, 2.5 um in inches), and neither U, V nor W.
 """
 
 import re
@@ -59,8 +59,8 @@ def needs_rs274(program: Path) -> bool:
 
 
 def _may_need(program: Path) -> bool:
-    """Test quickly for such codes, with possible false positives; an overlong line is left to our own reader to
-    refuse.
+    """Test quickly for such codes, with possible false positives; an overlong line is left to `LineReader`, which
+    refuses it.
     """
     end, since = b"", 0
     with program.open("rb") as file:
@@ -264,7 +264,8 @@ def read_program(
     offsets       parameter file (.var): work offsets, G28, G30
     tables_inch   both tables are in inches instead of mm
     skip_deleted  skip lines that begin with /
-    front_end     own; rs274: LinuxCNC's interpreter; auto: rs274 where a program needs it (G41) and it is installed
+    front_end     own: the built-in interpreter; rs274: that of LinuxCNC; auto: rs274 if
+                  it is installed and the program needs it (G41)
     most_again    largest number of lines that loops and calls may repeat
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.

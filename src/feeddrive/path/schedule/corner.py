@@ -1,9 +1,9 @@
 """Motion through the corner between two runs: overlapping stops or a bump in time, whichever is faster.
 
-Overlap: the next run begins before the previous one has come to rest.  With D the time during which both move,
-q = q0(t) + q1(t - T0 + D) - c.  A limit holds if the sum of both motions satisfies it.  Between lines the tolerance
-holds if q is close enough to the corner at the time when both runs are at equal distances from it; between other
-pieces these distances must also be within the tolerance.
+Overlap: the next run begins before the previous one has come to rest.  With D the time during which both move, q =
+q0(t) + q1(t - T0 + D) - c.  The limits apply to the sum of both motions.  Between lines the tolerance is satisfied if q
+is close enough to the corner at the time when both runs are at equal distances from it; between other pieces these
+distances must also be within the tolerance.
 
 Bump: a run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  To remove the jump t1 - t0 of
 its direction, the motion is superposed with v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s),
@@ -54,10 +54,11 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add the ranges by which curvature changes the velocity .. snap of an axis on the tangent to the rows of `out`.
+    """Add, to the rows of `out`, the ranges by which curvature changes an axis's velocity .. snap from those on the
+    tangent.
 
-    c is r' of the axis at the corner, `most` bounds r' .. r'''' and `away` the distance to the corner; u' .. u'''' are
-    the values at the start of an interval of h seconds.
+    c is r' of the axis at the corner, `most` are bounds on r' .. r'''', and `away` is a bound on the distance to the
+    corner; u' .. u'''' are the values at the start of an interval of h seconds.
     """
     # r' - c
     up = min(most[1] * away, max(most[0] - c, 0.0))
@@ -234,8 +235,8 @@ def overlap(
     limits: Floats2,
     feed: float,
 ) -> float:
-    """Return the longest overlap up to `longest` that satisfies limits and tolerance, by bisection; 0 if there is
-    none.
+    """Return the longest overlap up to `longest` that satisfies limits and tolerance, found by bisection, or 0 if there
+    is none.
     """
     low = 0.0
     high = longest
@@ -281,12 +282,12 @@ def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
 def shared(
     one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
 ) -> tuple[int, int, float, int]:
-    """Split the last seconds of one and the first seconds of the other motion into common time intervals; return their
+    """Split the last seconds of one motion and the first seconds of the other into common time intervals; return their
     number.
 
-    The other results are the interval of the first motion in which the overlap starts, the seconds of it before the
-    overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
-    1e-12 of the overlap time are treated as simultaneous.
+    The other results are the interval of the first motion in which the overlap starts, its duration before the overlap
+    in s, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within 1e-12
+    of the overlap time are treated as simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
@@ -427,7 +428,7 @@ def _used(stretch: Floats, peak: float) -> float:
 
 @kernel
 def _peak(stretch: Floats) -> float:
-    """Return the highest speed of a stretch; 0 if no motion is possible."""
+    """Return the highest speed of a stretch, or 0 if no motion is possible."""
     length = stretch[LENGTH]
     low = max(stretch[HEAD], stretch[TAIL])
     high = stretch[FASTEST]
@@ -467,7 +468,7 @@ def _peak(stretch: Floats) -> float:
 
 @kernel
 def _duration(stretch: Floats, peak: float) -> float:
-    """Return the duration of the motion on a stretch with this peak speed, bumps included, s; 0 if there is no
+    """Return the duration in s of the motion on a stretch with this peak speed, bumps included, or 0 if there is no
     motion.
     """
     if peak <= 0.0:
@@ -479,19 +480,19 @@ def _duration(stretch: Floats, peak: float) -> float:
 
 @kernel
 def straight(stretch: Floats, out: Floats2) -> int:
-    """Write the time-optimal motion on a stretch as rows of duration, x and initial u' .. u''''; return their number, 0
-    if there is none.
+    """Write the time-optimal motion on a stretch as rows of duration, x and initial u' .. u''''; return their number,
+    or 0 if there is no such motion.
 
     The entries of `stretch` are: length, highest speed; acceleration, jerk and snap limits along the line; for head and
-    tail the speed at the node, w and s of the bump there (0: none, the stretch begins or ends with the node), and
-    the shares of jerk and snap for the ramp to it.
+    tail the speed at the node, the boxcar widths w and s of the bump there (0 without a bump: the stretch then begins
+    or ends with the node), and the shares of jerk and snap for the ramp to it.
     """
     return _rows(stretch, _peak(stretch), out)
 
 
 @kernel
 def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
-    """Write the motion with a given peak speed; return the number of rows, 0 if there is no motion."""
+    """Write the motion with a given peak speed; return the number of rows, or 0 if there is no motion."""
     length = stretch[LENGTH]
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
@@ -601,7 +602,7 @@ def lasting(rows: Floats2, count: int) -> float:
 
 @kernel
 def width(away: float, short: float) -> tuple[float, float]:
-    """Return w and s of the bump with phi(0) = away (s); s as given, or w if that is shorter."""
+    """Return the boxcar widths w and s of the bump with phi(0) = `away`, s; s is `short`, or w if that is shorter."""
     # with s = w the peak is phi(0) = 39 w/192: a longer s would exceed w
     if 39.0 * short >= 192.0 * away:
         w = away * 192.0 / 39.0
@@ -637,11 +638,11 @@ def bump(
     rows1: Floats2,
     result: Floats,
 ) -> tuple[int, int]:
-    """Find the fastest bump between two stretches; write it into both, and its speed, w, s and shares into `result`;
-    return the numbers of rows of both.
+    """Find the fastest bump between two stretches; write it into the rows of both, and its speed, its boxcar widths w
+    and s, and the shares into `result`; return the numbers of rows.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump is faster than
-    `quickest` s for both stretches; `half` reserves half of the second stretch for the following corner.
+    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump lets both stretches
+    together take less than `quickest` s; `half` reserves half of the second stretch for the following corner.
 
     With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w², of which ramps cancel less than
     1.2 times the limit j: v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the axes.
@@ -774,8 +775,8 @@ class _End(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """The part of a motion that may be replanned: on one line, between nodes, time intervals `first` up to but
-    excluding `last`.
+    """The part of a motion that may be replanned: the time intervals from `first` up to but excluding `last`, on one
+    line between two nodes.
     """
 
     first: int
@@ -811,7 +812,7 @@ class Crossings:
         self._open: _Run | None = None
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Add a part and return those that are now final; `tolerance` is that of the corner at its end, m, 0 without
+        """Add a part and return those that are now final; `tolerance` is that of the corner at its end, m, or 0 without
         one.
         """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
@@ -819,7 +820,7 @@ class Crossings:
         return self._next(run or _Run(part, tolerance, None))
 
     def add_line(self, section: Section) -> list[Part] | None:
-        """Add a run that is a single line, in closed form, and return the parts as `add` does; None for any other
+        """Add a run that is a single line, in closed form, and return the parts as `add` does, or None for any other
         section of a run.
         """
         run = self._line(section)
@@ -841,7 +842,7 @@ class Crossings:
         return [*leaves, last] if last else leaves
 
     def _line(self, section: Section) -> _Run | None:
-        """Return the run of a section that is a single line; None for any other section."""
+        """Return the run of a section that is a single line, or None for any other section."""
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None
@@ -893,7 +894,7 @@ class Crossings:
         return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Return two runs with the corner between them planned, the first one in its final form."""
+        """Plan the corner between two runs; return both, the first one in its final form."""
         best = self._stopped(one, two)
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
@@ -950,7 +951,7 @@ class Crossings:
     def _bump(
         self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
     ) -> tuple[_Run, _Run] | None:
-        """Return both runs with a bump, if that is faster than an overlap of `lasts` seconds, otherwise None."""
+        """Return both runs with a bump if that is faster than an overlap of `lasts` seconds, or None otherwise."""
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
         numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()

@@ -53,7 +53,7 @@ class _Points(NamedTuple):
 
 
 class Lifter:
-    """The lifter of consecutive parts of runs; `limits` m/s .. m/s⁴, shape (N, 4).
+    """The lifter of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4).
 
     The end of a lifted section is held back, to be lifted again with the next part; it ends in the same state as the
     original plan, whose planned stop therefore remains valid.
@@ -111,8 +111,8 @@ class _Path:
         spline.tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
-        """Return the largest time that may be saved in a section, s: for a ramp from `ramp_gain`, otherwise infinite
-        (unknown).
+        """Return the largest time that may be saved in a section, s: the result of `ramp_gain` for a ramp, otherwise
+        infinite (unknown).
         """
         if last - first > _HUMP // 2:
             return np.inf
@@ -122,7 +122,7 @@ class _Path:
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
         """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
 
-        The first `spans` time intervals are already spans.
+        The first `spans` time intervals are already spans of an earlier spline.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
             return None  # on a line it is already time-optimal
@@ -139,7 +139,7 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Lift a motion as `lifted` does, without ends at rest; `end` is u' .. u''' at its end."""
+        """Lift a motion as `lifted` does, but one that is not at rest at its ends; `end` is u' .. u''' at its end."""
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time intervals without motion except for rounding
@@ -183,8 +183,8 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Return the faults, as `faults_of`, in the section affected by changes in the spans from `first` up to but
-        excluding `last`.
+        """Return the faults, as `faults_of` does, in the section affected by changes in the spans from `first` up to
+        but excluding `last`.
         """
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
@@ -193,8 +193,8 @@ class _Path:
         return faults
 
     def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and has its states
-        at the ends.
+        """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and matches its
+        states at both ends.
         """
         n = len(motion.duration)
         wide = min(_HALF, n)
@@ -261,8 +261,8 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Return the ranges of spans, of n, to be optimized again after the limits at `spans` were lowered: `_ASIDE` on
-    either side of each.
+    """Return the ranges of the n spans to be optimized again after the limits at `spans` were lowered: each of these
+    with `_ASIDE` spans on either side.
     """
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():

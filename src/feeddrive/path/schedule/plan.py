@@ -108,8 +108,8 @@ def _filling(
 ) -> float:
     """Return the peak speed whose ramps fill a given distance.
 
-    `left` and `right` are the bounds of the ramps up and down on straight pieces; the ramps last `up` and `down` times
-    as long.
+    `left` and `right` are the bounds of the ramps up and down on straight pieces; the actual ramps last `up` and `down`
+    times as long.
     """
     low = max(v0, v1)
     high = fastest
@@ -139,7 +139,8 @@ def _filling(
 
 @kernel
 def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
-    """Return the stretch with the highest peak found, at least its own; peak 0 if there is none.
+    """Return the stretch with the highest peak found, at least its own; if there is none, the returned stretch has peak
+    0.
 
     A `free` hump may exceed the caps of pieces, but not the highest of them.
     """
@@ -211,7 +212,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
 
 @kernel
 def too_fast(path: Path, stretch: Stretch, above: float) -> int:
-    """Return the piece with the lowest cap > `above` among those that a hump crosses too fast for ramps; -1 if there
+    """Return the piece with the lowest cap > `above` among those that a hump crosses too fast for ramps, or -1 if there
     is none.
     """
     first = piece_at(path.begin, stretch.begin, True)
@@ -242,8 +243,8 @@ def hump_time(stretch: Stretch) -> float:
 
 @kernel
 def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretch:
-    """Return the stretch with constant speed v0 > 0 from `left` that then brakes to v1 at `right`; peak 0 if there
-    is none.
+    """Return the stretch with constant speed v0 > 0 from `left` that then brakes to v1 at `right`; if there is none,
+    the returned stretch has peak 0.
     """
     last = piece_at(path.begin, right, False)
     good, down, _ = fit(path, right, last, -1, left, v1, v0, False, 1.0)
@@ -257,8 +258,8 @@ def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretc
 
 @kernel
 def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> Stretch:
-    """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; peak 0 if there is
-    none.
+    """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; if there is none,
+    the returned stretch has peak 0.
 
     It ends no later than at `stop`.
     """
@@ -295,8 +296,8 @@ MARGIN = 4e-15  # of the planned length: distance of the ends of ramps from join
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """Return the time gained by a ramp from the speed c that starts at `far` instead of `near`, s.  It may extend to
-    `end`.
+    """Return the time gained by a ramp from the speed c that starts at `far` instead of `near`, s.  The ramp may extend
+    to `end`.
 
     The ramps end at the highest of several trial speeds for which both exist.
     """
@@ -343,7 +344,8 @@ def _leaves(
 
 @kernel
 def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, Stretch]:
-    """Pass piece p at the constant speed c between ramps from both nodes; return the stretches to its left and right.
+    """Pass piece p at the constant speed c between ramps from both nodes; return the stretches to the left and right of
+    the plateau.
 
     The plateau covers only this piece, or also neighbors that ramps may not cross at that speed, whichever is faster.
     Each side has a feasible hump or zero length.  Ramps end `MARGIN` before the plateau and begin `MARGIN` after it.
@@ -400,11 +402,11 @@ def _split(path: Path, now: Stretch, p: int, c: float) -> tuple[bool, Stretch, S
 def _beginning(
     path: Path, quick: Records[Cap], u0: float, u1: float, v0: float, slow: Ints, stack: Records[Stretch]
 ) -> int:
-    """Write a feasible plan to a stop at u1 into `stack`, last stretch first; return the number of stretches, 0 if
-    there is none.
+    """Write a feasible plan to a stop at u1 into `stack`, last stretch first; return the number of stretches, or 0 if
+    there is no such plan.
 
-    From rest the plan is a single hump.  A motion faster than a piece ahead allows is braked before pieces that are
-    slower than all before them (kept in `slow`), at as few of these as possible.
+    From rest the plan is a single hump.  If the motion is faster than a piece ahead allows, it is braked before as few
+    pieces as possible of those that are slower than all before them (listed in `slow`).
     """
     if v0 == 0.0:
         whole = Stretch(u0, u1, 0.0, 0.0)
@@ -480,7 +482,7 @@ def plan(
     stack: Records[Stretch],
     out: Records[Stretch],
 ) -> int:
-    """Plan from u0 at speed v0 to a stop at u1; return the number of rows written to `out`, 0 if v0 is too fast to
+    """Plan from u0 at speed v0 to a stop at u1; return the number of rows written to `out`, or 0 if v0 is too fast to
     stop in time.
     """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)

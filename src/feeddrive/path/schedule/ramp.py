@@ -32,7 +32,7 @@ _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 @kernel
 def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
-    """Write M1 .. M4 of each axis into `out` (N, 4); return a bound of |r'|.
+    """Write M1 .. M4 of each axis into `out` (N, 4); return a bound on |r'|.
 
     Polynomials are bounded by the convex hull of their Bernstein points, arcs in closed form.
     """
@@ -197,7 +197,7 @@ _ABOVE = 1.0 + 2e-9  # relative tolerance of speed, acceleration and jerk for Ne
 
 
 class Ramp(NamedTuple):
-    """The widths of a ramp's boxcars, s; zeros for no ramp."""
+    """The widths of a ramp's boxcars, s, or zeros for no ramp."""
 
     L1: float
     L2: float
@@ -276,8 +276,8 @@ def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[fl
 
 @kernel
 def jerk_before(number: int, jerk: float) -> float:
-    """Return the jerk at the start of a phase of a ramp up (7: its end): it rises, is constant, falls, is 0, and the
-    same with negative sign.
+    """Return the jerk at the start of a phase of a ramp up (7: its end): the jerk rises, is constant, falls, is 0, and
+    then repeats this with negative sign.
     """
     if number == 0 or number == 3 or number == 4 or number == 7:
         return 0.0
@@ -381,7 +381,7 @@ def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
     """Return the necessary increase of a ramp's duration to satisfy the limits on every piece that it crosses, as in
-    `_lacks`; the limits hold if it is <= 0.
+    `_lacks`; the limits are satisfied if it is <= 0.
 
     Values above `enough` are lower bounds.
     """

@@ -1,8 +1,8 @@
 """The motion along a run, from rest to rest, planned window by window as its path becomes available.
 
 Each window ends with a stop, so a safe stop is always planned.  The nodes in the first part of its plan become final;
-the next window starts from the last of them.  If newly known path ahead is too slow to brake for from there, the
-previous plan is followed to its next node, at the latest to its stop.
+the next window starts from the last of them.  If the motion cannot brake from there to the speed that newly added
+pieces allow, the previous plan is followed to its next node, or at the latest to its stop.
 
 With an override the motion becomes final node by node, and on plateaus at most `HORIZON` ahead.  At each of these
 points the feed factor is read: if it has changed, the motion brakes as soon as the limits allow, or is replanned.
@@ -114,7 +114,7 @@ class _Room(NamedTuple):
 class _Plan(NamedTuple):
     """A plan from the current node: its stretches, and u at the start of each path piece and at the end of the last.
 
-    ends  True if the run ends there
+    ends  True if the run ends with this plan
     """
 
     begin: np.ndarray
@@ -227,10 +227,10 @@ class Schedule:
         self._factor, self._rooms = factor, self._rooms_of(self._pieces, factor)
 
     def _braked(self, last: int, ends: bool, rooms: list[_Room] | None) -> _Plan | None:
-        """Return a plan that first brakes until it can continue under the caps in `rooms`, or to rest if these are
-        None; None if there is none.
+        """Return a plan that first brakes until it can continue under the caps in `rooms`, or to rest if `rooms` is
+        None.
 
-        The result is also None if only the pieces ahead are too slow for the current speed.
+        The result is None if there is no such plan, or if only the pieces ahead are too slow for the current speed.
         """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
@@ -252,7 +252,7 @@ class Schedule:
         return None
 
     def stop(self) -> Part | None:
-        """Return the part from the end of the last one to the stop already planned; None at rest before a run."""
+        """Return the part from the end of the last one to the stop already planned, or None at rest before a run."""
         if self._pieces is None or self._hand is None or not len(self._hand.rows):
             return None
         pieces = part_of_pieces(self._pieces, 0, len(self._hand.begin) - 1)
@@ -270,7 +270,7 @@ class Schedule:
         ]
 
     def _planned(self, last: int, ends: bool, rooms: list[_Room], u: float, speed: float) -> _Plan | None:
-        """Return the fastest plan from u to a stop at the end of the first `last` pieces; None if the speed is too
+        """Return the fastest plan from u to a stop at the end of the first `last` pieces, or None if the speed is too
         high to stop.
         """
         assert self._pieces is not None
@@ -348,8 +348,8 @@ def _time(rows: np.ndarray) -> float:
 
 
 def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return a bool array that is True for stretches with a ramp or a plateau longer than rounding; the others have
-    no motion.
+    """Return a bool array that is True for stretches with a ramp or a plateau longer than rounding errors; the others
+    have no motion.
     """
     ramps = np.any(rows[..., 5:11] > 0.0, axis=-1)
     return ramps | (rows[..., 1] - rows[..., 0] > MARGIN * (begin[-1] - begin[0]))

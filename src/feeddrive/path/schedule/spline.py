@@ -112,8 +112,8 @@ def _expanded(
     slope: Floats,
     bend: Floats2,
 ) -> int:
-    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` of the
-    penalties, `away` in m.
+    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` is that of the
+    penalties, and `away` in m that of the time.
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
@@ -367,13 +367,12 @@ def quickest(
 ) -> int:
     """Optimize the spline for time, in place; return the number of points at which it still violates a limit.
 
-    Three coefficients at each end are fixed.
-    A point that violates a limit gets a relaxed one, which is tightened with each step.  If u'² is not initially
-    positive everywhere, nothing is changed and the result is 1.
+    Three coefficients at each end are fixed.  At a point that violates a limit, this limit is relaxed, and then
+    tightened with each step.  If u'² is not initially positive everywhere, nothing is changed and the result is 1.
 
     span     span index of each point, ascending; `row` is its `basis`
     r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
-    most     largest z by velocity and feed
+    most     largest z that the velocity limits and the feed allow
     full     0 if only q'''' is evaluated
     weight   weight of the penalties at a point, s; `away` is that of the time, m
     penalty  initial μ; it is reduced stepwise down to `last`
@@ -465,7 +464,7 @@ def ramp_gain(
     straight.
 
     On a line in the direction of either end, whichever is more favorable, it takes L1 + L2 + L3 between the same
-    speeds; the distance saved is covered at the higher speed.  1e300 for more than one ramp.
+    speeds; the distance saved is covered at the higher speed.  The result is 1e300 for more than one ramp.
     """
     lasts = 0.0
     for m in range(first, last):
@@ -602,7 +601,7 @@ def points(
     At the end of a span only the snap is evaluated, which differs from that at the start of the next.
 
     begin   u at the start of each path piece
-    top     largest speed by feed and velocity limits on it
+    top     largest speed that feed and velocity limits allow on each piece
     shares  usable shares of the velocity to snap limits; larger near the ends, where the state is given
     time    times of the knots in the present motion, s
     """
