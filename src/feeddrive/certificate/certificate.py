@@ -169,7 +169,7 @@ class LoopResponse:
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
         """Return the factor by which all discs could be widened, and the limiting frequency in Hz.
 
-        also  frequencies in Hz around which more lines are searched
+        also  frequencies in Hz around which more lines are evaluated
         """
         f = self.lines()
         if also:
@@ -212,7 +212,7 @@ def deviations(lines: int, confidence: float) -> float:
 
 
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
-    """Return steps (up to Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
+    """Return steps (upper frequency in Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
 
     A step has the larger of the radii at its two ends.
     Raises ParameterError for negative radii and for frequencies that do not increase.
@@ -240,10 +240,10 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """Return the steps of r for each reading whose discs contain every line with its confidence.
+    """Return the steps of r for each reading whose discs contain every line: |G - P| + `sure` √variance <= r|P|.
 
     Between two lines r is the larger of the two.  Below the first line it is the maximum over the first octave, above
-    the last line the maximum over the last octave, but at least `beyond`.  It is never less than `least`.
+    the last line the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
@@ -318,7 +318,7 @@ class Certificate(Result):
         return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
 
     def verify(self) -> tuple[str, ...]:
-        """Return the checker's sentences, one per plant. Raises NotCertifiedError if it is rejected."""
+        """Return the checker's sentences, one per plant. Raises NotCertifiedError if the certificate is rejected."""
         try:
             return tuple(check.verified(self.document))
         except check.RefusedError as error:
@@ -357,13 +357,13 @@ class Certificate(Result):
 
     @property
     def reserve(self) -> float | None:
-        """The smallest factor, over the plants, by which the discs could be wider; None if all radii are 0."""
+        """The smallest factor, over the plants, by which the discs could be wider, or None if all radii are 0."""
         return min(
             (plant["reserve"] for plant in self.document["plants"] if plant["reserve"] is not None), default=None
         )
 
     def sentence(self) -> str:
-        """Return the result as a sentence that names the plant with the smallest reserve."""
+        """Return the result as a sentence that names the plant with the smallest margin."""
         plants = self.document["plants"]
         count = (
             "1 plant and everything in its disc"
@@ -380,7 +380,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """Return a table with one row per plant, smallest reserve first."""
+        """Return a table with one row per plant, smallest margin first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

@@ -162,23 +162,23 @@ def certify_loop(
         with two encoders measured separately: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
         for a multirate control: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f
 
-    The proof is that of `check.py`, in exact integer arithmetic; for a multirate control in
-    floats with a bound on every rounding error. A returned certificate has passed it.
+    The proof is that of `check.py`, in exact integer arithmetic; for a multirate control in floats with a bound on
+    every rounding error. A returned certificate has passed this proof.
 
     loop         the loop whose control is certified, or a control with `sample_time` in s
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a tuple:
                  (axis, response), (response of the load, of the motor), (axis, load, motor).
                  None: the axis of the loop
     radius       r of models: a number, or points (Hz, r); default 0.2. For measured plants r follows from lines and
-                 variances, and this is its minimum; default 0.05
+                 variances, and this is the minimum; default 0.05
     beyond       minimum r above the last measured line
     arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
     confidence   probability that the responses at all measured lines together lie in their discs
     velocity     m/s at which the axes move: friction is linearized there
     machine      the source named in the certificate: name, file, sha256
 
-    Raises NotCertifiedError, with frequency and amount, if the proof fails, ParameterError for wrong arguments and for
-    a multirate control with two encoders measured separately, NotIdentifiableError for a response that no model fits.
+    Raises NotCertifiedError, with frequency and amount, if the proof fails; ParameterError for wrong arguments and for
+    a multirate control with two encoders measured separately; NotIdentifiableError for a response that no model fits.
     Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
     """
     control = loop.control if isinstance(loop, Loop) else loop
@@ -273,9 +273,9 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a plant in certificate form; its reserve is also searched near the frequencies `also`, Hz.
+    """Return a plant in certificate form; its margin is also searched near the frequencies `also`, Hz.
 
-    Raises NotCertifiedError if the nominal loop is unstable or a disc too wide, and ParameterError for a radius or
+    Raises NotCertifiedError if the nominal loop is unstable or a disc is too wide, and ParameterError for a radius or
     responses that do not suit the plant.
     """
     T = controller.model.sample_time

@@ -2,8 +2,8 @@
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-The file works on its own wherever it is copied.  It recomputes every figure that it can instead of reading it.  With
-C = Nc/Dc of the control (from readings to force) and P = Np/Dp of a plant:
+The file works on its own wherever it is copied.  It recomputes figures instead of reading them wherever this is
+possible.  With C = Nc/Dc of the control (from readings to force) and P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
@@ -13,10 +13,10 @@ All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are po
 difference is positive if all its Bernstein coefficients are; an interval where they are not is bisected exactly.
 By Rouché's theorem the loop is then stable for every plant in the discs, P (1 + Δ).
 
-A multirate control is periodic with N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
+A multirate control has a period of N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
 
     x(k+N) = A x(k) + B u,   y = C x(k) + D u       u, y: all N samples at the plant's input and of the force
-    Hl(f) = part at f + l/(NT) of the force that a sine of 1 N at f adds to, l = 0 .. N-1, in the closed loop
+    Hl(f) = closed-loop response of the force, at f + l/(NT), l = 0 .. N-1, to a sine of 1 N at f added to it
     r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
 
 A, B, C, D are computed without rounding and then rounded once.  On an interval |θ - θ0| <= h the states are
@@ -117,8 +117,8 @@ def whole(values: Matrix) -> tuple[list[Poly], int]:
 def polynomials(system: System) -> Polynomials:
     """Compute det(z - A) and C adj(z - A) B + D det(z - A), lowest power first, as integers over one common factor.
 
-    Faddeev-LeVerrier recursion: M <- A M + c, c = -trace(A M)/k.  In floats it loses all digits; in integers it is
-    exact, and each division by k leaves no remainder.
+    Faddeev-LeVerrier recursion: M <- A M + c, c = -trace(A M)/k.  In floating point the recursion loses all precision;
+    in integers it is exact, and each division by k leaves no remainder.
     """
     (A, a), (B, b), (C, c), (D, d) = (whole(system[name]) for name in "ABCD")
     n, entries = len(A), [(i, j) for i in range(len(C)) for j in range(len(D[0]))]
@@ -265,7 +265,7 @@ def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
 def at(polynomials: Sequence[Poly], f: float, T: float) -> list[complex]:
     """Evaluate polynomials at e^(j2πfT), up to a common factor.
 
-    The point is rounded to 60 binary digits; from there on the evaluation is exact.
+    The point is rounded to 60 binary digits; the evaluation at this point is exact.
     """
     angle, length, values = 2.0 * math.pi * f * T, max(map(len, polynomials)), []
     x, y = (round(Fraction(part) * 2**60) for part in (math.cos(angle), math.sin(angle)))
@@ -429,7 +429,7 @@ class Stretch:
 
 
 def most_of(stretch: Stretch, k: int, enough: float) -> float:
-    """Return an upper bound of Σl |Hl| on the interval; a rougher one if that is already below `enough`."""
+    """Return an upper bound of Σl |Hl| on the interval, or a less tight one if that is already below `enough`."""
     y0, y1, rest = stretch.forces(k)
     N, h = len(y0), stretch.h
     # Parseval: the images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
@@ -536,7 +536,7 @@ def represented(x: float, arithmetic: str) -> bool:
 
 
 def prepared(control: Any) -> Polynomials | list[Any]:
-    """Return the control of a certificate: its polynomials, or for a multirate control its systems over a period."""
+    """Return the control of a certificate as polynomials, or a multirate control as its systems over a period."""
     samples = [system(entry, "control") for entry in control.get("samples", [control])]
     need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
     need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")

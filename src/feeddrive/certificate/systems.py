@@ -165,7 +165,7 @@ _LINES = 250  # number of fitted lines, spread over ln f
 _MOST = 8  # modes
 _SHARE = 0.01  # relative noise floor of a response: less noise does not increase the weight of a line
 _BETTER = 0.85  # an additional mode must reduce the misfit to this fraction
-_USELESS = 0.5  # largest mean relative misfit of a model
+_USELESS = 0.5  # largest median relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
@@ -174,9 +174,9 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
     The outputs are in the order of `measured`. ω, ζ, corner and dead time are common to all outputs and fitted by
-    nonlinear least squares with all a and b eliminated (variable projection); then the modes are sampled exactly, and
-    a and b are solved for again.
-    Raises NotIdentifiableError if the misfit is half of the response.
+    nonlinear least squares with all a and b eliminated (variable projection); then the modes are sampled exactly, and a
+    and b are solved for again.
+    Raises NotIdentifiableError if the median misfit exceeds half of the response.
     """
     f = measured[0].frequency
     inside = np.flatnonzero(f < 0.45 / T)
@@ -328,7 +328,7 @@ class NominalPlant:
 
     model   from the command to the readings, sampled, including dead time
     lines   the measured lines, by reading; empty for a plant without measurement
-    source  the origin of the plant, as text
+    source  the origin of the plant, as a string
     """
 
     name: str
@@ -345,7 +345,7 @@ def modelled_plant(
 
     It includes dead time, current loop and the friction slope. The rigid-body motion is a separate state, so that its
     integrator remains exactly 1 after rounding.
-    Raises ParameterError if a command moves nothing, as when the axis sticks.
+    Raises ParameterError if a command causes no motion, for example because the axis sticks.
     """
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
     model = linearize(loop, ["cut"], list(readings), velocity=velocity)
@@ -395,7 +395,7 @@ def measured_plant(
 
     `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
     is used for all readings.
-    Raises ParameterError for a unit other than m/N or readings that were not measured, NotIdentifiableError if no
+    Raises ParameterError for a unit other than m/N or readings that were not measured, and NotIdentifiableError if no
     model fits.
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
@@ -429,7 +429,7 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Return the lines below half the sample rate; the variance is computed from the coherence if not known."""
+    """Return the lines below half the sample rate; the variance is computed from the coherence if it is not known."""
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

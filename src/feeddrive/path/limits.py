@@ -120,8 +120,8 @@ class MachineLimits:
             yield move
 
     def unfit(self, tolerance: float) -> str:
-        """Return why a path tolerance, m, is too large, or smaller than the resolution of an axis or rounding errors;
-        an empty string if it is suitable.
+        """Return why a path tolerance, m, is too large, or smaller than the resolution of an axis or rounding errors,
+        or an empty string if it is suitable.
         """
         if tolerance > LARGEST:
             return Text(

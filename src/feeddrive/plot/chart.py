@@ -2,8 +2,8 @@
 
 A chart consists of panels with curves, marks and limits, with units. Matplotlib draws it (`plot.drawing`), and any
 other backend can draw it with the same curves, limits and words. Numbers are in the units that the labels state. `name`
-is a name given by the user and is never parsed; all other texts may contain quantities, which `Chart.shown` converts to
-the reader's units.
+is a name given by the user and is never parsed; all other strings may contain quantities, which `Chart.shown` converts
+to the reader's units.
 """
 
 from collections.abc import Iterable, Sequence
@@ -82,7 +82,7 @@ class Mark:
 
     name     label next to the point, placed so that it covers no point and no other label
     caption  its figures, shown when the pointer is on it
-    key      what a click on it selects; empty for nothing
+    key      what a click on the point selects; empty if it selects nothing
     """
 
     x: float
@@ -185,7 +185,7 @@ class Tick:
     """A position on an axis with a text in place of its number.
 
     name     a name given by the user; such a position has no grid line
-    caption  its figures, next to the name; alone, a number
+    caption  its figures, next to the name; without a name, the number shown
     """
 
     value: float

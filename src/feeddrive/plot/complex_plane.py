@@ -33,7 +33,7 @@ REACH = (-2.6, 1.4, -2.0, 2.0)  # left, right, low, high of the Nyquist plot; th
 def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """Plot loop gains near -1, with the unit circle and, for each loop, the circle of radius 1/Ms that it touches.
 
-    A measured loop gain also has its 95 % confidence discs, which hold for each line separately.
+    A measured loop gain also has its 95 % confidence discs, each of which is valid for one line.
     """
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
@@ -268,16 +268,16 @@ def placement_chart(placement: Placement) -> Chart:
 
 
 _MOST = 6  # largest number of rows of a picture
-_DECADES = 3.0  # decades shown below the frequency of the smallest reserve
+_DECADES = 3.0  # decades shown below the frequency of the smallest margin
 _DISCS = 500  # discs drawn in the complex plane
 _REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of discs
 
 
 def certificate_chart(certificate: Certificate) -> Chart:
-    """Plot |1 + L|/|L| of each plant and the certified radius, the plants with the smallest reserve first.
+    """Plot |1 + L|/|L| of each plant and the certified radius, the plants with the smallest margin first.
 
-    For a multirate control it is 1/Σ|H| instead: the sum covers the responses of the force to a sine of 1 N, at its
-    frequency and the images.
+    For a multirate control, 1/Σ|H| is plotted instead: the sum covers the responses of the force to a sine of 1 N at
+    its own frequency and at the image frequencies.
     """
     # A plant without discs has no reserve, and is the last to be shown.
     plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
@@ -330,7 +330,7 @@ def _measured(plant: Any) -> list[tuple[float, float]]:
 
 
 def certificate_discs_chart(certificate: Certificate) -> Chart:
-    """Plot L of the plant with the smallest reserve near -1, with its uncertainty disc at each frequency."""
+    """Plot L of the plant with the smallest margin near -1, with its uncertainty disc at each frequency."""
     plant = min(certificate.document["plants"], key=lambda candidate: candidate["reserve"] or np.inf)
     loop: LoopResponse = certificate.loops[plant["name"]]
     f = loop.lines()

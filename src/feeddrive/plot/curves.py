@@ -185,8 +185,8 @@ def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, numbe
 
 
 def gradient_chart(gradient: Gradient) -> Chart:
-    """Plot the relative change of the cost in percent for +1 % of each parameter: decreases to the left, increases to
-    the right.
+    """Plot the relative change of the cost in percent for +1 % of each parameter, with decreases to the left and
+    increases to the right.
     """
     names = list(gradient.gradient)
     # A cost of 0 has no relative change.

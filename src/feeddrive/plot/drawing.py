@@ -117,7 +117,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
 
 
 def drawn(chart: Chart, units: Units | None = None) -> Picture:
-    """Draw a chart as a matplotlib figure, with its texts in the reader's units; None: the units of `READER`."""
+    """Draw a chart as a matplotlib figure, with its texts in `units`, by default those of `READER`."""
     # not at the top: making a chart must not import matplotlib
     from feeddrive.plot.picture import Picture
 

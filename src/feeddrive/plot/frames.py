@@ -361,7 +361,7 @@ def trials(trials: Trials) -> Any:
 
 
 def certificate(certificate: Certificate) -> Any:
-    """Return a data frame with one row per plant: reserve, its frequency, and largest pole."""
+    """Return a data frame with one row per plant: margin, its frequency, and largest pole."""
     plants = certificate.document["plants"]
     columns = {
         "reserve": [np.nan if plant["reserve"] is None else plant["reserve"] for plant in plants],

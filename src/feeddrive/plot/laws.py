@@ -100,7 +100,7 @@ def ratios_chart(rows: Sequence[tuple[str, Mapping[str, float | None]]], base: s
 
 
 def _cell(value: float | None, base: float | None, higher: bool) -> tuple[str, float]:
-    """Return text and color level of a cell: -1 for much better, 1 for much worse."""
+    """Return the text and the color level of a cell: -1 for much better, 1 for much worse."""
     if value is None or base is None:
         return "-", 0.0
     if np.isinf(value) or np.isinf(base) or base == 0.0 or value == 0.0:

@@ -221,7 +221,9 @@ def unrolled_chart(test: CircleTest, before: CircleTest | None = None) -> Chart:
 
 
 def circle_causes_chart(causes: CircleCauses, most: int = 12) -> Chart:
-    """Plot the largest radial deviation of each cause, ranked, with its standard error; hatched if none is known."""
+    """Plot the largest radial deviation of each cause, ranked, with its standard error; a bar is hatched if no error is
+    known.
+    """
     shown = [cause for cause in causes.ranked if cause.effect > 0.0][:most]
     widest = max((1e6 * cause.effect for cause in shown), default=1.0)
     bars, errors = list[Box](), list[Curve]()
@@ -258,7 +260,7 @@ def _runs(causes: CircleCauses) -> str:
 
 
 def reversals_chart(reversals: Reversals) -> Chart:
-    """Plot the outward error after each of the last four reversals versus the time since reversal; gray during
+    """Plot the outward error after each of the last four reversals versus the time since reversal, in gray during
     standstill.
     """
     panels = tuple(_reversal(reversals, reversal) for reversal in reversals.reversals[-4:])
@@ -448,8 +450,8 @@ cutting_forces = figure_of(cutting_forces_chart)
 
 
 def chatter_signs_chart(signs: ChatterSigns) -> Chart:
-    """Plot the spectrum with tooth-passing harmonics separate, and each once-per-tooth sample versus the previous
-    one.
+    """Plot the spectrum with the tooth-passing harmonics shown separately, and each once-per-tooth sample versus the
+    previous one.
     """
     lines = signs.spectrum
     unit, factor = USUAL.of(lines.unit, signal_unit(lines.unit))

@@ -161,7 +161,7 @@ def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN
 
 
 def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
-    """Return the noise and distortion levels that the excitation allows to be estimated, versus frequency."""
+    """Return the noise and distortion levels that can be estimated from the excitation, versus frequency."""
     factor, curves = _magnitudes(estimate.frf.unit, units)[0], list[Curve]()
     for i, (name, text) in enumerate(_LEVELS.items(), start=2):
         level = estimate.levels.get(name)

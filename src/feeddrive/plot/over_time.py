@@ -322,7 +322,7 @@ def _at(response: StepResponse) -> float:
 def snap_chart(runs: Mapping[str, Run], begin: float, near: float, units: Units = DRAWN) -> Chart:
     """Plot the table error and the force after a rope under tension on the table is cut at `begin` (s).
 
-    near  m: settling tolerance of the table
+    near  settling tolerance of the table, m
     """
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     reactions = dict[str, tuple[float, float]]()
@@ -455,7 +455,8 @@ def _caption(y: np.ndarray, unit: str) -> str:
 
 
 def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
-    """Return the rows of a curve to draw: the minimum and the maximum of each interval of `width` s, in time order.
+    """Return the indices of the points of a curve to draw: the minimum and the maximum of each interval of `width` s,
+    in time order.
 
     Intervals begin at whole multiples of the width, so that a scrolling curve keeps its points. The first and the last
     row are kept, and one row of each gap (NaN). A short curve keeps all its rows.
@@ -481,8 +482,8 @@ def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
-    """Return a range with round ends around some values; the previous one if they fit into it and use a good part of
-    it.
+    """Return a range with round ends around some values, or the previous range if they fit into it and use a good part
+    of it.
     """
     if not y.size:
         return before or (-1.0, 1.0)

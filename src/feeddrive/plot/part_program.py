@@ -393,7 +393,7 @@ _SIZES = ("RMS", "95 % of the path", "largest")
 
 
 def part_run_chart(part: PartRun) -> Chart:
-    """Plot the contour error versus time; gray where it is not evaluated."""
+    """Plot the contour error versus time, in gray where it is not evaluated."""
     contour = part.contour
     error = 1e6 * np.abs(contour.error)
     curves = (

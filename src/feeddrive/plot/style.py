@@ -89,7 +89,7 @@ def shortened(name: str, most: int = 60) -> str:
 def caption(name: str, remark: str = "", most: int = 60) -> str | None:
     """Return a user-given name and a remark for matplotlib, escaped, visible in the legend and truncated.
 
-    None if both are empty.
+    The result is None if both are empty.
     """
     shown = shortened(name, most)
     text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
@@ -98,7 +98,7 @@ def caption(name: str, remark: str = "", most: int = 60) -> str | None:
 
 
 def escaped(text: str) -> str:
-    """Return a text escaped for matplotlib, so that `$` does not start a formula."""
+    """Return a string escaped for matplotlib, so that `$` does not start a formula."""
     return text.replace("$", r"\$")
 
 

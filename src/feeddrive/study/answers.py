@@ -136,7 +136,7 @@ def _fails(hardest: statistics.BoundYield, inside: statistics.Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """Return sentences on the variance of a figure by Sobol indices; empty if it has none."""
+    """Return sentences on the variance of a figure by Sobol indices, or an empty list if it has none."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
         return []
@@ -208,7 +208,7 @@ def _scale(unit: str) -> float:
 
 
 def yields_chart(yields: statistics.Yield) -> Chart:
-    """Return a chart of the share of machines that keep each bound, and all bounds, with 95 % intervals."""
+    """Return a chart of the shares of machines that satisfy each bound and all bounds, with 95 % intervals."""
     rows = [(bound_text(bound.bound), bound.kept) for bound in yields.bounds]
     rows.append(("all of them" if rows else "with figures", yields.inside))
     # Row k is drawn at the ordinate -k, so that the first bound is at the top.
@@ -273,7 +273,9 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
 def decides_chart(
     study: Study, indices: Sequence[statistics.SobolIndices], correlations: Sequence[statistics.RankCorrelation]
 ) -> Chart:
-    """Return a bar chart of the Sobol indices, or rank correlations, of the figures with a bound, with intervals."""
+    """Return a bar chart of the Sobol indices, or rank correlations, of each figure that has a bound, with confidence
+    intervals.
+    """
     outputs = _outputs(study)
     sobol = {row.output: row for row in indices if row.output in outputs}
     ranks = {name: [rank for rank in correlations if rank.output == name] for name in outputs}
@@ -421,7 +423,7 @@ class Answers(Result):
 
     @property
     def quoted(self) -> Sequence[str]:
-        """The user's texts: the title, and the names of the choices and varied numbers."""
+        """The strings written by the user: the title, and the names of the choices and varied numbers."""
         return self.study.title, *self.study.columns, *(varied.name for varied in self.study.vary)
 
     @cached_property
@@ -455,7 +457,7 @@ def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | N
 
     Simulates up to 128 machines again for the band of their following error over time.
 
-    Raises ParameterError for rows of another study, FileError for a store that cannot be read.
+    Raises ParameterError for rows of another study, and FileError for a store that cannot be read.
     """
     progress = progress or Progress()
     counted, worst, front, sampled = (

@@ -1,6 +1,7 @@
-"""Compute one chunk of a study and store it: variants simulated in batches, and rows in a sealed Parquet file.
+"""Compute one chunk of a study and store it: variants simulated in batches, and rows in a Parquet file protected by a
+digest.
 
-A row depends only on the study and the number of its variant: not on the chunk, the neighbouring variants, lanes,
+A row depends only on the study and the number of its variant: not on the chunk, the neighboring variants, lanes,
 threads or the process that computes it.  Variants that need a different graph (another law, another number of samples
 of dead time) form their own batches.  A variant that cannot be built, is unstable or diverges becomes a row with the
 reason and without figures; stability is checked only if a figure comes from the linear model.
@@ -48,11 +49,11 @@ _VALUE = b"\x18\x40"
 
 
 class DamagedChunkError(Exception):
-    """The exception for a chunk whose bytes differ from those written; its text gives the reason."""
+    """The exception for a chunk whose bytes differ from those written; its message gives the reason."""
 
 
 def chunk_bytes(rows: Any, study: str) -> bytes:
-    """Return the sealed Parquet file of a pyarrow table, with the digest of its study."""
+    """Return a pyarrow table as a Parquet file protected by a SHA-256, with the digest of its study."""
     import pyarrow as arrow
     from pyarrow import parquet
 
@@ -71,8 +72,8 @@ def chunk_bytes(rows: Any, study: str) -> bytes:
 def chunk_rows(content: bytes, *, sealed: bool) -> tuple[Any, str]:
     """Return the rows of a chunk as a pyarrow table, and the digest of its study.
 
-    Files without a seal, as written by earlier versions, are read if `sealed` is False; then only their pages are
-    protected by checksums. Raises DamagedChunkError.
+    Files without the SHA-256, as written by earlier versions, are read only if `sealed` is False; then only their pages
+    are protected by checksums. Raises DamagedChunkError.
     """
     import pyarrow as arrow
     from pyarrow import parquet
@@ -106,7 +107,7 @@ VARIANT, REASON = "variant", "reason"  # columns of every table of rows
 def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
     """Return the rows of one chunk: variant number, varied values, figures in SI, and the reason if there are none.
 
-    A cancel through `progress` takes effect between groups of variants.
+    A cancellation through `progress` takes effect between groups of variants.
     """
     within = study.range(number)
     drawn = variants(study, within.start, len(within))
@@ -136,7 +137,7 @@ class Chunk(Case["pyarrow.Table"]):
 
     @property
     def threaded(self) -> bool:
-        """True if all figures are statistics, computed by compiled code; models and single runs are Python."""
+        """True if all figures are statistics, computed by compiled code; models and single runs need Python."""
         return all(figure.needs == STATISTICS for figure in self.study.measure)
 
     def outcome(self, progress: Progress) -> pyarrow.Table:
@@ -145,7 +146,7 @@ class Chunk(Case["pyarrow.Table"]):
 
 
 class Rows:
-    """The figures and failure reasons of the variants of a chunk, by index in it; a missing figure is NaN."""
+    """The figures and failure reasons of the variants of a chunk, by index in the chunk; a missing figure is NaN."""
 
     def __init__(self, measure: tuple[Figure, ...], count: int) -> None:
         self.figures = {figure.key: np.full(count, np.nan) for figure in measure}

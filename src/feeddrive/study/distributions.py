@@ -145,11 +145,11 @@ class Distribution(Protocol):
     """The distribution of a number, or of a choice among several values."""
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """Return the quantiles at u in (0, 1), same shape."""
+        """Return the quantiles at u in (0, 1), with the shape of u."""
         ...
 
     def range(self) -> tuple[float, float]:
-        """Return the least and the largest possible value; infinite for an open end."""
+        """Return the least and the largest possible value, infinite for an open end."""
         ...
 
 
@@ -282,7 +282,7 @@ class Triangular:
 
 @dataclass(frozen=True)
 class Discrete:
-    """The distribution over several values, numbers or texts, with probabilities proportional to weights."""
+    """The distribution over several values, numbers or strings, with probabilities proportional to weights."""
 
     values: tuple[Any, ...]
     weights: tuple[float, ...] = ()
@@ -306,7 +306,7 @@ class Discrete:
         return np.minimum(np.searchsorted(edges, u, side="right"), len(self.values) - 1)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """Return the values at u: an array of numbers, or of objects for texts and whole numbers."""
+        """Return the values at u: an array of numbers, or of objects for strings and integers."""
         kind = np.float64 if all(isinstance(value, float) for value in self.values) else object
         # `np.array(values)` would convert mixed numbers and texts to texts.
         row = np.empty(len(self.values), dtype=kind)
@@ -314,7 +314,7 @@ class Discrete:
         return row[self.places(u)]
 
     def range(self) -> tuple[float, float]:
-        """Return the least and the largest number; infinite for texts."""
+        """Return the least and the largest number, or infinite ends if any value is not a float."""
         if all(isinstance(value, float) for value in self.values):
             return min(self.values), max(self.values)
         return -math.inf, math.inf

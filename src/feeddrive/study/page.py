@@ -453,7 +453,7 @@ def _ranked(answers: Answers) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: float) -> float | str | None:
-    """Return the number, None for NaN, or the text "infinite" for an infinite number."""
+    """Return the number, None for NaN, or the string "infinite" for an infinite number."""
     # JSON has neither NaN nor infinity.
     if np.isnan(value):
         return None

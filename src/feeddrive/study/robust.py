@@ -1,4 +1,4 @@
-"""Robust tuning: one controller for all machines of a study, or for a share of them, verified on fresh machines.
+"""Robust tuning: one controller for all machines of a study, or for a share of them, verified on newly drawn machines.
 
     minimize  max over machines of the goal   subject to   all limits on every machine
 
@@ -10,9 +10,9 @@ as far as the independent searches at the end agree.  Derivatives are those of t
 For a share q < 1, the worst (1 - q) n machines under the present controller are excluded.  Which ones these are depends
 on the controller, so that this is a descent to a local optimum, and the best controller of all rounds is taken.
 
-The result for all other machines is measured, not assumed: on fresh machines, drawn from another random stream of the
+The result for all other machines is measured, not assumed: on newly drawn machines, from another random stream of the
 study's seed and never used by the tuner.  They are drawn independently (Monte Carlo), whatever the study's sampler is,
-so that the number of good machines is binomial and the confidence interval of the yield holds.  Both controllers are
+so that the number of good machines is binomial and the confidence interval of the yield is valid.  Both controllers are
 measured on the same machines.
 """
 
@@ -89,7 +89,8 @@ class Scenarios:
 
 @dataclass(frozen=True, eq=False)
 class Merits:
-    """The logarithm of the goal and the worst constraint violation of each machine; negative if all are kept.
+    """The logarithm of the goal and the worst constraint violation of each machine; the violation is negative if all
+    constraints are satisfied.
 
     Both are infinite if the loop is unstable.
     """
@@ -171,12 +172,12 @@ def with_control(study: Study, control: Control) -> Study:
     return replace(study, jobs=jobs)
 
 
-STREAM = 1  # random stream of the fresh machines; the study itself uses stream 0
+STREAM = 1  # random stream of the newly drawn machines; the study itself uses stream 0
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """The figures of fresh machines under one controller, by key, shape (n,); NaN for a missing one."""
+    """The figures of newly drawn machines under one controller, by key, shape (n,); a missing figure is NaN."""
 
     values: dict[str, np.ndarray]
     bounds: tuple[Bound, ...]
@@ -203,7 +204,7 @@ class Measured:
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
-        """Return a quantile of a figure over the machines that have it; NaN if none has."""
+        """Return a quantile of a figure over the machines that have it, or NaN if none has."""
         values = self.values[name]
         values = values[~np.isnan(values)]
         return float(np.quantile(values, share)) if values.size else float("nan")
@@ -218,7 +219,7 @@ def measured(
     workers: int | None,
     progress: Progress,
 ) -> Measured:
-    """Return the figures of `count` fresh machines of a study under a controller."""
+    """Return the figures of `count` newly drawn machines of a study under a controller."""
     wanted = {figure.key: figure for figure in (*(bound.figure for bound in bounds), *also)}
     fresh = replace(
         with_control(study, control),
@@ -242,15 +243,15 @@ def measured(
 
 
 def _limited(figure: Figure) -> tuple[Figure, bool]:
-    """Return the study's figure for a limit of the tuner; True if it is the inverse of the limited figure."""
+    """Return the study's figure for a limit of the tuner, and True if it is the inverse of the limited figure."""
     return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
-    """Return the tuner's limits, from the specification of a study and otherwise from `otherwise`.
+    """Return the tuner's limits: those in the specification of a study, completed by `otherwise`.
 
     The least stiffness is the inverse of the largest compliance.  Figures that need a simulation cannot limit the
-    tuner; they are checked on the fresh machines.
+    tuner; they are checked on the newly drawn machines.
     """
     stated = {bound.figure: bound for bound in study.specification}
     limits: list[Limit] = []
@@ -264,7 +265,7 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
 
 
 def _needs_noise(figure: Figure) -> bool:
-    """Return True for a figure that depends on measurement noise, which in a study is that of the encoders."""
+    """Return True for a figure that depends on measurement noise; in a study this is the noise of the encoders."""
     return figure.limit is not None and figure.limit.noise
 
 
@@ -297,12 +298,13 @@ class Robust(Result):
 
     study            the machines
     tuned            the tuner's result on the machines of the active set, which are named `variant N`
-    share            the share of the sampled machines that must keep the limits; 1 for all
-    rounds           per round: machines in the active set, and sampled machines that kept all limits afterwards
-    seen, seen_new   the sampled machines under today's controller and under the new one
-    before, after    the fresh machines under both
+    share            the share of the sampled machines that must satisfy the limits; 1 for all
+    rounds           for each round: the number of machines in the active set, and of sampled machines within all limits
+                     afterwards
+    seen, seen_new   the sampled machines under the present controller and under the new one
+    before, after    the newly drawn machines under the present and under the new controller
     bad              numbers and reasons of variants that cannot be built
-    unsettled        why the result may not be optimal for the sample; empty if it is
+    unsettled        the reason why the result may not be optimal for the sample; empty if it is optimal
     """
 
     study: Study
@@ -328,7 +330,7 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """True if at least as many fresh machines are good under the new controller as under today's."""
+        """True if at least as many newly drawn machines are good under the new controller as under the present one."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
@@ -344,7 +346,7 @@ class Robust(Result):
         return told if self.better else told + " Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
-        """Tabulate the shares of fresh machines within each bound and the rope-snap quantiles, before and after."""
+        """Tabulate the shares of newly drawn machines within each bound, and rope-snap quantiles, before and after."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
             [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
@@ -363,12 +365,12 @@ class Robust(Result):
 
 @chart_of.register
 def _chart(result: Robust) -> Chart:
-    """Return the chart of the fresh machines under both controllers."""
+    """Return the chart of the newly drawn machines under both controllers."""
     return shares_chart(result.before, result.after)
 
 
 def in_percent(share: Share) -> str:
-    """Return a share of the fresh machines with its 95 % interval: `81.5 % (75.4 .. 86.6 %)`."""
+    """Return a share of the newly drawn machines with its 95 % interval: `81.5 % (75.4 .. 86.6 %)`."""
     low, high = share.interval or (share.value, share.value)
     return Text(f"{Quantity(share.value, 'share'):3} ({span(low, high, 'share', '3', between='..')})")
 
@@ -396,19 +398,19 @@ def tune_robust(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Robust:
-    """Find the controller that is best on the worst machine of a study's sample, and verify it on fresh machines.
+    """Find the controller that is best on the worst machine of a study's sample, and verify it on newly drawn machines.
 
     study     a study file, the name of a bundled study, or a `Study`; its specification sets the tuner's limits
     control   the initial controller of the search (default: that of the study's job)
     limits    the limits that the specification does not state
     share     the share of the sampled machines for which limits and goal count
     samples   the number of machines that the tuner may see (default: the study's count, at most 1000)
-    fresh     the number of fresh machines for verification (default: as many, at least 200)
+    fresh     the number of newly drawn machines for verification (default: as many as sampled, at least 200)
     workers   the processes for verification (default: all cores)
 
-    All other arguments are as in `tune_control`.  Raises UnstableError, with the machine names, if no controller keeps
-    the limits on all machines that must keep them; ParameterError for a study that varies the controller, or a coupled
-    axis.
+    All other arguments are as in `tune_control`.  Raises UnstableError, with the machine names, if no controller
+    satisfies the limits on all machines that must satisfy them, and ParameterError for a study that varies the
+    controller, or a coupled axis.
     """
     tuner = RobustTuner(
         study,
@@ -484,12 +486,12 @@ class RobustTuner:
 
     @cached_property
     def seen_today(self) -> Merits:
-        """The sampled machines under today's controller."""
+        """The sampled machines under the present controller."""
         return self.judged(self.loop.control)
 
     @cached_property
     def before(self) -> Measured:
-        """The fresh machines under today's controller."""
+        """The newly drawn machines under the present controller."""
         return self._measured(self.loop.control)
 
     def _measured(self, control: Control) -> Measured:

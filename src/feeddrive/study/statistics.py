@@ -38,7 +38,7 @@ LEVEL = 0.95
 class Share:
     """A count of machines out of a total, with the confidence interval of the share in the whole population.
 
-    sampled  True if the machines were drawn at random: the points of a grid have no interval
+    sampled  True if the machines were drawn at random; points of a grid have no confidence interval
     """
 
     kept: int
@@ -52,7 +52,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The confidence interval at `LEVEL`, (low, high); None without a random sample."""
+        """The confidence interval at `LEVEL`, (low, high), or None without a random sample."""
         if not self.sampled:
             return None
         low, high = clopper_pearson(self.kept, self.of)
@@ -86,7 +86,7 @@ class Judged:
     """The rows of a study with their figures, in SI; n is the number of rows.
 
     variant  numbers, shape (n,)
-    varied   varied values by column, shape (n,); dtype object for texts and counts
+    varied   varied values by column, shape (n,); dtype object for strings and counts
     figures  figures by key, shape (n,); NaN for a variant without the figure
     reasons  the failure reason of a bad variant, else None
     """
@@ -192,7 +192,9 @@ class Sampled:
         self._parts: list[Judged] = []
 
     def add(self, rows: Judged) -> None:
-        """Add a random part of some rows; the selection depends only on the seed and the first variant of the rows."""
+        """Add a random selection of some rows; the selection depends only on the seed and the first variant of the
+        rows.
+        """
         chosen = rows.drawn
         if self._share < 1.0 and chosen.any():
             rng = np.random.default_rng([self._study.seed, int(rows.variant[0])])
@@ -224,8 +226,8 @@ class Yield:
 
     inside  machines that satisfy the whole specification; without one, those that have figures
     bad     number of machines without figures: they satisfy no bound
-    bounds  one per bound, in the order of the study file
-    choices the inside share by column and value of a choice (law, machine, position)
+    bounds  one entry per bound, in the order of the study file
+    choices the share inside the specification by column and value of a choice (law, machine, position)
     """
 
     inside: Share
@@ -235,7 +237,7 @@ class Yield:
 
     @property
     def hardest(self) -> BoundYield | None:
-        """The bound that most machines violate; None if all machines satisfy all bounds."""
+        """The bound that most machines violate, or None if all machines satisfy all bounds."""
         broken = [bound_yield for bound_yield in self.bounds if bound_yield.kept.kept < bound_yield.kept.of]
         return min(broken, key=lambda bound_yield: bound_yield.kept.kept, default=None)
 
@@ -306,7 +308,7 @@ class Worst:
 
 
 class WorstKept:
-    """A collector of the worst variants, part by part; of equal values the lower number comes first."""
+    """A collector of the worst variants, part by part; variants with equal values are sorted by number."""
 
     def __init__(self, study: Study) -> None:
         self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
@@ -329,7 +331,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Return the worst variants of each figure that has a better direction."""
+        """Return the worst variants of each figure for which a larger or a smaller value is better."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 
@@ -407,8 +409,9 @@ class SaltelliRows:
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
     """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence.
 
-    The values have the shape ((k + 2) points,).  None for an output that does not vary, or has finite values in fewer
-    than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with `seed`.
+    The values have the shape ((k + 2) points,).  The result is None for an output that does not vary, or has finite
+    values in fewer than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with
+    `seed`.
     """
     # Deferred: the import takes 0.3 s, and only answers need it.
     from scipy import stats
@@ -529,7 +532,7 @@ class Band:
 
 
 def stiffness_band(sample: Judged) -> Band | None:
-    """Return the band of the figures stiffness_F_Hz_N_per_m; None if fewer than three of them are measured."""
+    """Return the band of the figures stiffness_F_Hz_N_per_m, or None if fewer than three of them are measured."""
     lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
@@ -541,8 +544,8 @@ def stiffness_band(sample: Judged) -> Band | None:
 def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
     """Return the band of the peak following error in 500 time windows, of up to 128 machines that are simulated again.
 
-    The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one.
-    None if no machine can be run.
+    The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one. The
+    result is None if no machine can be run.
     """
     study, progress = sample.study, progress or Progress()
     good = sample.variant[~sample.bad]
@@ -575,7 +578,7 @@ def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
 
 
 def _run(study: Study, variant: int) -> Run | None:
-    """Simulate a variant; None if it cannot be run."""
+    """Simulate a variant and return its run, or None if it cannot be run."""
     try:
         group = next(variant_groups(study, variants(study, variant, 1)))
         return run_of(group, 0)
@@ -635,7 +638,7 @@ class FrontKept:
         self._rows = together.some(front(_costs(together, self._figures)))
 
     def result(self) -> Front | None:
-        """Return the front; None if fewer than two subjects are measured, or no variant has all of their figures."""
+        """Return the front, or None if fewer than two subjects are measured, or no variant has all of their figures."""
         if self._rows is None or not self._rows.variant.size:
             return None
         order = np.argsort(_costs(self._rows, self._figures)[:, 0], kind="stable")

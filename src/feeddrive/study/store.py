@@ -4,9 +4,9 @@
     DIR/rows/chunk_00000012.parquet   the rows of chunk 12, in the order of their variants
 
 Each file is written atomically under a hidden temporary name: a reader never sees a partial file, and the leftovers of
-a killed process have names that begin with a dot, which are never read.  A chunk is therefore either done or absent,
-whatever was killed.  Each chunk carries a SHA-256 of itself (`chunk.py`), so that a file damaged later is rejected.
-Two sweeps of one study into the same store write the same bytes, and no row is duplicated.
+a killed process have names that begin with a dot, which are never read.  A chunk is therefore either complete or
+absent, whichever process was killed.  Each chunk carries a SHA-256 of itself (`chunk.py`), so that a file damaged later
+is rejected.  Two sweeps of one study into the same store write the same bytes, and no row is duplicated.
 
     store = Store("out")
     done = store.begin(manifest, resume=True)        # rejects a store of another study; checks every file
@@ -39,7 +39,7 @@ class Place(Protocol):
     address: str
 
     def names(self, folder: str = "") -> list[str]:
-        """Return the sorted names in a folder, without hidden ones; empty if the folder does not exist."""
+        """Return the sorted names in a folder, without hidden ones, or an empty list if the folder does not exist."""
         ...
 
     def has(self, name: str) -> bool:
@@ -47,7 +47,7 @@ class Place(Protocol):
         ...
 
     def read(self, name: str, most: int) -> bytes:
-        """Return the bytes of a file of at most `most` bytes. Raise FileError."""
+        """Return the bytes of a file of at most `most` bytes; raise FileError if that fails."""
         ...
 
     def check_writable(self) -> None:
@@ -55,7 +55,7 @@ class Place(Protocol):
         ...
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file atomically, and create its parent folders. Raise FileError."""
+        """Write a file atomically, and create its parent folders; raise FileError if that fails."""
         ...
 
 
@@ -388,7 +388,7 @@ class Store:
         return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Return the reason why a table cannot hold the rows of a chunk; empty if it can."""
+        """Return the reason why a table cannot hold the rows of a chunk, or an empty string if it can."""
         import numpy as np
         import pyarrow as arrow
 
@@ -435,7 +435,7 @@ def _manifest_text(manifest: Manifest) -> bytes:
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Return the reason why a sweep with one manifest cannot be continued with another; empty if it can."""
+    """Return the reason why a sweep with one manifest cannot be continued with another, or an empty string."""
     if there == wanted:
         return ""
     # The text changes the digest as well, but also gives the line.

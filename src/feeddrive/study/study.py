@@ -75,7 +75,7 @@ class Base:
         return {self.axis: Other(reference=self.job.reference, load=self.job.load), **self.job.others}
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
-        """Return the motion in the form that `simulate` accepts; axes without a motion stand still."""
+        """Return the motion in the form that `simulate` accepts; axes without a motion remain at standstill."""
         moved = self.moved if changed is None else changed
         own = moved[self.axis].reference
         assert own is not None
@@ -213,7 +213,9 @@ def _job(
 
 
 def _is_of_job(key: Key) -> bool:
-    """Return True for a key of the job file; `axis` alone is an axis name there, otherwise a section of the machine."""
+    """Return True for a key of the job file; `axis` alone is an axis name there; a longer key that begins with it
+    belongs to the machine.
+    """
     return key == ("axis",) or (key[0] in declarations(JobSection) and key[0] != "axis")
 
 
@@ -246,7 +248,7 @@ class Bound:
 
 
 class BoundSection(Section, kind="bound"):
-    """The bounds that a good machine keeps for a figure."""
+    """The bounds that a good machine satisfies for a figure."""
 
     least: Number | None = parameter(VARIED, "least value", infinite=True, default=None)
     most: Number | None = parameter(VARIED, "largest value", infinite=True, default=None)
@@ -416,9 +418,9 @@ StudyLike: TypeAlias = str | Path | Study
 
 
 def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
-    """Return the study from a file or of a bundled name; a `Study` is returned unchanged.
+    """Return the study in a file, or a bundled study by its name; a `Study` is returned unchanged.
 
-    allow  modules whose figures it may measure
+    allow  modules whose figures the study may measure
 
     Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
@@ -539,7 +541,7 @@ def _chunk(study: StudySection, count: int) -> int:
 
 
 def _digest(study: Study) -> str:
-    """Return the SHA-256 of the text, and of structure and numbers of every system, reference and load."""
+    """Return the SHA-256 of the text and of the structure and numbers of every system, reference and load."""
     # The text alone does not determine the rows: job, machine and part program are other files.
     digest = hashlib.sha256(study.text.encode())
     for values in study.jobs:

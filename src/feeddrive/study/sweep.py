@@ -4,8 +4,8 @@
     result.store.table()
 
 Each chunk is computed, written atomically and discarded, so that memory does not grow with the number of variants.
-Whenever a sweep ends early, the chunks written so far stay, and `resume` computes the rest: to the same rows as an
-uninterrupted sweep.
+Whenever a sweep ends early, the chunks written so far are retained, and `resume` computes the rest; the rows are the
+same as those of an uninterrupted sweep.
 """
 
 import time
@@ -73,13 +73,13 @@ def sweep(
 
     study      a study file, the name of a bundled study, or a `Study`
     out        a directory, or an fsspec address such as s3://bucket/mill
-    workers    number of parallel workers (default: all cores); it does not change a bit of the rows
+    workers    number of parallel workers (default: all cores); the rows are bit-identical for any number
     resume     continue a sweep of this study in `out`; without it an existing sweep is refused
     scheduler  address of a Dask cluster to use instead of this machine, such as tcp://10.0.0.5:8786
     allow      modules whose figures the study may name
 
     Raises FileError for an invalid study or store, and for a store that can no longer be written; WorkerError for
-    workers that are unreachable or lost repeatedly; CancelledError after a cancel or Ctrl-C. After each of them
+    workers that are unreachable or lost repeatedly; CancelledError after a cancellation or Ctrl-C. After each of them
     `resume` continues the sweep.
     """
     # First, so that impossible options are refused before a file is read.
@@ -141,7 +141,7 @@ class Rate:
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"
 
     def show(self, progress: Progress) -> None:
-        """Report the state. Raise CancelledError after a cancel."""
+        """Report the state. Raise CancelledError after a cancellation."""
         progress.step(self.text(), self.done, self._all)
 
 

@@ -25,7 +25,7 @@ settings = { near = [21, 700], middle = [18, 700], far = [15.5, 650] }
 name = "identified"                      # several numbers with a joint normal distribution
 parameters = ["axis.x.plant.mass_load", "axis.x.friction_load.coulomb"]
 covariance = [[0.8, 0.1], [0.1, 2.5]]    # in SI; or deviations = [...] and correlations = [[...]]
-within = 3                               # deviations; nominal = [...] as above
+within = 3                               # standard deviations; nominal = [...] as above
 
 [[vary]]
 choice = "row"                           # a law of the job, or a key of job or machine: "machine", "program.file"
@@ -76,12 +76,12 @@ class Varied(Protocol):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The paths of the numbers that it changes; none for a choice."""
+        """The paths of the numbers that the factor changes; a choice has none."""
         ...
 
     @property
     def levels(self) -> np.ndarray | None:
-        """The grid levels as numbers in [0, 1], shape (levels,); None without a grid."""
+        """The grid levels as numbers in [0, 1], shape (levels,), or None without a grid."""
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
@@ -193,13 +193,15 @@ class Joint:
 
     @cached_property
     def _root(self) -> np.ndarray:
-        """The factor L of the covariance, by eigenvalues of the correlation matrix, which may be singular."""
+        """The factor L of the covariance, computed from the eigenvalues of the correlation matrix, which may be
+        singular.
+        """
         scale = np.sqrt(np.diag(self.covariance))
         values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Return x = mean + L z, summed in the same order for every split."""
+        """Return x = mean + L z, summed in the same order however the variants are split."""
         z = distributions.truncated(u, -self.within, self.within)
         drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
@@ -526,7 +528,7 @@ _DISTRIBUTIONS: Mapping[str, type[VaryNumber]] = {
 
 
 def unit_varied(table: TomlTable, declared: Declared) -> str:
-    """Return the unit of the varied numbers of a section; empty for a scale factor."""
+    """Return the unit of the varied numbers of a section, or an empty string for a scale factor."""
     form = next(name for name in _FORMS if name in table.values)
     if form == "scale":
         return ""
@@ -606,7 +608,7 @@ def _check_grid(section: VaryNumber, name: str, distribution: Distribution) -> N
 
 
 def _of_nominal(section: VaryNumber, name: str, nominal: float) -> float | None:
-    """Return a number that may be given in percent of nominal."""
+    """Return a number that may be given in percent of the nominal value."""
     value, percent = getattr(section, name), getattr(section, f"{name}_percent")
     if value is not None and percent is not None:
         raise ParameterError(f"{name} is given twice, as {name} and as {name}_percent; remove one")

@@ -781,7 +781,7 @@ class _Stretch(NamedTuple):
 
     first: int
     last: int
-    numbers: np.ndarray  # as of `straight`
+    numbers: np.ndarray  # as in `straight`
 
 
 class _Run(NamedTuple):
