@@ -54,7 +54,7 @@ def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
 class LoopResponse:
     """The frequency response of a loop in a certificate.
 
-    `bands` are the steps of the disc radius r over frequency, with one radius or one per reading.
+    `bands` are the steps of the disc radius r over frequency, with one radius for all readings or one for each.
 
     For a multirate control, Hl is the part of the closed-loop force at f + l/(NT) that responds to a sine of 1 N at f
     at the plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is

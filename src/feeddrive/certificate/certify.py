@@ -71,7 +71,7 @@ OUTSIDE = [
 
 
 def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """Return the refusal message: frequency, amount and remedy. `place` in Hz; None for an unstable loop."""
+    """Return the refusal message: frequency, amount and remedy. `place` is in Hz, or None for an unstable loop."""
     lost = ""
     if controller.coarse:
         name = max(controller.coarse, key=lambda coefficient: controller.coarse[coefficient])
@@ -172,9 +172,9 @@ def certify_loop(
     radius       r of models: a number, or points (Hz, r); default 0.2. For measured plants r follows from lines and
                  variances, and this is the minimum; default 0.05
     beyond       minimum r above the last measured line
-    arithmetic   of the coefficients: float64, float32, or fixedN with N binary places
+    arithmetic   arithmetic of the coefficients: float64, float32, or fixedN with N binary places
     confidence   probability that the responses at all measured lines together lie in their discs
-    velocity     m/s at which the axes move: friction is linearized there
+    velocity     velocity of the axes at which friction is linearized, m/s
     machine      the source named in the certificate: name, file, sha256
 
     Raises NotCertifiedError, with frequency and amount, if the proof fails; ParameterError for wrong arguments and for

@@ -627,7 +627,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
 
 
 def checked(path: str) -> tuple[list[str], bool]:
-    """Return the sentences about a file, the verdict last, and True if it is proven."""
+    """Return the sentences about a file, with the verdict last, and True if the certificate is proven."""
     proven = False
     try:
         with open(path, "rb") as file:

@@ -17,7 +17,7 @@ _AVERAGES = 4
 
 
 def reach(average: int) -> int:
-    """Return the number of rows on each side of an instant that influence it."""
+    """Return the number of rows on each side of an instant that influence q there."""
     return _AVERAGES * (average - 1) // 2 + 3
 
 

@@ -144,7 +144,8 @@ class Box:
     number   number of the curve whose color is used
     name     legend entry; boxes with the same name share an entry
     text     text in the middle, or with `beside` next to the end that is farther from 0
-    level    -1 to 1 in place of the number: a color from better through neutral to worse; such a panel is a table
+    level    -1 to 1 in place of the number: a color from better through neutral to worse; a panel of such boxes is a
+             table
     pale     True for an area behind curves
     hatched  True for an uncertain value
     """
@@ -258,7 +259,7 @@ class Chart:
     height     height of the drawing, inches
     columns    columns of the legend
     factor     from the SI unit of x to that of the label, for values dragged in the picture
-    across     panels in a row, filled from the left
+    across     number of panels in a row, filled from the left
     width      width of the drawing, inches; `WIDTH` is that of a report
     side       common y label of all panels, with unit
     legend     position of the legend: ABOVE, RIGHT or PANELS

@@ -57,7 +57,7 @@ run = figure_of(run_chart)
 
 
 def following_error_chart(runs: Runs, window: Window | None = None, points: int = POINTS) -> Chart:
-    """Plot the following error of each run in its own row, whole or in a time window."""
+    """Plot the following error of each run in its own row, over the whole time or in a time window."""
     chosen = style.named(runs)
     values = {name: run["following_error"] for name, run in chosen.items()}
     notes = {name: _sizes(v, "m") for name, v in values.items()}

@@ -98,7 +98,7 @@ def sentences(
     sobol: Sequence[statistics.SobolIndices],
     correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
-    """Return sentences on the yield, the bound that is violated most, and the factors that decide it."""
+    """Return sentences on the yield, the bound that is violated most, and the factors that determine it."""
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
     interval = inside.interval
@@ -398,7 +398,7 @@ class Answers(Result):
 
     sample        rows of randomly drawn machines, for distributions
     worst         the worst variants by figure
-    bad           numbers and reasons of the first variants without figures
+    bad           numbers of the first variants without figures, and the reasons
     sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
     correlations  rank correlations of the outputs with the varied numbers
     stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured

@@ -2,8 +2,8 @@
 
 A quantile function maps u in (0, 1) to the value below which the share u of the probability lies.  All samplers draw in
 (0, 1), so that a Latin hypercube or a Sobol sequence covers any distribution.  A range `least`..`most` truncates a
-distribution: the probability outside is spread proportionally over the inside, and does not pile up at the ends.
-Numbers are in SI.
+distribution: the probability outside is spread proportionally over the inside, not concentrated at the ends.  Numbers
+are in SI.
 
 Each sampler is a function of the variant number and a seed only, so that every split of the variants gives the same
 points, in constant memory.  Random numbers come from Philox, whose counter is the number of a block of variants (Salmon

@@ -57,10 +57,10 @@ _VIOLATION = 1e3
 class Scenarios:
     """The machines of a study on which a controller is evaluated.
 
-    points    with all frequency lines, for the tuner
-    sparse    with fewer lines, for a quick evaluation
-    velocity  m/s, the velocity of linearization
-    bad       numbers and reasons of variants that cannot be built
+    points    operating points with all frequency lines, for the tuner
+    sparse    the same with fewer lines, for a quick evaluation
+    velocity  velocity of linearization, m/s
+    bad       numbers of the variants that cannot be built, and the reasons
     """
 
     points: tuple[OperatingPoint, ...]
@@ -303,7 +303,7 @@ class Robust(Result):
                      afterwards
     seen, seen_new   the sampled machines under the present controller and under the new one
     before, after    the newly drawn machines under the present and under the new controller
-    bad              numbers and reasons of variants that cannot be built
+    bad              numbers of the variants that cannot be built, and the reasons
     unsettled        the reason why the result may not be optimal for the sample; empty if it is optimal
     """
 

@@ -232,7 +232,7 @@ class Manifest:
     digest   SHA-256 (hex) of everything that determines the rows: study, machine, job, part programs
     count    total number of variants
     chunk    variants per chunk; the last chunk may have fewer
-    version  version of feeddrive; other versions may compute different bits
+    version  version of feeddrive; the results of other versions may not be bit-identical
     """
 
     study: str

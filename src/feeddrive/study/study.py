@@ -173,7 +173,9 @@ def read_jobs(
 
 
 def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collection[str]) -> tuple[TomlFile, Path]:
-    """Return the job file and its path; if the study holds the job's keys, the study file without its own keys."""
+    """Return the job file and its path; if the study file contains the job's keys, return that file without the study's
+    own keys.
+    """
     if name is None:
         content = {key: value for key, value in root.values.items() if key not in of_study}
         return replace(root.file, content=content), place

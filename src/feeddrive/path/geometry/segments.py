@@ -109,7 +109,7 @@ def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out:
 def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
     """Write the coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4) into `out` (N, 8).
 
-    The coefficients of first to third degree follow from the left state, the others from its residual at the right
+    The coefficients of first to third degree follow from the left state, the others from the residual at the right
     state.
     """
     for i in range(len(a)):

@@ -107,7 +107,7 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
 
 
 class State:
-    """The modal state of a program, and its position in program coordinates and the program's length unit.
+    """The modal state of a program, and the position in program coordinates and in the program's length unit.
 
     inch      True if the program's unit is the inch
     user_inch True if parameters and tables are stored in inches

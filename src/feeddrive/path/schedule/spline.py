@@ -36,7 +36,9 @@ _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 
 @kernel
 def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
-    """Write z .. z''' at x in span k from its four coefficients as rows of `out`; knots[k+3] <= x <= knots[k+4]."""
+    """Write the weights of span k's four coefficients in z .. z''' at x as rows of `out`; knots[k+3] <= x <=
+    knots[k+4].
+    """
     t1 = knots[k + 1]
     t2 = knots[k + 2]
     t3 = knots[k + 3]
