@@ -36,7 +36,7 @@ class MatchedDynamics(Result):
     answer: dict[str, complex]
 
     def line(self, a: str, b: str) -> float:
-        """Return the contour error on a line at 45 degrees to two axes, m: feed/2 · difference of their lags."""
+        """Return the contour error on a line at 45 degrees to two axes, m: feed/2 · |difference of their lags|."""
         return 0.5 * self.feed * abs(self.lag[a] - self.lag[b])
 
     def circle(self, a: str, b: str) -> float:
@@ -110,10 +110,10 @@ def matched_dynamics(
 class ContourGain(Result):
     """The largest stable gain of cross-coupled control in 1/s, for the critical direction of the path.
 
-    direction   unit vector of the path along which a gain beyond `largest` is unstable; by axis
+    direction   unit vector of the path, by axis, along which a gain above `largest` is unstable
     gain        the current gain of the machine
     peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, where
-                L = gain · n G n/Kv, with three axes the largest singular value on the plane across the path
+                L = gain · n G n/Kv; for three axes, the largest singular value in the plane normal to the path
     """
 
     place: str
@@ -159,10 +159,10 @@ _MOST = 1e6  # 1/s: no sampled loop is stable beyond
 def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> ContourGain:
     """Return the largest stable gain of a `CrossCoupled` coupling of a machine, for the worst direction of the path.
 
-    The model of the machine without this coupling, from set positions to readings, is closed with A - gain B N C, with
-    N = I - t tᵀ and the gain of each law. The eigenvalues of that matrix decide stability; the gain is found by
-    bisection to 1e-6 in each direction.  For equal axes it is the largest stable Kv minus Kv.  The rotation of the
-    path direction at V/R is neglected, which is permissible while V/R is far below Kv.
+    The model of the machine without this coupling, from set positions to readings, is closed to A - gain (B/Kv) N C,
+    with N = I - t tᵀ, the path direction t and the Kv of each law. The eigenvalues of that matrix decide stability; the
+    gain is found by bisection to a relative 1e-6 in each direction.  For equal axes it is the largest stable Kv minus
+    Kv.  The rotation of the path direction at V/R is neglected, which is permissible while V/R is far below Kv.
     Raises ParameterError if that coupling is not a `CrossCoupled`.
     """
     coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
@@ -204,7 +204,7 @@ def _responses(model: StateSpace) -> np.ndarray:
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]
-    """Return the upper end of the range of stable gains that starts at 0, to a relative 1e-6; 0 if there is none."""
+    """Return the upper end of the range of stable gains from 0, to a relative accuracy of 1e-6; 0 if there is none."""
     low = 0.0
     if not stable(0.0):
         return 0.0
@@ -221,7 +221,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
 
 
 def _directions(axes: int, count: int) -> list[np.ndarray]:
-    """Return unit vectors over half a circle, or half a sphere and the axes; one of each pair of opposite vectors."""
+    """Return unit vectors over half a circle, or over half a sphere and the axes; one per pair of opposite ones."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
         return [np.array([np.cos(component), np.sin(component)]) for component in angle]

@@ -36,7 +36,7 @@ class Effort(Result):
 def effort(loop: Loop) -> Effort:
     """Count the operations of a loop's control in one sample, without the guard, which is the same for all laws.
 
-    Operations on parameters only are done once before the run and do not count; repeated operations count once.
+    Operations that use only parameters are done once before the run and do not count; repeated operations count once.
     The count depends only on the code of the law, so it is the same on every computer; docs/speed.md lists times.
     """
     plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
@@ -88,7 +88,7 @@ def fastest_mode(loop: Loop) -> float:
 def substeps_needed(loop: Loop) -> int:
     """Return the number of substeps that friction and other forces on a flexible axis require.
 
-    It is 1 without friction and forces that depend on the motion, since the linear part is discretized exactly.
+    It is 1 without friction or other forces that depend on the motion, since the linear part is discretized exactly.
     """
     axis = loop.axis
     held = (axis.friction_motor, axis.friction_load)

@@ -14,9 +14,9 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionMap(Result):
-    """The mean force against the motion (N) by velocity (m/s), its standard deviation (N) and its number of samples.
+    """The mean force against the motion (N) by velocity (m/s), its standard deviation (N) and the number of samples.
 
-    All arrays have shape (m,); velocities of both directions in ascending order.
+    All arrays have shape (m,); the velocities of both directions are in ascending order.
     """
 
     velocity: np.ndarray
@@ -39,7 +39,7 @@ def friction_map(
 
         friction = force - mass · x'',   x' and x'' from a least-squares parabola in a sliding window of the position
 
-    window  s over which position is smoothed; a longer one blurs reversals, a shorter one passes quantization noise
+    window  smoothing time of the position, s; a longer one blurs reversals, a shorter one passes quantization noise
     bins    number of velocities in each direction
 
     The force is averaged over the same window.  Samples whose window contains a reversal or a change of acceleration
@@ -93,7 +93,7 @@ class Window(NamedTuple):
 
 
 def set_velocity(run: Run) -> np.ndarray:
-    """Return the set velocity in m/s, differentiated from the set position if the reference (a log) states none."""
+    """Return the set velocity in m/s, differentiated from the set position if a reference (a log) contains none."""
     recorded = run["set_velocity"]
     if np.any(recorded) or run.time.size < 2:
         return recorded
@@ -110,7 +110,7 @@ def reversals(velocity: np.ndarray) -> np.ndarray:
 def worst_window(runs: Sequence[Run], signal: str = "following_error") -> Window:
     """Return a window around the reversal with the largest error, with each run normalized by its own peak.
 
-    Without a reversal it lies around the largest error of the last run.  All runs have the same reference.
+    Without a reversal, the window surrounds the largest error of the last run.  All runs have the same reference.
     """
     first = runs[0]
     T, n = first.sample_time, first.time.size

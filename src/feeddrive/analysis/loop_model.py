@@ -58,7 +58,7 @@ class LoopModel:
 def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
     """Linearize a loop that moves with `velocity` (m/s), opened at the actuator.
 
-    Its inputs are `cut`, `load_force` and both readings.
+    The inputs of the model are `cut`, `load_force` and both readings.
     `loop_gain` of the model raises ParameterError for a law whose period exceeds 64 samples.
     """
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
@@ -99,7 +99,7 @@ def gain_edge(model: Lifted) -> float | None:
     """Return the factor above 1 on the force at which the loop becomes unstable, from its poles over one period.
 
     It is exact for a gain common to all samples, whereas the loop gain of a sine considers one frequency only.
-    None if the loop is stable for factors up to 1000.  The loop itself must be stable.
+    The result is None if the loop is stable for factors up to 1000.  The loop itself must be stable.
     """
 
     def stable(gain: float) -> bool:
@@ -120,7 +120,7 @@ def gain_edge(model: Lifted) -> float | None:
 def delay_edge(model: Lifted) -> int | None:
     """Return the largest number of additional samples of dead time with which the loop is stable, from its poles.
 
-    None if it is stable with 400.
+    The result is None if the loop is stable even with 400.
     """
     N, place, row = len(model.samples), model.inputs.index("cut"), model.outputs.index("force")
     n = model.samples[0].A.shape[0]

@@ -28,10 +28,10 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
         b(P, C) = min over the lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
 
     A stable closed loop remains stable while the normalized coprime factors of P change by less than b; its
-    phase margin is at least 2 asin b, its gain margin (1 + b)/(1 - b).  No controller of 1/s² exceeds 1/√(4 + 2√2).
-    P is the sampled axis with its dead time where C is a sampled law: P = L/C.
-    When not: as a goal for P-PI, which does not roll off: b then measures its gain at half the sample rate.
-    Raises ParameterError if the lines are not common to both, or the crossover is not among them.
+    phase margin is at least 2 asin b, its gain margin (1 + b)/(1 - b).  For the plant 1/s² no controller exceeds
+    1/√(4 + 2√2).  If C is a sampled law, P is the sampled axis with its dead time: P = L/C.
+    Do not use it as a goal for P-PI, which does not roll off: b then measures its gain at half the sample rate.
+    Raises ParameterError if the lines are not common to both, or the crossover is not within their range.
     Source: McFarlane & Glover 1990.
     """
     f = plant.frequency
@@ -48,7 +48,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return location and value of the minimum of y(x) by a parabola; at an end of the range, that end. Shapes (n,)."""
+    """Return location and value of the minimum of y(x), by a parabola unless it is at an end; x, y of shape (n,)."""
     k = int(np.argmin(y))
     if k in (0, y.size - 1):
         return float(x[k]), float(y[k])
@@ -77,7 +77,7 @@ class GainCrossover(NamedTuple):
 
 
 class PhaseCrossover(NamedTuple):
-    """A phase crossover, L real and negative, at `frequency` in Hz; gain margin in dB, < 0 for a gain reduction."""
+    """A phase crossover, L real and negative, at `frequency` in Hz; the margin in dB is < 0 for a gain reduction."""
 
     frequency: float
     gain_margin_dB: float
@@ -105,7 +105,7 @@ def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
 
 
 def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
-    """Return the gain crossovers, |L| = 1: index of the interval, fraction of it, and the margins there."""
+    """Return the gain crossovers, |L| = 1: for each the index of the interval, the fraction of it, and the margins."""
     x, level, lead, turn = lines
     return [
         (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
@@ -114,7 +114,7 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 
 
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
-    """Return the phase crossovers, L < 0: index of the interval, fraction of it, and the gain margin there."""
+    """Return the phase crossovers, L < 0: for each the index of the interval, the fraction of it, and the margin."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
     # the end of each interval is its start plus its turn: lead itself jumps by 2π where L crosses the positive axis
@@ -148,7 +148,7 @@ class Margins(Result):
     """The stability margins of a loop gain. A figure that does not exist is None or an empty tuple, never NaN.
 
     The figures are valid only for a stable closed loop. A frequency response alone does not show stability: see
-    `stability`.  Frequencies in Hz.
+    `stability`.  Frequencies are in Hz.
     """
 
     loop_gain: FRF
@@ -179,7 +179,7 @@ class Margins(Result):
 
     @cached_property
     def delay_margin(self) -> float | None:
-        """The smallest additional dead time at which L passes through -1, s; often not at the smallest phase margin."""
+        """The smallest additional dead time at which L passes through -1, s; often not at the least phase margin."""
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
     @cached_property
@@ -190,9 +190,9 @@ class Margins(Result):
 
     @cached_property
     def small_gain_delay(self) -> float | None:
-        """The largest extra dead time τ with |T| |e^(-jωτ) - 1| <= 1 on all lines, s: at most the delay margin.
+        """The largest extra dead time τ with |T| |e^(-jωτ) - 1| <= 1 on all lines, s; at most the delay margin.
 
-        T = L/(1 + L).  None if |T| is nowhere above ½: no dead time then violates the condition.
+        T = L/(1 + L).  The result is None if |T| is nowhere above ½, since no dead time then violates the condition.
         """
         size = np.abs(self.loop_gain.response / (1.0 + self.loop_gain.response))
         # |T| |e^(-jωτ) - 1| <= 2 |T| for any τ
@@ -256,7 +256,7 @@ def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) ->
     (`loop_model`); without `frequency` the lines are chosen automatically.
     Raises ParameterError for fewer than two lines.
 
-    When not: for a loop that is not stable when closed, and for a measured L where its coherence is low.
+    Not suitable for a loop that is unstable when closed, or for a measured L with low coherence.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4 (definitions).
     """
     if isinstance(loop_gain, Loop):
@@ -395,10 +395,10 @@ class Smoother:
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
     """Return smoothers by local parabolas over ln f, as wide as the variances allow: (center, spread).
 
-    Windows grow from 5 to 97 lines and stop at the first that fails: χ² of the residuals is beyond its 99.9 % point.
-    Where the first one fails, the line stays as it is. A window that just passes has a bias as large as the remaining
-    noise. So the curve itself uses windows one step narrower. Its spread, which must cover the rest of that bias, uses
-    windows two steps narrower.
+    Windows grow from 5 to 97 lines until one fails, that is, until χ² of the residuals exceeds its 99.9 % point. Where
+    even the smallest one fails, the line is not smoothed. A window that just passes has a bias as large as the
+    remaining noise. The curve itself therefore uses windows one step narrower. Its spread, which must cover the rest of
+    that bias, uses windows two steps narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
@@ -528,11 +528,11 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
     A figure is marked as not sure if less than 95 % of the draws show it, or if less than 95 % lie around one value.
     Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then
-    also holds the middle 95 % of the draws.
+    also contains the central part of the draws, as large a share as `level`.
 
     Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance includes it.
-    When not: for resonances narrower than five lines, which no window spans; their interval is that of the unsmoothed
-    lines.
+    Not suitable for resonances narrower than five lines, which no window spans; their interval is that of the
+    unsmoothed lines.
     """
     if not 0.5 <= level < 1.0 or draws < 20:
         raise ParameterError(f"level = {Quantity(level):6} must be >= 0.5 and < 1, and draws = {draws} at least 20")
@@ -582,7 +582,7 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """Return True if nearly all draws lie around one value: no gap exceeds the deviations on both sides."""
+    """Return True if nearly all draws lie around one value: no gap exceeds the standard deviations of both sides."""
     ordered = np.sort(drawn)
     # a gap near an end separates a few outliers only, and is no sign of two crossings
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers

@@ -94,16 +94,16 @@ def measured_loop(
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
     control       a Control: C1 and C2 are its linearization, filters and compensation included, at `velocity` in m/s;
-                  or one response C from the position error to the force, N/m, and C2 = -C: any form that `as_frf`
-                  accepts
+                  or one response C from the position error to the force, N/m, so that C2 = -C, in any form that
+                  `as_frf` accepts
     sample_time   s; None for a response C that is not sampled
     load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   X2/d and X1/d, from a force on the table (a hammer's) to the readings, for the compliance
-    delay         s, of computation, if the responses were measured from the acting force instead of its command
+    delay         computation delay, s, if the responses were measured from the acting force, not from its command
     frequency     Hz, for responses that are arrays or models of python-control
 
     The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated, its upper bound
-    (|C1| dev(X1/u) + |C2| dev(X2/u))² is used: confidence intervals are then conservative.
+    (|C1| σ(X1/u) + |C2| σ(X2/u))² is used: confidence intervals are then conservative.
 
     Raises ParameterError for frequencies that differ or lie beyond Nyquist, for a law with two encoders if only one was
     measured, and for a law whose period is several samples.

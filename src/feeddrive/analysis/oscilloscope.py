@@ -28,7 +28,7 @@ class Trigger:
     edge        rising or falling
     hysteresis  distance by which the signal must have been on the other side of the level, so that noise triggers
                 only once; >= 0, in the unit of the channel
-    hold        holdoff: time after a trigger in which no other one is accepted; >= 0, s
+    hold        holdoff: time after a trigger during which no other one is accepted; >= 0, s
     """
 
     channel: str
@@ -53,8 +53,8 @@ class Trigger:
 class Crossings:
     """A detector of trigger instants in a signal that arrives in blocks; block boundaries do not affect the result.
 
-    A rising edge lies between two samples a, b at the times s, t with a < level <= b, if the signal was below
-    level - hysteresis since it last was at the level or above:
+    A rising edge lies between two samples a, b at the times s, t with a < level <= b, if the signal was at or
+    below level - hysteresis after it last was at or above the level:
 
         instant = s + (t - s) (level - a) / (b - a)
 
@@ -109,7 +109,7 @@ class Rows(NamedTuple):
 
     time    ascending, s (or samples, for a source without a clock), shape (n,)
     values  shape (n, channels); a row of NaN is a gap
-    anew    True if earlier rows are void: the file was replaced or truncated, or the clock restarted
+    anew    True if earlier rows are invalid: the file was replaced or truncated, or the clock restarted
     """
 
     time: np.ndarray
@@ -133,7 +133,7 @@ class LiveSource(Protocol):
         ...
 
     def state(self) -> str:
-        """Return the status as a sentence: receiving rows, waiting for something, or rows that were skipped."""
+        """Return the status as a sentence: rows are received or were skipped, or the source is waiting."""
         ...
 
     def close(self) -> None:
@@ -177,7 +177,7 @@ class Recording:
         self._to = there.stop
 
     def _make_room(self, more: int) -> None:
-        """Move the kept rows to the front of a buffer with a quarter of spare room."""
+        """Move the kept rows to the front; enlarge the buffer if less than a tenth of it would be spare."""
         held, needed = self._rows[self._from : self._to], len(self) + more
         # with less than a tenth to spare the rows would be moved again after a few additions
         fitting = needed <= 0.9 * len(self._rows)
@@ -202,7 +202,7 @@ class Shown:
 
     time, values  as recorded, shapes (n,) and (n, channels)
     channels      units of the columns of values by name, as stated by their source; empty where unknown
-    zero          time origin of the window: the trigger instant, or the end
+    zero          time origin of the window: the trigger instant, or else the end of the window
     start, end    limits of the window relative to `zero`
     triggered     True if there was a trigger
     whole         True if the recording covers the whole window
@@ -274,7 +274,7 @@ class Oscilloscope:
     mode     one of `MODES`
     trigger  None: the last seconds are shown continuously in every mode
 
-    A trigger is accepted once its pre-trigger share is recorded, and not while a window is being filled.  Trigger and
+    A trigger is accepted once its pre-trigger share is recorded, but not while a window is being filled.  Trigger and
     mode may be changed at any time; the captured window is kept until the next one.
     """
 
@@ -406,7 +406,7 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """True if no trigger occurred for the length of a window, or of the hold, after the last captured window."""
+        """True if no trigger occurred after the last captured window for a window's length, the holdoff and 2 s."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)

@@ -61,8 +61,8 @@ def commanded(
     reading        m, shape (n,): reading of the load encoder, also used for the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
-    No plant model is involved: for the control that produced the log it is the logged force, apart from rounding and
-    the initial state of the control.  The guard is left out.
+    No plant model is involved: for the control that produced the log the result is the logged force, apart from
+    rounding and the initial state of the control.  The guard is left out.
     """
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
@@ -142,7 +142,7 @@ class Replay(Result):
         return float(np.sqrt(np.mean(self.residual(signal) ** 2)))
 
     def share(self, signal: str) -> float:
-        """Return the RMS of the residual over the RMS of the measured signal."""
+        """Return the RMS of the residual divided by that of the measured signal."""
         return self.rms(signal) / float(np.sqrt(np.mean(self.measured[signal][self.skipped :] ** 2)))
 
     def table(self) -> Table:
@@ -165,13 +165,13 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
 
     measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
               force on the table, which is applied to the model too) and `added_force` in N (one that an experiment
-              added at the drive, behind the limit); all of shape (n,), one row per sample of the loop
-    skip      samples at the start that do not count
+              added at the drive, after the limit); all of shape (n,), one row per sample of the loop
+    skip      number of samples at the start that do not count
 
     A drive may log its command before or after such a force is added.  Of the two interpretations the one closer to the
     model's force is used.
 
-    Raises LogError for a log too short to estimate its start.
+    Raises LogError for a log too short to estimate its initial state.
     """
     setpoint, position = measured["set_position"], measured["position_load"]
     if position.size <= max(FITTED, skip):
@@ -225,9 +225,9 @@ def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u the request of the control
 
-    The requests of a run give the a' of the next, until a' converges, at most 20 times.  None if the limit is never
-    active.  The law receives its own command, without the injected part.  `limited` is the replay with the force added
-    after the limit.
+    The a' of each run follows from the requests of the previous one, until a' converges, at most 20 times.  The result
+    is None if the limit is never active.  The law receives its own command, without the injected part.  `limited` is
+    the replay with the force added after the limit.
     """
     if loop.control.force_limit is None:
         return None
@@ -253,7 +253,7 @@ def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
 class Observation(Result):
     """The estimates of an observer over time, of shape (n,): position (m), velocity (m/s), disturbance (N).
 
-    `lag` in s: the delay of the estimate of a slow disturbance; 0 if the observer does not state it.
+    `lag` is the delay in s of the estimate of a slow disturbance; 0 if the observer does not state it.
     """
 
     name: str
@@ -265,7 +265,7 @@ class Observation(Result):
     lag: float
 
     def error(self, true: np.ndarray, *, skip: int = 0, aligned: bool = False) -> float:
-        """Return the RMS error of the disturbance in N after `skip` samples; `aligned` shifts the true one by the lag.
+        """Return the RMS error of the disturbance in N after `skip` samples; `aligned` delays `true` by the lag.
 
         true  N, shape (n,); row k acts over [kT, (k+1)T], as `load_force` of a run does
         """
@@ -302,8 +302,8 @@ def observe(
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
     sample_time  s
     before       N, force before the first row, such as the weight that a vertical axis holds
-    velocity     m/s of the axis at the first row; a record that begins in motion needs it, otherwise the first
-                 estimates show a false force pulse that brings the observer up to speed
+    velocity     m/s, velocity of the axis at the first row; needed for a record that begins in motion: otherwise the
+                 first estimates show a false force pulse that brings the observer up to speed
 
     Raises LogError for rows of different length or with values that are not finite, ParameterError for an observer that
     cannot run at the sample time.

@@ -135,7 +135,7 @@ def _slower(law: Law) -> str:
 
 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
-    """Return a clause with the gains that stabilize the loop if all are slowed down by one factor; empty if none do."""
+    """Return a clause with stable gains, found by slowing all down by one factor; empty if there are none."""
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
@@ -180,8 +180,8 @@ class Encirclement(Result):
     unstable       unstable poles of the closed loop: unstable_poles of the open loop - turns
     arc            assumed phase change of L between 0 Hz and the first line, degrees
     rounding       distance of the unrounded turns from a whole number
-    doubts         possible reasons for a wrong count: lines too far apart, noise over -1, a gain above 1 at the last
-                   line
+    doubts         possible reasons for a wrong count: lines too far apart, noise that covers -1, a gain above 1 at
+                   the last line
     """
 
     loop_gain: FRF
@@ -236,9 +236,10 @@ def encirclement(
     unstable_poles  poles of the open loop outside the left half plane (or the unit circle), without those at the origin
     integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
 
-    Below the first line L is assumed to start at +∞ and to follow the arc of its integrators, -90° each, to the nearest
-    branch of its measured phase. Its exact path there does not matter as long as |L| > 1. A sampled L is
-    closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay there.
+    Below the first line L is assumed to start at +∞, or at -∞ for a negative gain, and to follow the arc of its
+    integrators, -90° each, to the nearest branch of its measured phase. Its exact path there does not matter as long as
+    |L| > 1. A sampled L is closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay
+    there.
     Raises ParameterError for fewer than two lines and for an L of exactly -1.
     """
     L = as_frf(loop_gain, frequency)
@@ -323,7 +324,7 @@ def _turned(curve: np.ndarray) -> float:
 
 
 def _integrators(L: FRF) -> int:
-    """Count integrators by the slope of ln |L| over ln f of the lowest lines, over a factor of 2 or five lines."""
+    """Count integrators by the slope of ln |L| over ln f on the lowest lines: one octave, but at least five lines."""
     # an octave: enough lines to average their noise, and still near 0 Hz
     many = max(int(np.searchsorted(L.frequency, 2.0 * L.frequency[0])), min(5, L.frequency.size))
     x, y = np.log(L.frequency[:many]), np.log(np.maximum(np.abs(L.response[:many]), 1e-300))
@@ -333,7 +334,7 @@ def _integrators(L: FRF) -> int:
 
 
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
-    """Return the start phase of L, 0 (+∞) or for a negative gain π (-∞), and its turn from there to `angle`, rad.
+    """Return the start phase of L, 0 (at +∞) or, for a negative gain, π (at -∞), and the turn to `angle`, rad.
 
     Of the possible turns the one nearest to -90° per integrator is selected.
     """

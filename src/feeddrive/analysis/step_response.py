@@ -20,7 +20,7 @@ _FIRST, _LAST = 0.1, 0.9  # of the step: between them lies the rise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StepResponse(Result):
-    """The position in m of a linear loop after a step of the set position of 1 m at time 0; time in s.
+    """The position (m) of a linear loop over time (s) after a step of the set position by 1 m at time 0.
 
     final      final position, m
     settled    half-width of the settling band, as a share of `final`

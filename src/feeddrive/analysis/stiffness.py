@@ -86,7 +86,7 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Return a table of the static and minimum stiffness, and of that at given frequencies within the lines."""
+        """Return a table of the static and minimum stiffness, and of values at given frequencies within the lines."""
         rows = list[list[Cell]]()
         if self.static is not None:
             rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
@@ -218,13 +218,13 @@ def rope_snap_of_run(displacement: np.ndarray, force: float, T: float) -> float:
 
 
 def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared: bool = False) -> float:
-    """Return the RMS of the commanded force in N that white noise of the readings causes; standard deviations in m.
+    """Return the RMS of the commanded force in N that white noise of the readings causes.
 
-    motor, load  standard deviations of the two readings, whose errors are independent
+    motor, load  standard deviations of the two readings in m, whose errors are independent
     shared       True if one encoder gives both readings: its error, `load`, is in both
 
-    A count of q has an error of q/√12, white if the axis moves by at least a count per sample.  For a lifted model the
-    mean square is averaged over the samples of a period.
+    The error of a count of length q has the standard deviation q/√12; it is white if the axis moves by at least one
+    count per sample.  For a lifted model the mean square is averaged over the samples of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):

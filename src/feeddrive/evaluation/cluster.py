@@ -2,8 +2,8 @@
 
 The client submits a few cases for each thread of the cluster and collects their outcomes.  Only the client writes the
 store, so a folder on its local disk is enough, no worker needs access to it, and there is a single record of progress.
-The fields that all cases share are sent once to each worker.  The outcomes are sent back: for a chunk of a study its
-rows, some hundred bytes per variant.
+The fields that all cases share are sent once to each worker.  The outcomes are sent back; those of a chunk of a study
+are its rows, some hundred bytes per variant.
 
 A case whose worker was killed is computed again by another worker.  A case that Dask gives up after several killed
 workers is submitted again a few times; then an error names the case.
@@ -54,12 +54,12 @@ def finished(
 ) -> Generator[tuple[C, Any]]:
     """Yield each case with its outcome on completion; closing the generator cancels the pending cases.
 
-    address  of the scheduler, `tcp://10.0.0.5:8786`
-    timeout  s to wait for an answer from the address
+    address  address of the scheduler, such as `tcp://10.0.0.5:8786`
+    timeout  waiting time for a response of the scheduler, s
 
-    Raises MissingExtraError without dask.distributed, ParameterError for an address without an answer or a cluster with
-    another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly ends its workers, and any
-    exception of `progress.check()`.
+    Raises MissingExtraError without dask.distributed, ParameterError for an address that does not respond or a cluster
+    with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly ends its workers, and
+    any exception of `progress.check()`.
     """
     with _client(address, timeout, progress) as client:
         _refuse_other_versions(client, address)
@@ -68,7 +68,7 @@ def finished(
 
 @dataclass
 class _Place(Generic[C]):
-    """A submitted case, its number among the cases of this client, and how often Dask gave it up."""
+    """A submitted case, its number among the cases of this client, and the number of times that Dask gave it up."""
 
     case: C
     number: int
@@ -134,7 +134,7 @@ class _Handed(Generic[C]):
         return self._sent[-1]
 
     def _window(self) -> int:
-        """Return the number of cases that may be pending at once; it follows the number of workers."""
+        """Return the number of cases that may be pending at once; it depends on the threads of the cluster."""
         now = time.monotonic()
         if now - self._counted > _COUNT:
             self._counted = now
@@ -166,7 +166,7 @@ class _Handed(Generic[C]):
     def _explain(self, place: _Place[C], answer: Any) -> None:
         """Raise the error of a case without an outcome, or return if it should be submitted again.
 
-        answer  type, error and traceback of a task that failed, or the error with which its outcome was lost
+        answer  type, error and traceback of a task that failed, or the error that reports the loss of its outcome
         """
         from distributed import KilledWorker
 
@@ -223,7 +223,7 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
 
 
 async def _answer(address: str) -> None:
-    """Request the identity of the scheduler: a client would wait forever for a server with another protocol."""
+    """Request the identity of the scheduler, since a client would wait forever for a server with another protocol."""
     from distributed import Security, rpc
 
     async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
@@ -233,8 +233,8 @@ async def _answer(address: str) -> None:
 def _refuse_other_versions(client: Any, address: str) -> None:
     """Raise ParameterError if the scheduler or a worker has another version of feeddrive, or none.
 
-    Workers that join later check the version themselves.  The scheduler needs feeddrive too, since Dask also unpickles
-    there the messages that it passes on.
+    Workers that join later check the version themselves.  The scheduler needs feeddrive too, since it unpickles
+    the messages that it passes on.
     """
     # a function of Python itself, since a worker without feeddrive can call no other
     asked = pkgutil.resolve_name, "feeddrive.version:__version__"
@@ -263,7 +263,7 @@ class _Outcome:
 def _computed(common: tuple[Any, ...] | None, content: bytes, version: str) -> _Outcome:
     """Compute a case on a worker. It is sent as bytes, so that the scheduler needs no user-defined modules.
 
-    Raises ParameterError if the worker has another version than the client.
+    Raises ParameterError if the versions of worker and client differ.
     """
     if version != __version__:
         raise ParameterError(f"a worker has feeddrive {__version__}, and this is {version}: start it again with that")

@@ -1,4 +1,4 @@
-"""The duty for comparing laws: one move and a force step, from the limits of the axis, and its simulated runs."""
+"""The duty for comparing laws: a move and force steps, derived from the limits of the axis, and its simulated runs."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ _NEAR = 0.5e-6  # m: settled is what stays within, or within ten counts
 
 @dataclass(frozen=True)
 class Duty:
-    """The duty of a comparison: a move, and on the axis at rest a force that is released and one that is applied.
+    """The duty of a comparison: a move and, with the axis at rest, the release and the application of a force.
 
     move   the set motion
     force  N, released or applied at `begin` s, followed by `rest` s
     near   m, the settling band
-    skip   s, initial standstill that the figures do not count
-    cut    load of a cut on the axis at rest; None for none
+    skip   s, initial standstill, excluded from the figures
+    cut    load of a cut on the axis at rest, or None
     """
 
     move: Reference
@@ -66,7 +66,7 @@ class Duty:
 
     @property
     def step(self) -> StepForce:
-        """The load step: `force` from `begin` on."""
+        """The load step: `force` from `begin` onward."""
         return StepForce(force=self.force, start=self.begin)
 
     def still(self) -> SnapLimitedMove:

@@ -9,9 +9,10 @@
 The outcome of a case does not depend on where it is computed.  Comparison, benchmark, study and run declare cases for
 this engine, which alone handles process pools, Dask and resuming.
 
-On the cores of this machine no service has to be started.  Machine code that releases Python to other threads is
-computed by threads of this process: they share the compiled code and start at once.  Python code, of which only one
-thread runs at a time, is computed by processes; a killed process is replaced, and its cases are computed again.
+On the cores of this machine no service has to be started.  Cases in machine code that releases the interpreter lock are
+computed by threads of this process, which share the compiled code and start at once.  Cases in Python code, of which
+only one thread runs at a time, are computed by processes; a killed process is replaced, and its cases are computed
+again.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ def _window(
     handed: dict[int, C],
     hear: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes; only as many as keep all workers busy are pending, listed in `handed`."""
+    """Yield cases with their outcomes; `handed` lists the pending cases, just enough to keep all workers busy."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()
 
@@ -192,7 +193,7 @@ MOST_WORKERS = 1024
 
 
 class Bar:
-    """The steps of one or several evaluations as a single progress that never decreases.
+    """The steps of one or several evaluations as a single count that never decreases.
 
     A case counts with all its `stages` when it is done; while it runs, at most all but one of them are counted.
     """
@@ -244,10 +245,10 @@ class _Stages(Progress):
 class Engine:
     """The place where cases are computed, and the store of finished ones.
 
-    workers    number of cases computed in parallel on this machine; more than 1 only from a program that can be
-               imported again, with its own work under `if __name__ == "__main__":`
+    workers    number of cases computed in parallel on this machine; a program that uses more than 1 must be importable
+               again, with its own work under `if __name__ == "__main__":`
     scheduler  address of a Dask cluster that is used instead of this machine, such as tcp://10.0.0.5:8786
-    store      store of finished cases, which are not computed again; None: nothing is stored
+    store      store of finished cases, which are not computed again; None to store nothing
     """
 
     workers: int = 1
@@ -262,7 +263,7 @@ class Engine:
     def of(cls, workers: int | None, scheduler: str | None = None, store: Store | None = None) -> Engine:
         """Return the engine for these options; without `workers` it uses all cores.
 
-        Raises ParameterError for both workers and a scheduler, which has its own.
+        Raises ParameterError if both workers and a scheduler, which has its own workers, are given.
         """
         if workers is not None and scheduler is not None:
             raise ParameterError(

@@ -1,4 +1,4 @@
-"""The rule of equal robustness, the tuning of laws under it, and their designs as they are stored."""
+"""The rule of equal robustness, the tuning of laws under it, and their stored designs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -86,7 +86,7 @@ class Rule:
         return Limits(bounds, reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
-        """Return the bounds that a loop exceeds, in words; empty if it meets all."""
+        """Return the bounds that a loop violates, in words; empty if it meets all."""
         peak, delay, noise = (figures.get(figure.key) for figure in (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN))
         if peak is None or delay is None or noise is None:
             return "it has no margins"
@@ -115,7 +115,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Design:
-    """A tuned law as it is stored by the engine and in the folders of the benchmark.
+    """A tuned law as stored by the engine and in the folders of the benchmark.
 
     plant, rules        plant of the benchmark, and version of its rules, for a design in its folders
     tunables, started   values by dotted name within the control, and those before the tuning
@@ -163,7 +163,7 @@ class Design:
         )
 
     def record(self) -> dict[str, Any]:
-        """Return the design for a JSON file, with the tunables exact, and rounded to six digits for a reader."""
+        """Return the design for a JSON file, with exact tunables and, for a reader, tunables rounded to six digits."""
         exact = {name: float(value).hex() for name, value in self.tunables.items()}
         return asdict(self) | {
             "tunables": exact,
@@ -212,7 +212,7 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Tuning(Case["Tuned | Refusal"]):
-    """The case of tuning one law under the rule; refused with the reason if no setting satisfies it."""
+    """The case of tuning one law under the rule; the outcome is a refusal with a reason if no setting satisfies it."""
 
     kind: ClassVar[str] = "law"
     common: ClassVar[tuple[str, ...]] = ("rule",)
@@ -268,7 +268,7 @@ class Tuning(Case["Tuned | Refusal"]):
         )
 
     def repeated(self, progress: Progress) -> Tuned:
-        """Return the best of several complete tunings, settled if all of them agree.
+        """Return the best of several complete tunings, marked as settled if all of them agree.
 
         Raises UnstableError if none of them satisfies the rule.
         """

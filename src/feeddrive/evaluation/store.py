@@ -2,8 +2,8 @@
 
     DIR/p_pi-0c4f6f0d2c1b9a53.json    {"case": ..., "digest": ..., "outcome": ...}
 
-A file is valid only for a case with the same digest.  Other numbers, another rule, another law or another version of
-feeddrive give another digest, and the case is computed again.
+A file is valid only for a case with the same digest.  If the numbers, the rule, the law or the version of feeddrive
+change, the digest changes, and the case is computed again.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ _NAME = re.compile(r"[a-z0-9_]+-[0-9a-f]{16}\.json")
 
 
 class Store(Protocol):
-    """A store that returns the outcomes of finished cases and records further ones."""
+    """A store that returns the outcomes of finished cases and records new ones."""
 
     def known(self, case: Case[Any], progress: Progress) -> Any:
         """Return the outcome of a case; None if it is unknown."""

@@ -88,7 +88,7 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
 
 
 def _rows(values: np.ndarray, real: str) -> str:
-    """Return rows of numbers as bit patterns: not every compiler accepts NaN and infinity as constants."""
+    """Return rows of numbers as bit patterns, since not every compiler accepts NaN and infinity as constants."""
     with np.errstate(over="ignore"):
         held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
     digits = 2 * held.itemsize
@@ -198,7 +198,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """The outputs of exported C, shape (n, outputs), with its compiler and flags."""
+    """The outputs of exported C code, shape (n, outputs), with compiler and flags."""
 
     outputs: np.ndarray
     compiler: str

@@ -101,7 +101,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Emit the test whether the powers of a matrix decay, in its own scope, which frees the stack memory early."""
+        """Emit the test for decaying powers of a matrix, in a separate scope, which frees the stack memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -536,7 +536,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
 
 
 def mark(P: str) -> str:
-    """Return the name of the macro with the value of `configured` after a successful configure."""
+    """Return the name of the macro for the value that a successful configure stores in `configured`."""
     return f"{P.upper()}_CONFIGURED"
 
 
@@ -732,7 +732,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the lines that set the outputs without a valid configure, to the safe force; empty for a plant."""
+    """Return the lines that set the outputs, with the safe force, without a valid configuration; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""

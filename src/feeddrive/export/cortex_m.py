@@ -206,7 +206,7 @@ PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """The error of a bundle that does not build, times out, or fails its self-test; the message has the output."""
+    """The error of a bundle that does not build, times out, or fails its self-test; the message contains the output."""
 
     exit_code = 1
 
@@ -353,7 +353,7 @@ def cortex_m_files(design: Design, core: Core) -> dict[str, str]:
 def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Path:
     """Write the bundle atomically and return the path of its README.
 
-    core  `m4f` or `m7` in single precision, `m7dp` in double precision; default: the first core with the precision
+    core  `m4f` or `m7` in single precision, `m7dp` in double precision; default: the first core for the precision
 
     Raises ParameterError for an axis, for a core that is unknown or has another precision, and FileError as
     `new_directory` does.

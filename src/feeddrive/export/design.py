@@ -187,7 +187,7 @@ def read_design(
 
     Raises FileError and ParameterError as `read_machine` does, ParameterError for a name that is illegal on a target
     and for the plant of one coupled axis, StructureError for a control without a guard and for a part that uses
-    operations outside `ops`, and both as `check_exportable` does.
+    operations outside `ops`, and the errors of `check_exportable`.
     """
     machine = read_machine(source)
     together = len(machine.loops) > 1 and (together or (what == PLANT and axis is None))
@@ -241,7 +241,7 @@ def require_alone(design: Design, target: str) -> None:
 def require_guard(loop: Loop) -> None:
     """Raise StructureError for a control without a guard; the message gives the lines to add to the machine file.
 
-    The reaction of a target to invalid readings must be defined, and equal the simulated one.
+    The reaction of a target to invalid readings must be defined and equal to the simulated one.
     """
     if loop.control.guard is None:
         held = float(weight(loop.axis))
@@ -348,8 +348,8 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
     one encoder count to more than any limit, so that a quiet loop, limits and trips all occur.  `broken` is the
     probability that an input becomes an invalid number for one to four samples.  Every 20 samples, enable may drop
-    for two samples, which clears trips.  At `changes` samples up to three parameters change by up to 25 %, within their
-    bounds and the checks of their blocks.
+    for two samples, which clears trips.  At `changes` samples up to three parameters change by up to 25 %; the new
+    values satisfy the bounds and the checks of their blocks.
     """
     random = np.random.default_rng(seed)
     pairs = zip(routine.origin.ports(), routine.origin.loops().values(), strict=True)

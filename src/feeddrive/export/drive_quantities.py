@@ -329,7 +329,7 @@ def _guarded(cascade: Cascade) -> Iterator[Item]:
 
 
 def _acts(loop: Loop, guard: Guard, name: str) -> bool:
-    """Return True if a field of the guard changes what the loop does."""
+    """Return True if a field of the guard affects the behavior of the loop."""
     if name == "aligns":
         return guard.aligns and loop.axis.encoders() == 2
     if name in ("holds", "hold_samples"):
@@ -342,7 +342,7 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
     """Return the elements that a target cannot represent.
 
     held     kinds of elements that the target represents completely
-    outside  reason and consequence by kind; for an empty consequence, and for all other kinds, the general text applies
+    outside  reason and consequence by kind; an empty consequence and all other kinds are described by a general text
     """
     parts = []
     for item in items(cascade):

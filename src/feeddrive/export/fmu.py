@@ -106,7 +106,7 @@ def build_description(name: str, sources: Sequence[str]) -> bytes:
 
 
 def _text(text: str) -> str:
-    """Return the text with a space for each character that XML forbids."""
+    """Replace each character that XML forbids with a space."""
     return _NOT_XML.sub(" ", text)
 
 
@@ -439,7 +439,7 @@ _EXACT = """\
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
     """Return the FMU of a routine for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
-    title, made_by  description of the design, and program and machine file; both appear in its texts
+    title, made_by  description of the design, and names of program and machine file, both included in the FMU
     binary          True to include a library for this machine; otherwise tools compile the included sources
 
     Raises ParameterError for another version, single precision or a name that the archive reserves, FileError and

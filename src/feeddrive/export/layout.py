@@ -27,7 +27,7 @@ PRECISIONS = ("double", "float")
 
 
 class Field(NamedTuple):
-    """A number that `configure` computes and stores: its name, its node, and True if it is a truth value."""
+    """A number that `configure` computes and stores: its name, its node, and a flag that marks a truth value."""
 
     name: str
     node: int
@@ -67,7 +67,7 @@ class Layout:
 
     @property
     def moving_users(self) -> list[bool]:
-        """Per node, True if it is an operand of a node whose value changes from sample to sample."""
+        """For each node, True if it is an operand of a node whose value changes from sample to sample."""
         read = [False] * len(self.graph.nodes)
         for index, node in enumerate(self.graph.nodes):
             if self.moving[index]:
@@ -76,7 +76,7 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """Return the moving, or else the constant, operations on which `roots` depend, in the order of the law."""
+        """Return the operations on which `roots` depend, either moving or constant ones, in the order of the law."""
         return [
             index
             for index in reachable(self.graph, list(roots))
@@ -150,7 +150,7 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """Return properties of nodes for the nodes that replace them; if several became one, the first one counts."""
+    """Return the properties of nodes for the nodes that replace them; if several became one, those of the first."""
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -188,7 +188,7 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
-    """Return the result if no operation is needed: for constants, and for x · 1 and x / 1, which keep the bits."""
+    """Return the result if no operation is needed: for constants, x · 1 and x / 1, which equal x bit for bit."""
     numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
@@ -215,7 +215,7 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Return the design numbers with names: of parameters and prepared numbers, else of variables of the law.
+    """Return the design numbers, named after parameters and prepared numbers, else after variables of the law.
 
     Any other number is named after the first named number that depends on it: `law_integral_factor`.
     """

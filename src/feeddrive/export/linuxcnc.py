@@ -50,12 +50,12 @@ _UNITS = {"m": "mm", "m/s": "mm/s", "m/s2": "mm/s2", "m/s3": "mm/s3", "m/s4": "m
 
 
 def input_pin(name: str) -> str:
-    """Return the name of the pin of an input of the routine."""
+    """Return the pin name of an input of the routine."""
     return "enable" if name == "enable" else _INPUTS[name][0]
 
 
 def reading_pin(routine: Routine) -> str:
-    """Return the name of the pin of the controlled position."""
+    """Return the pin name of the controlled position."""
     return _INPUTS["reading_load" if any(v.name == "reading_load" for v in routine.inputs) else "reading"][0]
 
 
@@ -310,8 +310,8 @@ _AS_IT_STANDS = """\
 def core(name: str, parts: Texts) -> str:
     """Return the header that a component includes, with the complete routine.
 
-    Code that runs once or at parameter changes may have thousands of lines.  It is compiled without optimization, in a
-    tenth of the time.
+    Code that runs once or at parameter changes may have thousands of lines.  It is compiled without optimization, which
+    takes a tenth of the time.
     """
     once = re.compile(
         rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
@@ -361,7 +361,7 @@ def numbers(texts: Iterable[str]) -> str:
 
 
 def where(wanted: bool, text: str) -> str:
-    """Return the text if `wanted` is True, else an empty text."""
+    """Return the text if `wanted` is True, else an empty string."""
     return text if wanted else ""
 
 
@@ -369,7 +369,7 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the control of a design as a LinuxCNC component with all files to run it; return the path of the README.
+    """Write the control of a design as a LinuxCNC component with all files needed to run it; return the README's path.
 
     joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 
@@ -497,7 +497,7 @@ def axis_hal(routine: Routine, joint: int, title: str, made_by: str) -> str:
 
 
 def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: str, made_by: str) -> str:
-    """Return the .ini sections of the joint and the axis, in mm, which are the LINEAR_UNITS of the desk."""
+    """Return the .ini sections of the joint and the axis, in mm, the LINEAR_UNITS of the desk test."""
     velocity, acceleration, error = 1e3 * limit.velocity, 1e3 * limit.acceleration, 1e3 * limit.following_error
     # inside the guard's travel: at its end the smallest overshoot would trip
     room = error if limit.travel_known else 0.0
@@ -573,7 +573,7 @@ def desk_hal(routine: Routine, plant: Routine, joint: int) -> str:
 
 
 def desk_ini(routine: Routine, joint: int, letter: str) -> str:
-    """Return the LinuxCNC configuration `desk.ini` with this axis; lower joints echo their commands."""
+    """Return the LinuxCNC configuration `desk.ini` with this axis; joints with lower numbers echo their commands."""
     others = [other for other in LETTERS if other != letter][:joint]
     ideal = "".join(_IDEAL.format(letter=other, joint=i) for i, other in enumerate(others))
     return filled(
@@ -635,7 +635,7 @@ class Limits:
 
 
 def limits(loop: Loop) -> Limits:
-    """Return the limits of the fastest tested move that keeps a margin of 30 % to the limits of control and motor.
+    """Return the limits of the fastest test move that stays at least 30 % below the limits of control and motor.
 
     The move has the trapezoidal velocity profile of LinuxCNC.  Its following error is computed as in LinuxCNC, from the
     reading one period later.  Raises ParameterError if even the slowest move lacks the margin.

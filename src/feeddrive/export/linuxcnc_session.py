@@ -34,7 +34,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """The error of a LinuxCNC run that rejects a component, fails, or does not end; the message has the output."""
+    """The error of a LinuxCNC run that rejects a component, fails, or does not end; the message contains the output."""
 
     exit_code = 1
 
@@ -186,7 +186,7 @@ def halrun(
     samples     the rows, shape (n, len(types)); types and taken: one letter per pin, f float, b bit, s signed, u
                 unsigned
     meanwhile   halcmd commands after the thread has started;  at_end: after all rows have arrived
-    paced       wait for every period, as on a machine
+    paced       True to wait for every period, as on a machine
     patience    timeout of the run in s
 
     Raises MissingProgramError without LinuxCNC, and HalError if the run fails or times out.
@@ -221,7 +221,7 @@ def halrun(
 
 
 def _rows(values: np.ndarray, types: str) -> str:
-    """Return rows for halstreamer with all digits, each flagged with a 1, and a final row of zeros flagged with a 0."""
+    """Return rows for halstreamer with all digits and a last column of 1, and a final row of zeros."""
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])

@@ -45,7 +45,7 @@ class Row(NamedTuple):
 
     unit      in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page; empty if no manual was available
-    linear    name, unit and measure for a linear motor, if they differ; an empty name for none
+    linear    name, unit and measure for a linear motor, if they differ; an empty name if there is no such parameter
     scale     factor in addition to the unit: -1 for a lower limit
     decimals  number of decimals that the controller stores; `most` is the largest value that it accepts
     """
@@ -87,9 +87,9 @@ class Maker:
 
     notes    header lines of its file: which loop is meant, how the integrator is switched off, and the like
     rotary   true if it supports rotary motors only
-    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside`: reasons for others
-    filters  function of a filter and its index among the filters, which returns the filter's lines
-    always   parts that it never represents, whatever the design is
+    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` has reasons for others
+    filters  function that returns the lines of a filter, given the filter and its index among the filters
+    always   parts that it never represents, regardless of the design
     """
 
     key: str
@@ -628,7 +628,7 @@ def write_parameters(
     lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
     Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for an unknown
-    motor where the units refer to its shaft, and for a linear motor that the manufacturer does not support; FileError
+    motor if the units refer to its shaft, and for a linear motor that the manufacturer does not support; FileError
     as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
@@ -720,7 +720,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
-    """Return the parts of the design that a manufacturer cannot represent: each filter, and all else by kind."""
+    """Return the parts of the design that a manufacturer cannot represent: each filter, and all other parts by kind."""
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
@@ -734,7 +734,7 @@ def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:
-    """Return a warning if the loop is stable as designed but unstable with only the numbers of a file."""
+    """Return a warning if the loop is stable as designed but unstable with the numbers of a file alone."""
     if bare is whole or not stability(whole).stable:
         return []
     verdict = stability(bare)
@@ -759,7 +759,7 @@ _PID_MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
-    """Return the halcmd lines of two pids and their bias, without zeros (the default), and the lost parts."""
+    """Return the halcmd lines of two pids and their bias, except zeros (the default), and the lost parts."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
     lines = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))

@@ -48,7 +48,7 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the design numbers that need too many operations, and others that depend on the same parameters only."""
+    """Return the design numbers that take too many operations, and those that depend on the same parameters only."""
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
@@ -68,7 +68,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return the values, by node, of operations on fixed parameters that rules on other parameters read."""
+    """Return, by node, the values of operations on fixed parameters that are read by rules on other parameters."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -88,7 +88,7 @@ def _depending(graph: Graph, others: set[int]) -> list[bool]:
 
 
 class Printing(Protocol):
-    """The printer as `configure` sees it: a layout, legal names, and statements."""
+    """The part of the printer that `configure` uses: a layout, legal names, and statements."""
 
     layout: Layout
     fixed: Fixed
@@ -117,8 +117,8 @@ class Printing(Protocol):
 def configure(printer: Printing) -> Unit:
     """Return the function block that computes the design in LREAL and rounds each number once for storage.
 
-    Bounds are checked first, then the rules between parameters, then the design is computed, each only if all previous
-    conditions hold, so that rejected parameters never cause a division by zero.
+    Bounds are checked first, then the rules between parameters; then the design is computed.  Each step requires that
+    all previous conditions are met, so that rejected parameters never cause a division by zero.
     """
     layout = printer.layout
     wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
@@ -218,7 +218,7 @@ CYCLE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Program:
-    """The units of a program, each before its use; `names` maps dotted parameter names to Structured Text names."""
+    """The units of a program, each defined before use; `names` maps dotted parameter names to Structured Text names."""
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
@@ -734,7 +734,7 @@ def twincat_file(part: Structure | Unit) -> tuple[str, str]:
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """Return the file of an element. Its GUID depends on the name only: a repeated export replaces it in a project."""
+    """Return the file of an element. Its GUID depends on the name only, so that a repeated export replaces it."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 
@@ -821,7 +821,7 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
 
 
 def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return the declaration of a constant array of a signal, in its type at the controller."""
+    """Return the declaration of a constant array of a signal, in the type that the controller uses for it."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

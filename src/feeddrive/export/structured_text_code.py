@@ -63,7 +63,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Unit:
-    """A function, if it has a result type, or a function block."""
+    """A function if there is a result type, else a function block."""
 
     name: str
     comment: str
@@ -130,7 +130,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """Return the declaration of the variable whose square is infinite."""
+    """Return the declaration of a variable so large that its square is infinite."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 
@@ -227,7 +227,7 @@ class Choice:
     makes: set[int] = field(default_factory=set)
 
     def lines(self) -> list[str]:
-        """Return the statement as text; a choice alone in the other branch becomes ELSIF."""
+        """Return the statement as text; a single choice in the ELSE branch becomes ELSIF."""
         printed = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
         rest = self.otherwise
         while len(rest) == 1 and isinstance(rest[0], Choice):
@@ -261,7 +261,7 @@ class Statements:
     """The Structured Text statements that compute some nodes of a graph.
 
     `texts` maps leaves, and nodes already computed, to their text.  `declare(node, kind)` returns the name of the
-    variable for a node, which it declares with the type `kind` unless the node has a place.
+    variable of a node and, unless the node has a place, declares it with the type `kind`.
     """
 
     def __init__(
@@ -371,7 +371,7 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append a statement, but before a last choice on which it does not depend, so that choices can merge."""
+        """Append a statement, or insert it before a last choice on which it does not depend: choices can then merge."""
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)
@@ -438,7 +438,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the name from the law, else that of the state that a selection may keep, else a numbered name."""
+        """Return the name in the law, else the name of the state that a selection may keep, else a numbered name."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -474,7 +474,7 @@ class Section:
                 self.statements.texts[index] = "switched_on"
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes, under headings with the blocks that compute them."""
+        """Return the statements for some nodes, under headings that name the blocks that compute them."""
         nodes = list(nodes)
         self.statements.done = []
         statements = self.statements.compute(nodes, nodes)

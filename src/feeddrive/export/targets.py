@@ -38,7 +38,7 @@ _NUMBERS = {"int | None": int, "float | None": float}
 class Proof:
     """The proof of an export: the module whose function `prove` runs it, and the length of the trial.
 
-    samples    number of samples, chosen to take some seconds
+    samples    number of samples, for a trial that takes some seconds
     changes    number of live parameter changes in the trial; 0 if the program does not support them
     own_build  True if the export has its own build, so that compiler and flags cannot be chosen
     """
@@ -243,7 +243,7 @@ def write_all(
 
 
 def write_again(design: Design, target: str, out: Path, options: Mapping[str, Any]) -> None:
-    """Repeat an export with the options of its `export.json`; the same design gives the same bytes.
+    """Repeat an export with the options of its `export.json`; the same design gives identical files.
 
     Raises the errors of the target's function, and TypeError for options that it does not accept.
     """
@@ -333,7 +333,7 @@ MOST_BYTES = 10_000_000  # of a file
 
 @dataclass(frozen=True)
 class Manifest:
-    """The content of `export.json`: `source` is the name of the machine file, `files` has SHA-256 digests by name."""
+    """The content of `export.json`: `source` is the name of the machine file, `files` maps names to SHA-256 digests."""
 
     target: str
     axis: str
@@ -392,7 +392,7 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """Return the files to write, including edited files of the older export, which are kept."""
+    """Return the files to write, including the edited files of the older export."""
     contents = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():

@@ -102,13 +102,13 @@ def verify_export(
     flags: Sequence[str] = (),
     command: str | None = None,
 ) -> Verified:
-    """Prove on this machine that an export computes the same bits as the simulator.
+    """Prove on this machine that the results of an export are bit-identical to those of the simulator.
 
     samples  number of samples in the trial; default: that of the target, a million for C in double precision
     flags    C compiler flags in addition to -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
     The exported code runs in the program of its target. The expected outputs come from the machine file of the export
-    and the simulator of this feeddrive; in single precision, from the same operations in Python, each rounded.
+    and the simulator of this version; in single precision, from the same operations in Python, each rounded.
     A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
@@ -190,7 +190,7 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, with the bytes of the given one, so that no file can change between check and run."""
+    """Run the fresh export, whose files equal the checked ones, so that no file can change between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     # a short trial has some ten broken numbers, too

@@ -14,7 +14,7 @@ A field is one of
     choice()     a count, a name or a flag that changes the graph; a new value requires a new trace
     table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
-    label()      a text that names the block; it has no effect on the graph
+    label()      a string that names the block; it has no effect on the graph
 A block class is either abstract or final: a method with a body is never overridden.
 """
 
@@ -68,7 +68,7 @@ class Declaration:
     pattern: str = ""
 
     def of_axis(self, rotary: bool) -> Self:
-        """Return the declaration for a rotary axis, in rad, N m and kg m2; unchanged for a linear one."""
+        """Return the declaration with rotary units (rad, N m, kg m2) if the axis is rotary, else unchanged."""
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 
     def bounds(self) -> Text:
@@ -79,7 +79,7 @@ class Declaration:
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """Yield the conditions on a number or symbol: finite, unless declared otherwise, and within bounds."""
+        """Yield the conditions for a number or symbol: finite, unless declared otherwise, and within its bounds."""
         # a NaN fails any comparison: no test for it is needed, on a target either
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
@@ -98,7 +98,7 @@ class Declaration:
 
 
 def check_bounds(where: str, declaration: Declaration, number: float) -> None:
-    """Raise ParameterError for a number that is not finite or outside its bounds."""
+    """Raise ParameterError for a number that is outside its bounds or, unless declared otherwise, not finite."""
     shown = f"{where} = {Quantity(number, declaration.unit):6 SI}"
     if math.isnan(number) or (math.isinf(number) and not declaration.infinite):
         raise ParameterError(f"{shown} ({declaration.meaning}) must be a finite number")
@@ -419,7 +419,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first violated rule of a block; with several variants, name the first violating one.
+    """Raise ParameterError for the first violated rule of a block; for variants, name the first one that violates it.
 
     The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  A block with
     symbols is a trace: its rules become conditions on the target and are not checked here.
@@ -530,6 +530,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for the content of a machine file, which contains loops but is not a loop or a block."""
+    """Raise ParameterError for the content of a job or study file, which is neither a loop nor a block."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

@@ -32,7 +32,7 @@ class FeeddriveError(Exception):
         super().__init__(*(Text(argument) if isinstance(argument, str) else argument for argument in args))
 
     def __format__(self, form: str) -> str:
-        """Return the message; inside feeddrive's own texts it keeps its quantities."""
+        """Return the message; in an f-string of feeddrive its quantities are kept as numbers."""
         message = self.args[0] if len(self.args) == 1 else str(self)
         text = message if isinstance(message, str) else str(message)
         return marked(text) if not form and keeps_marks() else format(str(self), form)
@@ -61,7 +61,7 @@ class FileError(FeeddriveError):
 
 
 class ProgramError(FileError):
-    """A part program that cannot be read: file, line and column (from 1), the word, and the reason with a remedy."""
+    """A part program that cannot be read; the message gives file, line, column (from 1), word, reason and remedy."""
 
     def __init__(self, file: str, line: int, column: int, word: str, reason: str) -> None:
         at = f"{file}, line {line}" + (f", column {column}" if column else "")
@@ -98,7 +98,7 @@ class UnstableError(FeeddriveError):
 
 
 class NotCertifiedError(FeeddriveError):
-    """A loop that cannot be certified; the message gives the frequency, the amount and the remedy."""
+    """A loop that cannot be certified; the message gives the frequency, the size of the violation and the remedy."""
 
     exit_code = 1
 

@@ -3,11 +3,12 @@
 A `Symbol` is the third number type on which a law runs, besides float and array.  Operations whose result on symbols
 would differ from that on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
-Arithmetic is never rearranged or simplified, so the graph computes the same bits as the Python source.  Only two
-reductions are made, and neither changes a bit: common subexpressions are stored once, and constants are folded.
+Arithmetic is never rearranged or simplified, so its results are bit-identical to those of the Python
+source.  Only two reductions are made, which change no result: common subexpressions are stored once, and constants are
+folded.
 
-Why not CasADi: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and the encoding
-of `where` would all need workarounds, and it takes 277 MB; this module is sufficient here.
+CasADi is not used, since its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and
+the encoding of `where` would all need workarounds, and it occupies 277 MB; this module is sufficient here.
 """
 
 from __future__ import annotations
@@ -324,7 +325,7 @@ def _called() -> str:
 
 
 def _instead(name: str) -> str:
-    """Return the remedy: the replacement in a law for a function of another library."""
+    """Return the remedy: what a law uses instead of a function of another library."""
     if name in SPELLED:
         return f"a law writes {SPELLED[name]}"
     if name in ARITY or name in _NAMED:

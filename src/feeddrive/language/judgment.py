@@ -1,4 +1,4 @@
-"""The judgments of all commands on their own results, with their exit codes; docs/files.md has them as a table.
+"""The judgments of all commands on their own results, with their exit codes; docs/files.md lists them.
 
 A judgment concerns the result, not the machine. It is bad if the result must not be used, or if the question remains
 open. A valid result that is unfavorable for the machine, such as chatter or a low yield, is good.
@@ -16,7 +16,7 @@ class Judgment(Enum):
     """A judgment of a command on its own result.
 
     commands   the commands that can return it
-    says       the beginning of its sentence, or the wording of the command
+    says       the beginning of its sentence, or a part of it
     exit_code  the exit code of the command line: 1 if the judgment is bad
     """
 

@@ -1,8 +1,8 @@
-"""Elementary functions in plain arithmetic: the same bits in Python, native code, SIMD lanes and C on every machine.
+"""Elementary functions in plain arithmetic: bit-identical in Python, native code, SIMD lanes and C on every machine.
 
-The functions of NumPy, libm and compilers differ in the last bit, so none of them can be the definition.  Each function
-here is a range reduction and a power series, truncated where the next term is below 2⁻⁵⁵ of the result and summed in
-pairs (Estrin's scheme), so that a processor can work on several terms in parallel.  No branch depends on a
+The functions of NumPy, libm and compilers differ in the last bit, so none of them can serve as the definition.  Each
+function here is a range reduction and a power series, truncated where the next term is below 2⁻⁵⁵ of the result and
+summed in pairs (Estrin's scheme), so that a processor can work on several terms in parallel.  No branch depends on a
 value: `where` selects.
 
 For the accuracy against 50-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos

@@ -26,7 +26,7 @@ def zeros(rows: int, columns: int) -> list[list[Any]]:
 
 
 def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
-    """Return A·B, shapes (n, m) and (m, p)."""
+    """Return A·B for shapes (n, m) and (m, p)."""
     columns = list(zip(*b, strict=True))
     return tuple(tuple([dot(row, column) for column in columns]) for row in a)
 
@@ -108,7 +108,7 @@ def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """Return e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
 
     s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Without
-    the 1 the result keeps the digits of a small A, so that rounding does not make an axis at rest creep.
+    the 1 no precision is lost for a small A, so that rounding does not make an axis at rest creep.
 
     at_least  minimum number of squarings for every A of this kind: exported C omits branches for fewer
     """
@@ -181,10 +181,10 @@ SQUARINGS, TOO_LARGE = 48, 1e150
 
 
 def decays(a: Sequence[Sequence[Any]]) -> Any:
-    """Return True if the powers of a square matrix decay to 0: the spectral radius is below 1. Used in rules.
+    """Return True if the powers of a square matrix decay to 0: the spectral radius is below 1. For use in rules.
 
     The matrix is squared until its infinity norm is below 1 (true) or above 1e150, or 48 times (false): eigenvalues
-    within about 1e-13 of magnitude 1 count as 1.  False for non-finite entries.
+    within about 1e-13 of magnitude 1 count as 1.  The result is False for non-finite entries.
     """
     graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
     if graph is not None:
@@ -235,7 +235,7 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
-    """Return the value at the first change of a condition along ordered positive values, on the side where it holds.
+    """Return the point at which a condition first changes along ordered positive values, on the side where it is true.
 
     The relative accuracy is about 1e-5.  `holds` is called with many values at once, as lanes.  Returns None if the
     condition does not change.

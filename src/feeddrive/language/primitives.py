@@ -135,7 +135,7 @@ def quantise(x: Any, step: Any) -> Any:
 
 
 def gather(row: Any, index: Any) -> Any:
-    """Return the table entry at an integer index, clamped to the table. This is the only read from memory.
+    """Return the table entry at an integer index, clamped to the table. No other operation reads a table.
 
     Its derivative is 0: gradients come from the interpolation that uses it.
     """

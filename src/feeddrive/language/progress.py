@@ -49,7 +49,7 @@ class Progress:
         self.show_step(what, done, of, part)
 
     def check(self) -> None:
-        """Raise CancelledError if the job was canceled; for a job that waits and has nothing to report."""
+        """Raise CancelledError if the job was canceled; for use while a job waits and has nothing to report."""
         if self.cancelled:
             raise CancelledError("stopped; nothing was written")
 
@@ -58,7 +58,7 @@ class Progress:
         self.show_remark(message)
 
     def counted(self, of: int) -> Progress:
-        """Return a progress that counts steps up to `of`, for a job that reports only their names.
+        """Return a `Progress` that counts steps up to `of`, for a job that reports only their names.
 
         A step that reports its own count is passed on unchanged and not counted.
         """

@@ -92,11 +92,11 @@ def _numeral(value: float, form: str) -> str:
 class Units:
     """The display units of a reader, one choice for each kind of quantity.
 
-    length       for errors and positions; `um` means the usual unit of each (um, mm)
+    length       for errors and positions; `um` selects the usual unit of each (um or mm)
     force        N or kN
     frequency    Hz or rad/s
     gain         dB or ratios
-    rotary       rotary axis: lengths are angles, forces torques, masses inertias; the numbers are the same
+    rotary       True for a rotary axis: lengths become angles, forces torques, masses inertias, with the same numbers
     typographic  µ in place of u, ± in place of +-
 
     Raises ParameterError for a unit that is not in `CHOICES`.
@@ -218,7 +218,7 @@ class Quantity:
     """A number with its unit.
 
     value  in SI
-    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent, empty is a plain number
+    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent, no unit is a plain number
     error  standard error in SI, if known
     form   digits and unit for display, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
     stays  True if it is not a quantity of the axis: a length stays a length on a rotary axis

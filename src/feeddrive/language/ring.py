@@ -22,9 +22,9 @@ class Ring:
     cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
            or a symbol for each cell, for a target without indexed memory: every access then reads every cell.
     Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
-    r1.put(...), never two from r. A reset does not clear cells: a selection between a ring and a new one takes the
-    ring. A number in the state next to the ring counts the cells that are valid after a reset (see `History`).
-    Therefore a control with a guard rejects a ring that is not part of a `History` or a `Track`.
+    r1.put(...), never two from r. A reset does not clear cells: a selection between an existing ring and a new one
+    takes the existing one. A number in the state next to the ring counts the cells that are valid after a reset (see
+    `History`). Therefore a control with a guard rejects a ring that is not part of a `History` or a `Track`.
     """
 
     __slots__ = ("cells", "length")
@@ -162,7 +162,7 @@ class History(NamedTuple):
         return History(self.ring.put(self.head, value), head, filled, self.initial)
 
     def ago(self, count: Any) -> Any:
-        """Return the value `count` values before the newest, interpolated linearly; `count` is clamped."""
+        """Return the value `count` steps before the newest, interpolated linearly; `count` is clamped."""
         most = float(self.ring.length - 1)
         age = clip(count, 0.0, most)
         newer = floor(age)
@@ -213,7 +213,7 @@ class Track(NamedTuple):
         )
 
     def ago(self, count: Any, h: Any, ahead: float = 0.0) -> tuple[Any, ...]:
-        """Return the values `count` values before the newest (a real number), extrapolated by `ahead` of a step.
+        """Return the values `count` steps (a real number) before the newest, extrapolated by `ahead` steps.
 
             x(s) + ahead x'(s),   x the cubic through both values with both rates, s in 0 .. 1 between them
 
@@ -238,7 +238,7 @@ class Track(NamedTuple):
         return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """Return the rates at the older neighbor of the point `count` values before the newest; 0 before the first."""
+        """Return the rates at the older neighbor of the point `count` steps before the newest; 0 before the first."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )

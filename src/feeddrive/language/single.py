@@ -9,9 +9,9 @@ For the accuracy against 30-digit arithmetic see docs/accuracy.md.  The function
 return NaN beyond 1e4 rad, where neighboring floats are a thousandth of a radian apart.  Subnormal numbers count as 0.
 
 The reference evaluates a graph one operation after the other.  Each operation is rounded separately, subnormal numbers
-count as 0 with their sign, and the elementary functions are those above: it computes what a float build computes on any
-processor, bit for bit except for the payload of NaN.  Processors differ in one case: an exact result just
-below 2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶ on x86.
+count as 0 with their sign, and the elementary functions are those above: its results equal those of a float build on
+any processor, bit for bit except for the payload of NaN.  Processors differ in one case: an exact result just below
+2⁻¹²⁶ that rounds up to 2⁻¹²⁶ is 0 on ARM and here, and 2⁻¹²⁶ on x86.
 """
 
 import math
@@ -201,7 +201,7 @@ def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int,
 def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[np.ndarray]:
     """Return the values of some nodes in single precision, for inputs and tables by name: numbers, or arrays.
 
-    All arrays have one length.  Constants and leaves are rounded to float first.
+    All arrays have the same length.  Constants and leaves are rounded to float first.
 
     Raises KeyError for a missing leaf.
     """

@@ -43,7 +43,7 @@ class Column:
     """A column of a table.
 
     head       the title of the column, without unit
-    unit       SI unit of its numbers, shown in the head; None: text, and quantities that carry their own units
+    unit       SI unit of its numbers, shown in the head; None for text and for quantities, which carry their own units
     form       digits and unit for display of its numbers, see `Quantity`
     sentences  True if its cells are sentences, which may be wrapped
     """
@@ -125,7 +125,7 @@ class Table:
 
         Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
 
-    A head may be a plain text, which means `Column(text)`. If rows have different units, one column holds quantities
+    A head may be a plain string, which stands for a `Column`. If rows have different units, one column holds quantities
     and another one the cell `UNIT`.
 
     sentences  index of a column whose cells are sentences, if no `Column` is marked as such
@@ -252,7 +252,7 @@ def views_from(load: Callable[[type], object], draw: Callable[[Any], Any]) -> No
     """Set the function that registers chart, frame and report of a type of result, and the one that draws a chart.
 
     The first is called before chart, frame and report are looked up.  The package `feeddrive` calls this once when it
-    is imported, since this package may not import the plotting code.
+    is imported, since `feeddrive.language` may not import the plotting code.
     """
     _load_views[:], _draw[:] = [load], [draw]
 

@@ -27,7 +27,7 @@ KEEPS = "KEEPS_QUANTITIES"
 
 
 def keeps_marks() -> bool:
-    """Return True if the f-string whose `__format__` calls this is in a module that keeps quantities."""
+    """Return True if the f-string being formatted is in a module that keeps quantities; call it from `__format__`."""
     # two frames up: the caller of the `__format__` that calls this
     names = sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage]
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
@@ -37,7 +37,7 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """The mark of a quantity in an f-string: numbers as by `repr`, empty if absent.
+    """The mark of a quantity in an f-string: numbers as written by `repr`, empty strings if absent.
 
     flags  s: the unit is the same for a rotary axis; b: shown without its unit
     plain  the text in the usual units

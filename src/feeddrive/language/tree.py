@@ -3,7 +3,7 @@
 `leaves`, `rebuild`, `tables` and `structure` walk a tree by its own fields: `law.Kv` of a control, `control.law.Kv` of
 a loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
 under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  Outside
-a loop, the path of a parameter of a single block is its name by fields.
+a loop, the path of a parameter of a single block is its dotted field name.
 """
 
 import re
@@ -119,7 +119,7 @@ def select(condition: Any, a: Tree, b: Tree) -> Tree:
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """Select between two leaves. Between a ring and a new one, take the ring, which a reset does not clear."""
+    """Select between two leaves; of an old ring and a new one, take the old one: a reset does not clear cells."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -144,21 +144,21 @@ def parameters(tree: Any) -> dict[str, Any]:
 
 
 def path_of(tree: Any, name: str) -> str:
-    """Convert a name by fields to a path: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
+    """Convert a dotted field name to a path: `control.law.Kv` of a loop -> `axis.x.control.law.Kv`."""
     first, dot, rest = name.partition(".")
     is_field = isinstance(tree, Block) and first in declarations(type(tree))
     return f"{tree.place_of(first)}{dot}{rest}" if is_field else name
 
 
 def in_paths(block: Block, text: str) -> str:
-    """Replace the names by fields in a sentence, such as `control.law.Kp / control.law.Tn`, by paths."""
+    """Replace the dotted field names in a sentence, such as `control.law.Kp / control.law.Tn`, with paths."""
     fields = [field for field in declarations(type(block)) if block.place_of(field) != field]
     pattern = rf"(?<![\w.])({'|'.join(fields)})(?=\.\w)"
     return re.sub(pattern, lambda part: block.place_of(part[1]), text) if fields else text
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
-    """Convert the path of a leaf to its name by fields; `names` maps all paths. Raises ParameterError if unknown."""
+    """Convert the path of a leaf to its dotted field name; `names` maps all paths. Raises ParameterError if unknown."""
     names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
@@ -166,7 +166,7 @@ def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> st
 
 
 def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield path, name by fields, and value of every leaf."""
+    """Yield path, dotted field name, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
             yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
@@ -175,7 +175,7 @@ def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
 
 
 def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
-    """Return the error for an unknown path; for a name by fields it gives the correct path."""
+    """Return the error for an unknown path; for a dotted field name its message gives the correct path."""
     if path_of(block, path) in paths:
         return ParameterError(f"'{path}' is written '{path_of(block, path)}', as in a machine file")
     return ParameterError(f"there is no parameter '{path}'{nearest(path_of(block, path), paths)}")

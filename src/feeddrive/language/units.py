@@ -1,7 +1,7 @@
 """Unit conversion at the interfaces: internal values are in SI, and any other unit is always written with its name.
 
-A parameter declares its unit as text ("N s/m", "kg m2", "Hz").  A file may give the same parameter in another unit of
-the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_per_mm`, `dead_time_us`.
+A parameter declares its unit as a string ("N s/m", "kg m2", "Hz").  A file may give the same parameter in another unit
+of the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_per_mm`, `dead_time_us`.
 
 Angle is treated as a separate dimension, so that Hz (= 2π rad/s) and 1/s can never be confused.
 """
@@ -93,7 +93,7 @@ def measure(unit: str) -> tuple[float, Dimension]:
         product = factor {(" " | "_") factor}
         factor  = word [digit] | "1" | "(" unit ")"      the digit is an exponent
 
-    Raises ParameterError for a text that violates this grammar, and for a word that is not a unit.
+    Raises ParameterError for a string that violates this grammar, and for a word that is not a unit.
     """
     if unit == "":
         return 1.0, _NONE
@@ -109,7 +109,7 @@ _DEEPEST = 8  # nesting depth of parentheses
 
 
 def _quotient(unit: str, tokens: list[str], at: int, depth: int) -> tuple[float, Dimension, int]:
-    """Parse products from a token on; return factor, dimension and the index of the next token."""
+    """Parse products starting at a token; return factor, dimension and the index of the next token."""
     size, total, sign, empty = 1.0, list(_NONE), 1, True
     while at < len(tokens) and tokens[at] != ")":
         token = tokens[at]
@@ -150,7 +150,7 @@ def response(unit: str) -> tuple[str, float] | None:
     """Return the canonical SI name of a unit of motion per force, current or voltage, and the factor to it.
 
     `um/N` is m/N times 1e-6, `rad/(s N m)` and `rad/(N m s)` are (rad/s)/(N m), `mm/s/A` is (m/s)/A times 1e-3.
-    Returns None for the unit of another quantity. Raises ParameterError for a text that is not a unit.
+    Returns None for the unit of another quantity. Raises ParameterError for a string that is not a unit.
     """
     # for its error: in the loop a ParameterError only means another quantity
     measure(unit)
@@ -246,8 +246,8 @@ def scaled(value: Any, factor: float) -> Any:
 def shortest(value: float, factor: float) -> str:
     """Return the shortest decimal that `scaled` converts to a value: 0.2 for 2e-7 and the factor 1e-6.
 
-    Some values are not the scaled value of any number; then the decimal of the quotient is returned, whose scaled
-    value is within one rounding of the value.
+    If no number converts exactly to the value, the decimal of the quotient is returned, which converts to it within
+    one rounding.
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]

@@ -2,7 +2,7 @@
 
 `//` and `%` follow Python's definition in exact steps. They are written in the kernel language; the interpreter uses
 Python's own operators. The trigonometric functions are the arithmetic of `language/mathematics.py`, traced to LLVM
-text. No library is called, so that the results have the same bits on every machine.
+text. No library is called, so that the results are bit-identical on every machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ _WHOLE = 4503599627370496.0
 def left_over(x: float, y: float) -> float:
     """Return the exact remainder of x / y with the sign of x (C's fmod); NaN if x is infinite or y is 0.
 
-    y is doubled up to x, then subtracted wherever it fits: a difference of numbers within a factor of 2 is exact.
+    y is doubled up to x, then halved step by step and subtracted wherever it fits.  Each difference is exact, since its
+    operands are within a factor of 2.
     """
     rest, part = abs(x), abs(y)
     if not (rest < _INFINITY and part > 0.0):
@@ -92,7 +93,7 @@ _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 
 
 class Elementary(NamedTuple):
-    """A function that kernels call by name; called from Python, it gives the same bits."""
+    """A function that kernels call by name; a call from Python gives bit-identical results."""
 
     name: str
     function: Callable[..., Any]
@@ -105,7 +106,7 @@ class Elementary(NamedTuple):
 
     @property
     def symbol(self) -> str:
-        """The name of its LLVM function."""
+        """The name of the LLVM function."""
         return f"@elementary.{self.name}"
 
     def printed(self) -> tuple[str, list[Elementary]]:

@@ -1,8 +1,8 @@
 """The kernel decorator, kernel calls, and the machine code of the kernels of a file.
 
-A kernel of another file is called as an external function, linked to the code of that file, so that each is compiled
-only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with optimizer passes
-and better instruction selection; results and errors are identical.
+A kernel of another file is called as an external function, linked to the code of that file, so that every file is
+compiled only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with
+optimizer passes and better instruction selection; results and errors are identical.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Unit:
 
     @cached_property
     def number(self) -> int:
-        """The number of the file in the statuses of its kernels."""
+        """The number that identifies the file in the status codes of its kernels."""
         # 40 bits: with the bits of _KERNEL and _FAILURE a status stays positive in 64 bits
         return int(self.key[:10], 16)
 
@@ -221,15 +221,15 @@ class Unit:
 
     @property
     def quick(self) -> bool:
-        """True if its code was compiled quickly."""
+        """True unless the code was compiled thoroughly."""
         return self._effort is QUICK
 
     @staticmethod
     def ran(seconds: float) -> None:
         """Add to the time spent in quickly compiled code; beyond a threshold, recompile all code thoroughly.
 
-        All files are recompiled at once, so that a long program pauses only once, and its memory grows early: LLVM
-        takes 30 MB.
+        All files are recompiled at once, so that a long program pauses only once, and the 30 MB that LLVM
+        needs are allocated early.
         """
         Unit.spent += seconds
         if Unit.spent > _LONG:
@@ -239,7 +239,7 @@ class Unit:
                     unit.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
-        """Compile its code and that of the files it calls with the given effort, unless already done."""
+        """Compile the code of this file and of the files that it calls with the given effort, unless already done."""
         with _lock:
             # called files first: the code of a caller contains their addresses
             for unit in self.units:
@@ -248,7 +248,7 @@ class Unit:
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
-        """The units of the files whose kernels it calls, in dependency order, with this unit last."""
+        """The units of the called files in dependency order, followed by this unit."""
         units = dict[Unit, None]()
         for source in self.sources:
             for kernel in _kernels(source):
@@ -263,7 +263,7 @@ class Unit:
         return unit.function(unit.sources[place]).failures[(status & (1 << _FAILURE) - 1) - 1]
 
     def _linked(self, effort: Effort, stored: bool = False) -> MachineCode | None:
-        """Return machine code of an effort, linked to that of other files; with `stored`, None if it is not on disk."""
+        """Return machine code linked to that of the called files; with `stored`, return None if it is not on disk."""
         names = [*map(self.symbol, self.sources), *map(_ENTRY.format, range(len(self.sources)))]
         below = [unit.code for unit in self.units[:-1]]
         # every file has entry functions of the same names: only kernels, whose names are unique, are linked
@@ -373,7 +373,7 @@ class _Compiled(NamedTuple):
 
 
 class Kernel(Generic[_P, _R]):
-    """A function of numbers and arrays that gives the same bits and errors interpreted and compiled.
+    """A function of numbers and arrays whose results are bit-identical, and errors equal, interpreted and compiled.
 
     The first call of a kernel compiles all kernels of its file and of those that they call. A call checks types: int is
     accepted for float, no array is copied. `python` is the decorated function; `with interpreted():` runs it
@@ -548,7 +548,7 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """Return the expected type of an argument: float or an array's dtype, its number of indices, record columns."""
+    """Return what an argument must be: float or an array's dtype, the number of indices and of record columns."""
     cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
     return cell, kind.dimensions, kind.width if kind.layout else 0
 
@@ -564,12 +564,12 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return the address of an array's first cell, read from the object: NumPy's API is as slow as a small kernel."""
+    """Return the address of an array's first cell, read from the object: calls of NumPy's API are too slow."""
     return ctypes.c_size_t.from_address(id(array) + _DATA).value if _READS_THE_OBJECT else array.ctypes.data
 
 
 def _reads_the_object() -> bool:
-    """Return True if the array object stores the address where `_address` reads it, as all NumPy versions so far do."""
+    """Return True if the array object stores the address where `_address` reads it, as in all NumPy versions so far."""
     probe = np.zeros(1)
     is_cpython = sys.implementation.name == "cpython"
     return is_cpython and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
@@ -593,7 +593,7 @@ def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
 
 @contextmanager
 def interpreted() -> Generator[None]:
-    """Run all kernels of this thread as plain Python, as the oracle of tests and for debuggers."""
+    """Run all kernels of this thread as plain Python, as a reference for tests and for debugging."""
     token = _mode.set("interpreted")
     try:
         yield

@@ -1,7 +1,7 @@
 """Kernels as LLVM text: names and records, expressions, assignments, statements, and the whole function.
 
-A record is a value without memory of its own: as a variable, parameter or result it is stored as separate fields, and
-in an array as the numbers of a row.  So it costs the same as its numbers alone.
+A record has no memory of its own: as a variable, parameter or result it is stored as separate fields, and in an array
+as the numbers of a row.  It therefore costs no more than its numbers.
 """
 
 from __future__ import annotations
@@ -397,7 +397,7 @@ class Expressions(Names):
         return Value(array.type._replace(dimensions=len(rest)), address, rest, array.root)
 
     def counted(self, index: Value, size: str) -> str:
-        """Return an index counted from the start; a negative one counts from the end."""
+        """Return an index counted from the start; a negative `index` counts from the end."""
         if index.sure:
             return index.text
         if index.literal is None:
@@ -523,7 +523,7 @@ class Expressions(Names):
         return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
 
     def extreme(self, node: ast.Call) -> Value:
-        """Print `min` or `max`: a later argument wins only if strictly smaller or larger (NaN, -0.0)."""
+        """Print `min` or `max`: a later argument is taken only if strictly smaller or larger (NaN, -0.0)."""
         values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(value.type != kind for value in values):
@@ -531,7 +531,7 @@ class Expressions(Names):
         return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
 
     def to_whole(self, node: ast.Call) -> Value:
-        """Print `int`, `floor` or `ceil`: rounding towards zero, down, up."""
+        """Print `int`, `floor` or `ceil`, which round towards zero, down or up."""
         x = self.expression(self.one(node))
         function = self.outside(node.func)
         if x.type == INT:
@@ -620,7 +620,7 @@ class Assignments(Expressions):
             self.assigned |= {name}
 
     def variable(self, value: Value, name: str) -> Variable:
-        """Allocate a variable of this type, with separate slots for its fields."""
+        """Allocate a variable for a value, with separate slots for the fields of a record."""
         if value.parts:
             parts = tuple(self.variable(part, f"{name}{place}.") for place, part in enumerate(value.parts))
             return Variable(value.type, (), parts)

@@ -207,14 +207,14 @@ class Signature(NamedTuple):
 
     @property
     def leaves(self) -> list[tuple[str, Type]]:
-        """The names and types of the numbers and arrays among its parameters, records flattened."""
+        """The names and types of the numbers and arrays among its parameters, with records flattened."""
         return [leaf for name, kind in zip(self.names, self.parameters, strict=True) for leaf in kind.leaves(name)]
 
 
 def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
-    """Return the function that begins at a line and ends before the next text in the first column, if it parses.
+    """Return the function that begins at a line and ends before the next text in the first column.
 
-    If that is not its end, within a multi-line string or brackets, the text cannot be parsed and None is returned.
+    The result is None if the lines cannot be parsed, because that text is within a multi-line string or brackets.
     """
     begun, last = False, first - 1
     for line in lines[first - 1 :]:
@@ -382,7 +382,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Mark a function as a helper of compiled kernels, which Python code does not call."""
+    """Mark a function as a helper that only compiled kernels call."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source

@@ -62,7 +62,7 @@ class Value(NamedTuple):
 
     @property
     def leaves(self) -> list[Value]:
-        """The numbers and arrays of this value, records flattened."""
+        """The numbers and arrays of this value, with records flattened."""
         return [leaf for part in self.parts for leaf in part.leaves] if self.parts else [self]
 
     @property
@@ -111,7 +111,7 @@ class Text:
     """The writer of the lines of one function, block by block.
 
     A function returns {status, results...}.  Status 0 is success; any other status is the 1-based index of a `Failure`
-    in the list of a kernel, with the number of that kernel in the bits above.
+    in the list of a kernel, with the number of that kernel in the higher bits.
     """
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
@@ -143,7 +143,7 @@ class Text:
         return name
 
     def value(self, text: str) -> str:
-        """Return the value of an operation without side effects, computed once on a path."""
+        """Return the value of an operation without side effects, which is computed only once on each path."""
         value = self.facts.get(text)
         if value is None:
             value = self.facts[text] = self.emit(text)
@@ -217,7 +217,7 @@ class Text:
 
 
 def struct_type(results: Sequence[Type]) -> str:
-    """Return the LLVM return type of a kernel: its status and its results, records as separate fields."""
+    """Return the LLVM return type of a kernel: its status and its results, with records as separate fields."""
     leaves = [leaf.llvm for result in results for _, leaf in result.leaves("")]
     return f"{{ {', '.join(['i64', *leaves])} }}"
 
@@ -299,7 +299,7 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"extractvalue {{ i64, i1 }} {both}, 0"))
 
     def floor_division(self, left_over: bool, left: Value, right: Value, node: ast.AST) -> Value:
-        """Print integer `//` or `%`: the processor rounds to zero, Python down; division by -1 may trap."""
+        """Print integer `//` or `%`: processors round towards zero, Python rounds down; division by -1 may trap."""
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
         # -2⁶³ by -1 overflows, which is undefined in LLVM: divide by 1, and change the sign below
@@ -361,7 +361,7 @@ class Arithmetic(Text):
         return self.mixed(kind, left, right)
 
     def mixed(self, kind: type[ast.cmpop], whole: Value, real: Value) -> str:
-        """Compare an integer with a float: by its nearest float and, if these are equal, as integers."""
+        """Compare an integer with a float: as floats and, if these are equal, as integers."""
         rounded = self.as_float(whole)
         order = self.value(f"fcmp {_FLOAT_ORDER[kind]} double {rounded}, {real.text}")
         if whole.literal is not None and abs(whole.literal) <= 2**53:
@@ -378,7 +378,7 @@ class Arithmetic(Text):
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
-        """Print the minimum or maximum; a later number wins only if strictly smaller or larger (NaN, -0.0)."""
+        """Print the minimum or maximum; a later number is taken only if strictly smaller or larger (NaN, -0.0)."""
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
         better = order[kind]
@@ -390,7 +390,7 @@ class Arithmetic(Text):
         return Value(one, best)
 
     def rounded(self, x: str, function: object, node: ast.AST) -> Value:
-        """Print the conversion of a float to an integer: towards zero, down or up."""
+        """Print the conversion of a float to an integer, rounded towards zero, down or up."""
         # 2⁶³ is too large, -2⁶³ is not; a NaN fails both
         below = self.value(f"fcmp olt double {x}, {_TOP}")
         above = self.value(f"fcmp oge double {x}, {number(-(2.0**63))}")
