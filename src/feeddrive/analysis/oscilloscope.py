@@ -406,7 +406,7 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """True if no trigger occurred after the last captured window for a window's length, the holdoff and 2 s."""
+        """True if no trigger followed the last captured window for longer than a window, the holdoff and 2 s."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)

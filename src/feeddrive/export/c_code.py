@@ -732,7 +732,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the lines that set the outputs, with the safe force, without a valid configuration; empty for a plant."""
+    """Return the lines that set the outputs, with the safe force, if no configuration is valid; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""

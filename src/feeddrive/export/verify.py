@@ -190,7 +190,7 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, whose files equal the checked ones, so that no file can change between check and run."""
+    """Run the fresh export, whose code equals the checked one, so that no file can change between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     # a short trial has some ten broken numbers, too
