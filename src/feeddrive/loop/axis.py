@@ -22,9 +22,9 @@ CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
 class Axis(Block):
     """One axis, from the commanded force to the encoder readings.
 
-    Over each substep h = T/substeps the linear core moves exactly for forces that are constant in it; forces that
-    depend on the motion are taken at the predicted middle, x + v h/2; friction is the force that fits the velocity
-    at the end of the substep.  The order in the substep is 2 without friction and 1 with it.
+    Over each substep h = T/substeps, the linear core is integrated exactly for constant forces.  Forces that depend on
+    the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the velocity
+    at the end of the substep.  The order of accuracy in h is 2 without friction and 1 with it.
     """
 
     plant: Plant = part("the linear mechanics")
@@ -38,8 +38,8 @@ class Axis(Block):
     rotary: bool = choice("the axis turns: positions in rad, forces in N m, masses in kg m2", default=False)
 
     class State(NamedTuple):
-        """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if it lags, and states of friction,
-        forces and encoders.
+        """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if the drive has a lag, and states of
+        friction, forces and encoders.
         """
 
         position: tuple[Number, ...]
@@ -53,15 +53,15 @@ class Axis(Block):
         forces: tuple[Any, ...]
 
     class Step(NamedTuple):
-        """The forces in N over the last substep of a sample, for the record."""
+        """The forces in N over the last substep of a sample, to be recorded."""
 
         friction_motor: Number
         friction_load: Number
         drive: Number
 
     def check(self) -> None:
-        """Check that a rotary axis has no screw, that a one-body plant has one friction, and that forces suit the
-        plant.
+        """Check that a rotary axis has no screw, that a one-body plant has one friction, and that the plant supports
+        all forces.
         """
         of_screw = "lead" in declarations(type(self.plant)) or (
             self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
@@ -87,7 +87,7 @@ class Axis(Block):
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """Return the number of whole samples of dead time and whether a fraction remains. All lanes must agree."""
+        """Return the number of whole samples of dead time and True if a fraction remains; all variants must agree."""
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -133,8 +133,8 @@ class Axis(Block):
         return Port(rows, lag, self.actuator.dead_time, timing)
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
-        """Return the state of a rigid-body motion at `velocity` (m/s), the load at `position` (m), with springs and
-        drive unloaded.
+        """Return the state of a rigid-body motion at `velocity` (m/s) with the load at `position` (m), without spring
+        and drive forces.
         """
         along = self.plant.mechanics().rigid_motion()
         rigid = Motion(position, position, velocity, velocity)
@@ -151,7 +151,7 @@ class Axis(Block):
         )
 
     def motion(self, state: State) -> Motion:
-        """Return the true position and velocity of the motor's and the load's body."""
+        """Return the true position and velocity of the motor body and the load body."""
         mechanics = self.plant.mechanics()
         motor, load = mechanics.shape[mechanics.motor], mechanics.shape[mechanics.load]
         return Motion(
@@ -162,7 +162,7 @@ class Axis(Block):
         )
 
     def read(self, state: State, motion: Motion, noise: Noise, T: Number) -> tuple[State, Number, Number]:
-        """Return the readings of the motor's and the load's encoder at kT; a single encoder gives both."""
+        """Return the readings of the motor and load encoders at kT; a single encoder gives both."""
         state_motor, motor = state.encoder_motor, motion.position_motor
         state_load, load = state.encoder_load, motion.position_load
         if self.encoder_motor is not None:
@@ -174,7 +174,7 @@ class Axis(Block):
         return state._replace(encoder_motor=state_motor, encoder_load=state_load), *self._readings(motor, load)
 
     def still(self, position: Number) -> tuple[Number, Number]:
-        """Return the readings of the motor's and the load's encoder at standstill at `position`, without noise."""
+        """Return the readings of the motor and load encoders at standstill at `position`, without noise."""
         motor = position if self.encoder_motor is None else self.encoder_motor.still(position)
         load = position if self.encoder_load is None else self.encoder_load.still(position)
         return self._readings(motor, load)
@@ -198,7 +198,7 @@ class Axis(Block):
 
 
 def _part(share: Any, x: Any) -> Any:
-    """Return share · x, with a zero of the type of x."""
+    """Return share · x; a zero result has the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
 
@@ -210,8 +210,8 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Yield the conditions that current loop (Hz), damping and modes are slow enough for substeps of h s; `what` names
-    them.
+    """Yield the conditions that current loop (Hz), damping and modes are slow enough for a substep h (s); `what` names
+    the plant in messages.
     """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:

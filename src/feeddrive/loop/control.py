@@ -18,17 +18,17 @@ from feeddrive.loop.guard import Guard
 
 
 class Control(Block):
-    """One sample of the controller; its parts are in the order of the signal.
+    """One sample of the controller, with its parts in the order of the signal flow.
 
         setpoint -> prefilter -> compensation -> law -> filters -> + feedforward + compensation -> limit -> force
 
-    Compensation moves the setpoint or adds a force; feedforward and compensation bypass the filters.  The force
+    Compensation shifts the setpoint or adds a force; feedforward and compensation bypass the filters.  The force
     actually commanded and the requested force are fed back to law and compensation with the next reading, as `applied`
     and `requested`.
 
-    With `feedback_delay` the law receives the setpoint later than the feedforward by this time, by a Taylor series up
-    to snap.  The feedforward force, which acts after the dead time, then coincides with its set motion, and the
-    feedback sees no error.  The axis lags by the same time, so all axes of a machine need the same value.
+    With `feedback_delay`, the law receives a setpoint that is delayed by this time, computed by a Taylor series up to
+    snap.  The feedforward force, which acts after the dead time, then coincides with its set motion, and the feedback
+    sees no error.  The axis lags by the same time, so all axes of a machine need the same value.
     """
 
     law: Law = part("the feedback law")
@@ -82,7 +82,7 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """Forces in N: commanded, requested before the limit, its three parts; the trip code; 1 while the loop runs."""
+        """Forces in N (commanded, requested before the limit, and its three parts), trip code, and 1 while running."""
 
         applied: Number
         requested: Number
@@ -191,8 +191,8 @@ class Control(Block):
     def answer(
         self, prepared: Prepared, state: State, judged: Judged, T: Number, added: Number | None = None
     ) -> tuple[State, Command]:
-        """Compute the second half of a sample; `added`, m/s, is added to the law's velocity command
-        (`Law.position_gain`).
+        """Compute the second half of a sample; `added` (m/s) is added to the law's velocity command (see
+        `Law.position_gain`).
         """
         reading = self._reading(state, judged.motor, judged.load)
         verdict = judged.verdict
@@ -212,15 +212,15 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return the set-position shift by compensation that is due to the reading alone, m; the rest is motion."""
+        """Return the part of the compensation's set-position shift that depends only on the reading, m."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Self, place: str = "control") -> None:
-        """Raise StructureError, naming the first difference, if more than numbers differ between this control and
-        `old`.
+        """Raise StructureError, naming the first difference, if this control and `old` differ in more than parameter
+        values.
         """
         differs = tree.difference(old, self, place)
         if differs is not None:
@@ -231,7 +231,8 @@ class Control(Block):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state after a bumpless live change from `old` to this control between two samples.
 
-        Only numbers may differ: raises StructureError if a block, a choice or the presence of a parameter differs.
+        Only parameter values may differ. Raises StructureError if a block, a choice or the presence of a parameter
+        differs.
         """
         self.check_live(old)
         held = state.memory
@@ -304,9 +305,9 @@ def _less(force: Any, carried: Any) -> Any:
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
-    """Return the state and the force from a law's answer; in a trace the state must keep its structure.
+    """Return the state and the force that a law's step returned; during tracing, the state must keep its structure.
 
-    Raises StructureError, naming what the law returned instead.
+    Raises StructureError, naming what the law returned, if this is not the case.
     """
     # exported code calls the second part `found_1`: a local name of traced code is a name in the export (`Names`)
     if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
@@ -323,7 +324,7 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can clear the memory: a `History` or a `Track` counts its valid values, a ring does not."""
+    """Check that a reset can clear the memory, which is impossible for a ring outside a `History` or a `Track`."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "

@@ -27,7 +27,9 @@ class Shared(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """The forces on an axis over a sample: the command before and after its handover, and a held force on the load."""
+    """The forces on an axis over a sample: the commands after and before the handover, and a constant force on the
+    load.
+    """
 
     new: Number  # N
     old: Number | None  # N; None without a part of a sample of dead time
@@ -35,7 +37,7 @@ class Acting(NamedTuple):
 
 
 class Push(NamedTuple):
-    """Forces in N on the motor's and on the load's body; None where there is none."""
+    """The forces in N on the motor body and the load body; None for no force."""
 
     motor: Any = None
     load: Any = None
@@ -47,13 +49,13 @@ class Push(NamedTuple):
 class Core:
     """Axes whose linear mechanics form one joint system.
 
-    The coordinates are those of the axes, one after the other, and then the shared modes; springs act between tables.
-    A mode η adds shape · η to the position of each body that it moves, and a force on the body acts on it with the same
-    shape:
+    The coordinates are those of the axes, one after the other, and then the shared modes; springs act between tables. A
+    mode η adds shape · η to the position of each body that it moves, and a force on the body acts on the mode with the
+    same factor:
 
         mass η'' + damping η' + stiffness η = Σ shape · f
 
-    For a single axis without modes the arithmetic is that of the axis alone.
+    A single axis without modes is computed with the same arithmetic as the axis alone.
     """
 
     def __init__(
@@ -78,7 +80,7 @@ class Core:
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """Return the joint matrices, with viscous friction in the damping, without the shape matrix."""
+        """Return the joint matrices without the shape matrix; the damping includes viscous friction."""
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -111,9 +113,9 @@ class Core:
         return first[0]
 
     def _rows(self, name: str) -> Rows:
-        """Return the shape-matrix rows of the drive, the motor's and the load's body of an axis over all coordinates.
+        """Return the shape-matrix rows of the drive, the motor body and the load body of an axis over all coordinates.
 
-        A mode acts on the drive and the motor's body with its shape at the motor, on the load's body with its shape at
+        A mode acts on the drive and the motor body with its shape at the motor, and on the load body with its shape at
         the load, even where the two are one body.
         """
         plain, place = self._plain[name], self._places[name]
@@ -127,7 +129,7 @@ class Core:
         )
 
     def motion(self, name: str, states: Mapping[str, Axis.State], shared: Shared) -> Motion:
-        """Return the true position and velocity of the motor's and the load's body of an axis."""
+        """Return the true position and velocity of the motor body and the load body of an axis."""
         _, motor, load = self._rows(name)
         position, velocity = self._joined(states, shared)
         return Motion(
@@ -161,8 +163,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep of h seconds from `time` on: linear core exact, forces at mid-substep, friction at its
-        end.
+        """Compute one substep h (s) that starts at `time`: the linear core is exact, other forces are evaluated at
+        mid-substep, and friction at the end.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """
@@ -263,7 +265,7 @@ def _outer(factor: Number, row: Row) -> matrix.Matrix:
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
-    """Return the forces over the sample in which a command in N is issued, and the state that stores the command."""
+    """Return the forces over the sample in which a command (N) is issued, and the state that stores the command."""
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
     # newest first: the last commands are those whose dead time ends in this sample
@@ -295,7 +297,7 @@ def _sum(a: Any, b: Any) -> Any:
 def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
     """Return the mean drive force in N over a substep, including the handover from one command to the next.
 
-    `lag` is the index of the drive force among the states, if it lags.
+    `lag` is the index of the drive force among the states, if the drive has a lag.
     """
     if state.drive:
         moved = change[lag][lag] * state.drive[0] + columns.new[index][lag] * at.new
@@ -331,7 +333,7 @@ def settle(
     h: Number,
     sweeps: int,
 ) -> tuple[list[Any], list[Answer]]:
-    """Return the state at the end of a substep h, from its start and the frictionless end `free`.
+    """Return the state at the end of a substep h with friction, where `free` is the final state without friction.
 
     Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
     """
@@ -366,7 +368,7 @@ def plus(x: Any, column: Any, force: Any) -> Any:
 
 
 def share_mass(mechanics: Mechanics) -> bool:
-    """True if a force on the motor's body accelerates the load's body directly: by a full mass matrix, or in a modal
+    """True if a force on the motor body directly accelerates the load body, through a full mass matrix or in a modal
     model.
     """
     n = len(mechanics.mass)
@@ -378,10 +380,10 @@ def share_mass(mechanics: Mechanics) -> bool:
 def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h: Number) -> None:
     """Set the velocity of a body that sticks at the end of a substep to exactly zero.
 
-    The last coordinate with the share 1 cancels all others; it must be the last for the sum row · q' to be exactly 0.
-    The body stops after a constant deceleration to rest, at x + v h/2, and so keeps its position if it was at rest; the
-    friction force, a mean over the substep, would let it creep while a spring on it is loaded.  Where two bodies share
-    a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
+    The last coordinate with a factor of 1 cancels all others; only the last one makes the sum row · q' exactly 0.  The
+    body is assumed to decelerate uniformly to rest at x + v h/2, so it keeps its position if it was at rest.  With the
+    friction force alone, which is a mean over the substep, it would creep under a loaded spring.  Where two bodies
+    share a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
     """
     last = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if last is None:
@@ -400,8 +402,8 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 class Joint:
     """The physics of axes by name with the couplings between them: a machine without its controls.
 
-    Axes that share structure modes move in one exact hold; all others have their own.  Couplings act at common
-    substeps, from the motions of all axes at the same instant.
+    Axes that share structure modes have a common exact hold; each other axis has its own.  Couplings act at common
+    substeps, based on the motions of all axes at the same instant.
     """
 
     class Prepared(NamedTuple):
@@ -491,8 +493,8 @@ class Joint:
     def advance(
         self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
     ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """Advance all axes from kT to (k+1)T; return the state and, by axis, forces for the record and mean table
-        force.
+        """Advance all axes from kT to (k+1)T; return the state and, by axis, the forces to be recorded and the mean
+        table force.
         """
         moved: dict[str, Axis.State] = state.axis._asdict()
         shared, remembered = list(state.shared), list(state.couplings)
@@ -525,7 +527,7 @@ class Joint:
         middle: Number,
         h: Number,
     ) -> dict[str, Push]:
-        """Return the coupling forces by axis in the middle of a substep, and update the states of the couplings."""
+        """Return the coupling forces by axis at the middle of a substep, and update the states of the couplings."""
         motions: dict[str, Motion] = {}
         pushes: dict[str, Push] = {}
         for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
@@ -560,7 +562,7 @@ def _type(names: tuple[str, ...]) -> Any:
 
 
 def _mean(held: Any, coupled: list[Any]) -> Any:
-    """Return the mean force on a table over the sample; None if there is none."""
+    """Return the mean force on a table over the sample, or None for no force."""
     total: Any = None
     for force in coupled:
         total = force if total is None else total + force

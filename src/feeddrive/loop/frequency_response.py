@@ -14,7 +14,7 @@ from feeddrive.language.text import Text
 def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarray) -> np.ndarray:
     """Return c (z - A)⁻¹ b + d at every z, shape (n,), from the Schur form of the balanced A by back substitution.
 
-    The transformation is unitary, so the result is as accurate as solving for each z; it is ten times as fast, a
+    The transformation is unitary, so the result is as accurate as solving for each z, but ten times as fast, and a
     hundred times for 200 states.
     """
     # imported here: commands that only read files do not load scipy
@@ -68,8 +68,8 @@ class FRF(Result):
 
         var(c G) = |c|² var(G),   var(c + G) = var(G),   var(1/G) = var(G)/|G|⁴
 
-    Two FRFs with variances usually come from one experiment, so that their errors are correlated in an unknown way:
-    their combination has no variance.  An FRF without variance counts as exact when combined with one that has it.
+    Two FRFs with variances usually come from one experiment, so their errors are correlated in an unknown way.  Their
+    combination therefore has no variance.  An FRF without variance counts as exact when combined with one that has it.
     Raises ParameterError for frequencies that are not positive and increasing, for NaN, for a coherence outside 0..1
     and for a variance below 0.
     """
@@ -152,12 +152,14 @@ class FRF(Result):
         """The radius of the 95 % confidence disc around each value, √(-ln 0.05 · variance); None if the variance is
         unknown.
 
-        It holds for a complex normal error whose variance is known, not estimated from few averages.
+        It is valid for a complex normal error whose variance is known, not estimated from few averages.
         """
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """Return the variance, else that from the coherence for this number of averages (`variance_of`), else None."""
+        """Return the variance if known, or compute it from the coherence for this number of averages (see
+        `variance_of`); None if neither is known.
+        """
         if self.variance is None and self.coherence is not None:
             return variance_of(self.response, self.coherence, averages)
         return self.variance

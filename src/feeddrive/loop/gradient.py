@@ -29,7 +29,7 @@ from feeddrive.loop.trace import Carried, Program, lengths, node, node_values
 
 @dataclass(frozen=True, eq=False)
 class TracedModel:
-    """The matrix [A B; C D] of a linear model as nodes of a graph, for the entries that are not plain zeros.
+    """The matrix [A B; C D] of a linear model as nodes of a graph, without the entries that are constant zeros.
 
     Rows are the `states` followed by the outputs, columns the states followed by the inputs.  `leaves` are the graph's
     inputs by name.
@@ -288,12 +288,12 @@ def require_slopes(
     """Raise NoSlopeError, naming the line, if outputs depend on a root or logarithm of 0 or on a choice at its
     threshold.
 
-    moving  seeds that an input can reach; a choice that depends on a counter alone is ignored
+    moving  seeds that an input can affect; a choice that depends only on a counter is ignored
     kinds   kinds of the blocks whose choices are checked
 
-    A number counts as 0 within its rounding error, a reading within one encoder count: √|s| has a slope of 1e8 for
-    an s of 1e-17, which is meaningless for the loop.  A choice is at its threshold if its two operands are equal.
-    Returns at once for a graph without such operations, and if the numbers themselves are not finite.
+    A number counts as 0 within its rounding error, a reading within one encoder count: for s = 1e-17, √|s| has a slope
+    of 1e8, which is meaningless for the loop.  A choice is at its threshold if its two operands are equal.  Nothing is
+    checked for a graph without such operations, or if the numbers themselves are not finite.
     """
     there = [index for index in graph.lines if index in values]
     steep = [index for index in there if graph.name(index) != "select"]
@@ -349,8 +349,8 @@ def _operands(graph: Graph, index: int) -> tuple[int, ...]:
 def _at_edge(
     graph: Graph, index: int, operands: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
-    """True if the argument of a root is 0, or if a choice at its threshold has two different values, within
-    rounding.
+    """True if, within rounding errors, the argument of a root is 0 or a choice at its threshold has two different
+    values.
     """
     if len(operands) == 1:
         return bool(abs(values[operands[0]]) <= rounding[operands[0]])
@@ -452,14 +452,13 @@ def gradient(
 ) -> Gradient:
     """Return the mean of `objective(signals)` over a run and its derivatives with respect to parameters by path.
 
-    Paths are those of the loop, such as `axis.x.control.law.Kv`.  Forward mode: eight tangents are computed as one
-    vector along with the run.  `objective` is plain arithmetic on the `Signals` of one sample; for a machine on a
-    mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its present state,
-    stuck or sliding, with the instants of sticking held fixed: tune with `Regularised` friction, and verify with the
-    real one.
-    The derivative with respect to a dead time of whole substeps is the right-hand one.
-    Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
-    a root or logarithm at 0 in the run leaves no finite gradient.
+    Paths are those of the loop, such as `axis.x.control.law.Kv`.  Eight tangents at a time are computed as one vector
+    along with the run (forward mode).  `objective` is plain arithmetic on the `Signals` of one sample; for a machine it
+    takes a mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its
+    present state, stuck or sliding, with the instants of sticking held fixed.  Therefore tune with `Regularised`
+    friction, and verify with the actual friction.  The derivative with respect to a dead time of whole substeps is the
+    right-hand one.  Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the
+    design; NoSlopeError if a root or logarithm at 0 during the run makes the gradient infinite or undefined.
     """
     check_system(loop)
     checked_signals(loop, (), arithmetic)
@@ -533,7 +532,9 @@ def _signals(loop: System, program: Program) -> Any:
 def _augmented(
     loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
-    """Return the program extended by the summed cost and the tangents of everything that depends on the parameters."""
+    """Return the program extended by the accumulated cost and by the tangents of all nodes that depend on the
+    parameters.
+    """
     graph = program.graph
     summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
@@ -577,7 +578,8 @@ _traced: Recent[TracedBeginning] = Recent(64)
 def _seeds(
     loop: System, prepared: Prepared, setpoint: Any, start: Any, parameters: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return the nonzero derivatives of constants and initial states with respect to the parameters, (parameters,).
+    """Return the nonzero derivatives of constants and initial states with respect to the parameters, each of shape
+    (parameters,).
 
     They come from the trace of `prepare` and `start`, which run once before the simulation.
     """
@@ -617,7 +619,9 @@ def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
 
 
 def _starts(setpoint: Any, start: Any) -> dict[str, Any]:
-    """Return the numbers of the first setpoint and of the start by name; for a machine prefixed by the axis."""
+    """Return the numbers of the first setpoint and of the start by name; for a machine the names are prefixed by the
+    axis.
+    """
     if isinstance(setpoint, Mapping):
         rows = {axis: _starts(one, start[axis]) for axis, one in setpoint.items()}
         return {f"{axis}.{name}": value for axis, row in rows.items() for name, value in row.items()}

@@ -40,31 +40,32 @@ COMMAND_LIMIT = 1e18
 class Guard(Block):
     """The guard of a loop: it switches to the safe force when a bound is violated, until the loop is disabled.
 
-    It acts in the sample in which the bound is violated.
-    A reading that is NaN or beyond `reading_limit` is broken, and so is a setpoint with a NaN or infinite number in it.
-    For at most `hold_samples` in a row the last command is held.  Law and observers then see an extrapolated reading:
-    the last good one plus the motion of the sample before; the setpoint likewise.  After that the loop trips.  It trips
-    at once on a following error, a velocity or a position beyond its bound, on a command that is NaN, and when it is
-    enabled on a broken reading.
+    It acts in the sample in which the bound is violated.  A reading that is NaN or beyond `reading_limit` is invalid,
+    and so is a setpoint that contains a NaN or infinite number.  For at most `hold_samples` invalid samples in a row,
+    the last command is held.  Law and observers then receive an extrapolated reading, which is the last valid one plus
+    the motion in the previous sample; the setpoint is extrapolated in the same way.  After that the loop trips.  It
+    trips immediately if a following error, a velocity or a position exceeds its bound, if a command is NaN, and if the
+    loop is enabled on an invalid reading.
 
     A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
-    observers to the present position.  An `enable` that is NaN counts as off.
-    A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging
-    one it is the force that carries the weight, so that the axis stays at rest while the brake closes and after it has
-    opened: a law starts from the acting force.
-    When two encoders are read, the motor's is aligned to the load's at enable, so that their offset cannot act.
-    If the axis moves at enable, law and observers start in motion: from the readings of one sample before, and
-    observers also from the velocity, which is smoothed over about 32 samples while the loop does not run.
+    observers to the present position.  An `enable` that is NaN counts as off.  A loop that does not run, tripped or
+    disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging one it is the force that carries the
+    weight, so that the axis stays at rest while the brake closes and, since a law starts from the acting force, after
+    it has opened.  When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that
+    their offset has no effect.  If the axis moves at enable, law and observers start in motion: from the readings of
+    the previous sample, and observers also from the velocity, which is smoothed over about 32 samples while the loop
+    does not run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
     A part that a machine does not need can be left out of the simulation and of every export: a bound by omitting it,
-    and `checks_setpoint`, `holds`, `aligns` and `starts_moving` by `false`.  The rest is always present: a reading that
-    is NaN or beyond `reading_limit` and a command that is NaN or absurd trip the loop, a trip is latched, and a loop
-    that does not run commands the `safe_force`.
+    and `checks_setpoint`, `holds`, `aligns` and `starts_moving` by `false`.  The rest is always present: the loop trips
+    on a reading that is NaN or beyond `reading_limit` and on a command that is NaN or absurdly large, a trip is
+    latched, and a loop that does not run commands the `safe_force`.
 
-    Every conditional operation first tests `usual`: good numbers, enabled, running.  A compiler makes one branch of all
-    these tests, so that nearly every sample is short; the others take a third longer.
+    Every conditional operation first tests `usual`: the numbers are valid, and the loop is enabled and running.  A
+    compiler merges all these tests into one branch, so that nearly every sample is short; the others take a third
+    longer.
     """
 
     following_error_limit: Number | None = parameter(
@@ -96,7 +97,7 @@ class Guard(Block):
     )
 
     class Prepared(NamedTuple):
-        """The sample time in s, and the largest motion in a sample in m, empty if it has no bound."""
+        """The sample time in s, and the largest allowed motion in a sample in m; empty without a velocity limit."""
 
         T: Number
         fastest: tuple[Number, ...]
@@ -104,11 +105,11 @@ class Guard(Block):
     class State(NamedTuple):
         """The guard's memory of the last sample.
 
-        mode          1 + broken samples in a row while the loop runs, 0 disabled, -code tripped
-        position      last readings of motor and load, m; extrapolated where one was broken
-        offset        between the two encoders, m
+        mode          1 + number of successive invalid samples while the loop runs, 0 if disabled, -code if tripped
+        position      last readings of motor and load, m; extrapolated if invalid
+        offset        offset between the two encoders, m
         travel        motion in the last sample, m; smoothed while the loop does not run
-        set_position  last set position, m; extrapolated where it was broken
+        set_position  last set position, m; extrapolated if invalid
         """
 
         mode: Number
@@ -121,9 +122,9 @@ class Guard(Block):
     class Verdict(NamedTuple):
         """The setpoint and reading given to the law, and whether its command is used.
 
-        usual         the loop runs on, nothing is broken or beyond its bound: a truth value, as are the next two
-        ran, good     the loop ran in the last sample; readings and setpoint are whole
-        before, velocity  readings in m and velocity in m/s one sample before, for a start
+        usual         true if the loop keeps running, all numbers are valid and no bound is exceeded
+        ran, good     true if the loop ran in the last sample; true if readings and setpoint are valid
+        before, velocity  readings in m and velocity in m/s in the previous sample, for a start
         """
 
         usual: object
@@ -137,7 +138,7 @@ class Guard(Block):
         velocity: Number
 
     class Outcome(NamedTuple):
-        """Forces in N to apply and as requested; the trip code, and 1 while the loop runs."""
+        """The forces to apply and as requested, in N, the trip code, and 1 while the loop runs."""
 
         applied: Number
         requested: Number
@@ -157,7 +158,7 @@ class Guard(Block):
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return reading and setpoint for a start; an invalid reading is replaced by 0, an invalid setpoint by the
+        """Return setpoint and readings for a start; an invalid reading is replaced by 0, an invalid setpoint by the
         position.
         """
         one = motor is load
@@ -231,12 +232,12 @@ class Guard(Block):
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
 
     def _went_on(self, last: Number, state: State) -> Number:
-        """Return the substitute for an invalid reading: the extrapolated position, or the last one without holding."""
+        """Return the substitute for an invalid reading: the extrapolated position, or the last one if not `holds`."""
         return last + state.travel if self.holds else last
 
     def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
-        """Return the substitute for an invalid setpoint: the extrapolated one, or the present position without
-        holding.
+        """Return the substitute for an invalid setpoint: the extrapolated one, or the present position if `holds` is
+        false.
         """
         if not self.holds:
             return load, 0.0, 0.0, 0.0, 0.0
@@ -247,8 +248,8 @@ class Guard(Block):
     ) -> tuple[State, object]:
         """Return the state of this sample and `usual` after checking all given bounds.
 
-        A condition with a memory of its own keeps it in the state: `state._replace(mode=..., memory=...)`. Each one has
-        local names of its own, which are those in exports.
+        A condition that needs memory keeps it in the state: `state._replace(mode=..., memory=...)`. Each condition uses
+        different local names, which also appear in exports.
         """
         load = state.position_load
         if self.following_error_limit is not None:
@@ -303,7 +304,7 @@ def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[
 
 
 def _size(setpoint: Setpoint) -> Number:
-    """Return the sum of the magnitudes of the five numbers: NaN or too large if any of them is."""
+    """Return the sum of the magnitudes of the five numbers, which is NaN or too large if any of them is."""
     size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 

@@ -59,10 +59,10 @@ class Port(NamedTuple):
 class Columns(NamedTuple):
     """The effect of the forces of one axis on the state over a substep.
 
-    `new` and `old` are the columns of the drive's command in each substep: after and before the instant at which the
-    dead time hands over from one command to the next; `share` is the part of each substep that lies after it.  `old`
-    and `share` are empty without a partial sample.
-    `forces` are the columns of a force on the motor's and on the load's body.
+    With dead time, one command to the drive hands over to the next within a sample.  `new` and `old` are the columns of
+    the commands after and before the handover in each substep; `share` is the fraction of each substep after it.  `old`
+    and `share` are empty if the dead time is a whole number of samples.  `forces` are the columns of a force on the
+    motor body and on the load body.
     """
 
     new: Matrix
@@ -74,7 +74,7 @@ class Columns(NamedTuple):
 class Hold(NamedTuple):
     """x(t + h) = x + (Φ - 1) x + Γ u of one axis, x = (positions q, velocities q', drive force if it lags).
 
-    `change` is Φ - 1, (n, n); the others are those of `Columns`.
+    `change` is Φ - 1 of shape (n, n); the other fields are those of `Columns`.
     """
 
     change: Matrix
@@ -99,7 +99,7 @@ def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) 
     """Return the exact hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, by matrix exponentials in plain
     arithmetic.
 
-    With velocities in units of a position per substep the matrix has entries of the size of (ωh)² and h/τ, so the
+    With velocities in position units per substep, the entries of the matrix are of the order of (ωh)² and h/τ, so the
     series needs few squarings.
     """
     h = T / substeps
@@ -158,10 +158,10 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
 
 
 def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """Return the matrix of dx/dt of the linear core times `span`, with velocities in units of a position per h.
+    """Return the matrix of dx/dt of the linear core times `span`, with velocities in position units per h.
 
     Rows and columns: q (n), q' (n), the drive forces that lag, then three inputs of each axis: the drive's command and
-    the forces on the motor's and the load's body.  With h = span = 1.0 it is in SI.
+    the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
     """
     n = len(mechanics.mass)
     lagging = [place for place, port in enumerate(ports) if port.lag is not None]

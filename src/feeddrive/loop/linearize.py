@@ -124,8 +124,8 @@ class StateSpace(Result):
         """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
         Nyquist.
 
-        A linear system is solved for each frequency, for many states by `transfer`: polynomials and eigenvectors, which
-        fail for double poles, are avoided.
+        A linear system is solved for each frequency, or `transfer` is used for many states. This avoids polynomials and
+        eigenvectors, which fail for double poles.
         """
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
@@ -309,11 +309,11 @@ def linearize(
 ) -> StateSpace:
     """Return the exact linear model of a loop from any inputs to any signals: the Jacobian of the simulated step.
 
-    inputs    of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
+    inputs    any of `set_position` ...  `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
               follows `cut` instead of the control, and `force` is the output of the control
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
-    velocity  m/s of the axis: friction is linearized at this speed.  0: the axis sticks
+    velocity  of the axis, m/s, at which friction is linearized; at 0 the axis sticks
     position  m, for forces that depend on it; for a machine both are numbers for all axes, or mappings by axis
     settle    samples that the loop first runs at constant velocity, for friction with memory
     stored    function of name and value that rounds a parameter or prepared number of the control, if it is stored
@@ -321,12 +321,10 @@ def linearize(
 
     A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
     period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,
-    the model is that of one sample.
-    Quantizers are replaced by their slope 1; guard and force limit are left out, since they do nothing within their
-    bounds.
-    A part that blends in after the start counts as fully active.
+    the model is that of one sample.  Quantizers are replaced by their slope 1; guard and force limit are left out,
+    since they have no effect within their bounds.  A part that blends in after the start counts as fully active.
     Raises ParameterError for an unknown name, an input that is named twice, and parameters with which the model
-    overflows; NoSlopeError, with the line, for a law without a finite slope there, such as √|s| at s = 0.
+    overflows; NoSlopeError, naming the line, for a law without a finite slope there, such as √|s| at s = 0.
     """
     samples = samples_of_a_period(
         loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored
@@ -346,7 +344,8 @@ def linearize(
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
     """Return the index of each cell of a ring in the linear model.
 
-    In a history or a track that is the age of the cell, since the newest value is in another cell in each sample.
+    In a history or a track the index is the age of the cell, since the newest value is in a different cell in each
+    sample.
     """
     cells = np.arange(size)
     history = name.rpartition(".ring")[0] or name.rpartition(".values.")[0] or name.rpartition(".rates.")[0]
@@ -360,7 +359,7 @@ def _row(tangent: Any, width: int) -> np.ndarray:
 
 
 def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, width: int) -> np.ndarray:
-    """Return the rows of the model for a state after the sample."""
+    """Return the rows of the model that give a state after the sample."""
     if size is None:
         return _row(tangent, width)
     rows = np.zeros((size, width))
@@ -381,7 +380,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity of each axis, from one number for all axes or from numbers by axis."""
+    """Return position and velocity of each axis, each given as one number for all axes or as numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
@@ -474,8 +473,8 @@ class Lifted:
 
         x(k+1) = A_i x(k) + B_i u(k),   y(k) = C_i x(k) + D_i u(k),   i = k mod N
 
-    Lifted: with all samples of a period as one input and one output it is a time-invariant system at the sample time NT
-    (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla & Tannenbaum 1985).  It is stable if
+    With all samples of a period as one input and one output (lifting), it is a time-invariant system at the sample time
+    NT (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla & Tannenbaum 1985).  It is stable if
     all eigenvalues of A_{N-1} ... A_0 lie inside the unit circle.
 
     The response to a sine at f has components at f and at its images f + k/(NT), k = 1 .. N-1.  `response` is the
@@ -524,8 +523,8 @@ class Lifted:
         return through[:, :n], through[:, n:], wide[:, :n], wide[:, n:]
 
     def harmonics(self, frequency: np.ndarray, output: str, input: str) -> np.ndarray:  # noqa: A002
-        """Return H of shape (lines, N, N), from a sine at f + k/(NT) in column k to its component at f + m/(NT) in row
-        m.
+        """Return H of shape (lines, N, N); row m, column k is the component at f + m/(NT) of the response to a sine at
+        f + k/(NT).
         """
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
@@ -561,7 +560,7 @@ def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
         L(f) = L₀₀ - L₀ᵢ (1 + Lᵢᵢ)⁻¹ Lᵢ₀,    1/(1 + L(f)) = [(1 + L)⁻¹]₀₀,    det(1 + L) = (1 + L(f)) det(1 + Lᵢᵢ)
 
-    gain  the harmonics of an opened loop, shape (lines, N, N), the sine itself first
+    gain  the harmonics of an opened loop, shape (lines, N, N), of which the first is the sine itself
     """
     others = np.eye(gain.shape[1] - 1) + gain[:, 1:, 1:]
     back = np.linalg.solve(others, gain[:, 1:, :1])
@@ -643,7 +642,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the response of table position to set position, with exact set velocity to snap: Σ Hₙ (j2πf)ⁿ.
+    """Return the response of table position to set position and its exact derivatives up to snap: Σ Hₙ (j2πf)ⁿ.
 
     For a multirate law it is the component at the excited frequency, as in `compliance`.
     """
@@ -669,7 +668,7 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
 def linear_model(
     loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float = 0.05
 ) -> StateSpace | Lifted:
-    """Return the linear model of a loop; for a multirate loop those of all samples of a period."""
+    """Return the linear model of a loop, or the models of all samples of a period of a multirate loop."""
     return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
 
 

@@ -16,8 +16,8 @@ from feeddrive.loop.hold import Hold, Timing
 
 
 class Signals(NamedTuple):
-    """The signals that can be recorded; row k holds the values at t = kT, forces those commanded at kT or acting from
-    it on.
+    """The signals that can be recorded; row k holds the values at t = kT; forces are those commanded at kT or acting
+    from kT onward.
     """
 
     set_position: Annotated[Number, Unit("m")]
@@ -89,8 +89,8 @@ def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> s
 class Loop(Block):
     """An axis, its control and the sample time.
 
-    At sample k the encoders read the plant at t = kT; `Control` computes; the force acts after the dead time; the plant
-    moves on to (k+1)T in `axis.substeps` of exact linear hold.
+    At sample k the encoders read the plant at t = kT, `Control` computes the force, which acts after the dead time, and
+    the plant advances to (k+1)T in `axis.substeps` substeps with exact linear hold.
     """
 
     control: Control = part("all that runs on the controller")
@@ -140,7 +140,7 @@ class Loop(Block):
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """Return the delay structure of the dead time; with a fraction of a sample if the axis is in `partial`."""
+        """Return the delay structure of the dead time, including a fraction of a sample if the axis is in `partial`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
         timing = self.axis.timing(self.sample_time)
@@ -180,7 +180,7 @@ class Loop(Block):
         time: Number,
         probe: Probe | None = None,
     ) -> tuple[State, Signals]:
-        """Compute one sample. `load` is a force in N on the table (None: none); `probe` is for analysis only."""
+        """Compute one sample. `load` is a force on the table in N, or None; `probe` is for analysis only."""
         T = self.sample_time
         probe = probe or Probe()
         motion = self.axis.motion(state.axis)

@@ -71,7 +71,8 @@ class Controls:
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
         """Return the velocities that couplings add; while one axis of a coupling does not run, the others get none.
 
-        `moved` is the shift of the set positions by compensation due to the readings alone, which is no contour error.
+        `moved` is the part of the compensation's set-position shifts that depends only on the readings; it is not a
+        contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
         positions = {name: judgment.load - moved[name] if moved else judgment.load for name, judgment in judged.items()}
@@ -257,7 +258,7 @@ _SEEDS = 2.0**40
 
 
 class DrivenAxis(Block):
-    """An axis of a machine: its physics and the control that runs on it, control + axis = one loop."""
+    """An axis of a machine: its physics and its control, which together form one loop."""
 
     control: Control = part("all that runs on the controller")
     axis: Axis = part("all that is physics", inline=True)
@@ -268,9 +269,9 @@ class Machine(Block):
 
         for each substep:   coupling forces at its middle → forces of each axis → exact hold → friction
 
-    Axes that share structure modes move in one exact hold; all others have their own, so that a machine of one axis
-    computes what its loop does.  Couplings act at common substeps, from the motions of all axes at the same instant.
-    `axis` is a mapping from names to `DrivenAxis`; `Machine.of` takes loops.
+    Axes that share structure modes have a common exact hold; each other axis has its own, so that a machine with one
+    axis gives the same results as its loop.  Couplings act at common substeps, based on the motions of all axes at the
+    same instant.  `axis` is a mapping from names to `DrivenAxis`; `Machine.of` takes loops.
     """
 
     axis: Any = part("axes by name")
@@ -286,7 +287,7 @@ class Machine(Block):
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """States of the axes by name, of the modes of each core, of the couplings, and of those on the controller."""
+        """The states of the axes by name, the modes of each core, the couplings, and the couplings between controls."""
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -332,8 +333,8 @@ class Machine(Block):
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Check that couplings name existing axes, that all have the same substeps, and that each axis is a valid
-        loop.
+        """Check that couplings name existing axes, that all axes have the same number of substeps, and that each is a
+        valid loop.
         """
         axes = self.axes()
         if not axes:
@@ -389,7 +390,7 @@ class Machine(Block):
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """Return the delay structure of the dead time of each axis, with a fraction of a sample for those named."""
+        """Return the delay structure of each axis's dead time; those in `partial` include a fraction of a sample."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})

@@ -8,11 +8,11 @@ A routine consists of four functions with named inputs and outputs:
     retune      state, parameters before and after -> state
 
 All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  Every
-printer of code for a target starts from these graphs, so no law is written a second time.
+printer of code for a target starts from these graphs, so no law is implemented twice.
 
-The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  For
-them the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation; `prepare`,
-`start` and `retune` run on plain numbers.  No code that was printed for a target is used.
+The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  To
+compute them, the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation;
+`prepare`, `start` and `retune` run on plain numbers.  No code generated for a target is used.
 """
 
 import inspect
@@ -113,8 +113,8 @@ class Function(NamedTuple):
 
 
 class Retune(NamedTuple):
-    """The state after a live change, as a separate graph, whose leaves are parameters and prepared numbers, old and
-    new, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
+    """The state after a live change, as a separate graph. Its leaves are the old and new parameters and prepared
+    numbers, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
     """
 
     graph: Graph
@@ -124,7 +124,7 @@ class Retune(NamedTuple):
     makers: dict[int, str]
 
     def keeping(self, live: Sequence[int]) -> Self:
-        """Return the live change of these states only; no other state is read for them."""
+        """Return the live change of these states only, for which no other state is needed."""
         places = {old: new for new, old in enumerate(live)}
         states = tuple(self.states[i] for i in live)
         read = set(reachable(self.graph, states))
@@ -141,15 +141,15 @@ class Routine:
     """The four functions of a routine in one graph; see the module.
 
     conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
-    origin      the loop, with its guard; for several axes together their machine
+    origin      the loop with its guard; for several axes, their machine
     prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of what
                 `prepare` returns
     tables      rows of numbers: dotted name, node, numbers
-    names       names of nodes in the text of the law
+    names       names of nodes in the source code of the law
     makers      dotted names of the blocks that compute the nodes
     memory      owner of the state: "controller" or "plant"
-    meanings    text on each state or prepared number, by dotted name
-    blocks      by dotted name, outermost first
+    meanings    description of each state or prepared number, by dotted name
+    blocks      the blocks by dotted name, outermost first
     """
 
     name: str
@@ -568,7 +568,7 @@ def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retun
     leaves: dict[int, tuple[str, int]] = {}
 
     def symbols(values: Any, kind: str) -> Iterator[Any]:
-        """Yield a symbol for each number; constants of the code stay constants."""
+        """Yield a symbol for each number; constants of the code remain constants."""
         for i, (_, value) in enumerate(values if kind == "state" else tree.leaves(values)):
             if type(value) is float and kind.endswith("prepared"):
                 yield value
@@ -619,7 +619,7 @@ Changes = Mapping[int, Mapping[str, float]]
 
 
 class ControllerRun:
-    """A run of a routine's control in the simulator, from a reset on; `step` may be called repeatedly."""
+    """A simulator run of a routine's control, which starts with a reset; `step` may be called repeatedly."""
 
     def __init__(self, routine: Routine, first: np.ndarray) -> None:
         """Reset the control with the inputs `first`, shape (inputs,)."""
@@ -710,7 +710,7 @@ class ControllerRun:
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Change parameters, by path, from the next sample on. Raises ParameterError as the blocks do."""
+        """Change parameters, by path, from the next sample onward. Raises ParameterError as the blocks do."""
         self._unload()
         before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)
@@ -725,7 +725,7 @@ class ControllerRun:
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
     """Return the outputs of a controller after a reset with the first inputs: inputs (n, inputs), outputs (n, outputs).
 
-    `changes` holds new parameter values by sample and path, valid from that sample on.
+    `changes` holds new parameter values by sample and path, valid from that sample onward.
     """
     held = ControllerRun(routine, inputs[0])
     pieces, start = [], 0

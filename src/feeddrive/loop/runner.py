@@ -1,9 +1,8 @@
 """A compiled program with its values, states and statistics: one variant, or many in lanes on all threads.
 
-A run begins with its sampled inputs, prepared numbers and initial state.
-Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
-structure compute them in Python, which is faster than compiling what runs once; later runs use the compiled graph, with
-bit-identical results.
+A run begins with its sampled inputs, prepared numbers and initial state.  Prepared numbers and initial state come from
+the same source, `prepare` and `start` of the blocks.  The first runs of a structure compute them in Python, which is
+faster than compiling code that runs once; later runs use the compiled graph, with bit-identical results.
 """
 
 from __future__ import annotations
@@ -60,7 +59,7 @@ class Path:
 class Work:
     """The sampled inputs of a run for any range of samples: setpoints, load force, enable, added force.
 
-    For a machine each of them is a mapping by axis; an axis without an entry has no such force.
+    For a machine each of them is a mapping by axis; a force without an entry for an axis is absent there.
     """
 
     def __init__(
@@ -295,7 +294,7 @@ class Beginning:
 
 
 class _Structure:
-    """The number of starts of a structure with new numbers, and its machine code after enough of them."""
+    """The number of starts of a structure with new numbers, and its machine code once it has been compiled."""
 
     def __init__(self) -> None:
         self.begun = 0
@@ -308,10 +307,9 @@ _structures: Recent[_Structure] = Recent(64)
 
 
 def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
-    """Return the data for the start of a run; `start` is (position, velocity), by default that of the setpoint.
+    """Return the data for the start of a run; `start` is (position, velocity), by default those of the setpoint.
 
-    The result is cached for the next run of a loop with the same numbers, but not for machines, tables or variants in
-    lanes.
+    The result is cached for the next run with the same numbers, except for machines, tables and variants in lanes.
     """
     if start is None:
         start = each_axis(lambda at: (at.position, at.velocity), setpoint)
@@ -445,8 +443,8 @@ class NativeBeginning:
     def __init__(self, loop: Loop, timing: Any, row: np.ndarray | None) -> None:
         """Compile `prepare` and `start`.
 
-        `row` holds the numbers of a run and limits loops of fixed count to the iterations that it needs; None: no
-        limit.
+        `row` holds the numbers of a run; loops of fixed count are limited to the iterations that this run needs. None
+        means no limit.
         """
         self._leaves = [name for name, _ in tree.leaves(loop)]
         names = [*self._leaves, *STARTS]
@@ -716,7 +714,7 @@ def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, f
 
 @lru_cache(maxsize=1)
 def cores() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors available to this process."""
     import os
 
     # a container or an affinity mask may leave fewer cores than the computer has
@@ -758,7 +756,9 @@ class Groups:
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
-        """Return the computing time in s per variant over a short stretch, the least of three; states are unchanged."""
+        """Return the computing time in s per variant over a short stretch, the shortest of three trials; states are
+        unchanged.
+        """
         spans: list[float] = []
         for _ in range(3):
             states = self.states[0].copy()
@@ -776,7 +776,7 @@ def grouped(
     samples: int,
     inputs: Callable[[Native], np.ndarray],
 ) -> Groups:
-    """Return the variants in groups of `lanes`; None takes the fastest number on this computer.
+    """Return the variants in groups of `lanes`; None selects the fastest number on this computer.
 
     Results are bit-identical for any number.  `native(lanes)` returns the machine code and `inputs(native)` the first
     samples; trial runs are made once per structure, and only if the work is long enough to justify them.

@@ -34,13 +34,13 @@ _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
 def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
-    """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample on).
+    """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample onward).
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
     a whole sample.  Values by name change the control that is active at that time.
 
-    Raises ParameterError for a sample or time outside the run or named twice, a name outside the control, a value out
-    of its bounds, and StructureError for a change of the structure.
+    Raises ParameterError for a sample or time that is outside the run or named twice, a name outside the control, or a
+    value out of bounds, and StructureError for a change of the structure.
     """
     placed: dict[int, Control | Mapping[str, float]] = {}
     for key, change in (changes or {}).items():
@@ -115,7 +115,7 @@ def _on_controller(loop: System, name: str) -> bool:
 
 
 class Course:
-    """A run in pieces whose control changes at given samples."""
+    """A run whose control changes at given samples, computed in pieces."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
         """Begin a run. `later` holds the first sample and the prepared loop of each change, in order."""
@@ -233,12 +233,14 @@ class Run(Result):
 
 
 def root_mean_square(values: np.ndarray) -> float:
-    """Return the root mean square of values; 0 if there are none."""
+    """Return the root mean square of values, or 0 for an empty array."""
     return float(np.sqrt(np.mean(values * values))) if values.size else 0.0
 
 
 def samples(duration: float, T: float) -> int:
-    """Return the number of samples from 0 to `duration`, both ends included, tolerant to rounding at the end."""
+    """Return the number of samples from 0 to `duration`, both ends included; rounding errors of the duration are
+    tolerated.
+    """
     return int(np.floor(duration / T * (1.0 + 1e-12) + 1e-9)) + 1
 
 
@@ -271,7 +273,7 @@ def simulate(
                 {"axis.x.control.law.Kv": 80.0}.  The change is bumpless (`Control.retune`)
     duration    s; default: that of the reference
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
-    seed        of the noise, a whole number
+    seed        integer seed of the noise
     record      names of signals; default: all
     arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel

@@ -34,7 +34,7 @@ class Program:
     outputs    name -> node: the signals
     sample     node of the index k of the sample, or None
     tables     name -> node
-    key        identifies what was traced: programs with equal keys have equal graphs; None: unknown
+    key        identifier of the trace: programs with equal keys have equal graphs; None if unknown
     """
 
     graph: Graph
@@ -66,7 +66,7 @@ def concrete(loop: Whole) -> Whole:
 
 
 def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of the prepared numbers; constants of the code stay part of the program."""
+    """Yield names and values of the prepared numbers; constants of the code remain part of the program."""
     for name, value in tree.leaves(values, prefix):
         if type(value) is not float:
             yield name, value

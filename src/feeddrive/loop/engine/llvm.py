@@ -8,10 +8,10 @@ The whole time loop is one function:
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables,
               i64 row, i64 column)
 
-Memory layout: constants, and states followed by the cells of rings, as [number][lane]; inputs the same for all lanes;
-outputs as [sample][number][lane].  In the inputs, `row` is the stride from sample to sample and `column` that from
-number to number, so that each input may be a row of its own; outputs as rows of their own made the loop 8 % slower.
-Values that do not change from sample to sample are computed before the loop.
+Constants, and states followed by the cells of rings, are laid out as [number][lane], and outputs as
+[sample][number][lane].  Inputs are the same for all lanes; `row` is their stride from sample to sample and `column`
+that from number to number, so that each input may be a separate row.  Separate rows for the outputs made the loop 8 %
+slower.  Values that do not change from sample to sample are computed before the loop.
 """
 
 import ctypes
@@ -103,7 +103,7 @@ class Printer:
         return self.emit(f"load {self.type(vector)}, ptr {at}, align 8")
 
     def taken(self) -> list[str]:
-        """Return the lines written so far and start anew."""
+        """Return the lines written so far, and clear them."""
         lines, self.lines = self.lines, []
         return lines
 
@@ -182,7 +182,7 @@ class Printer:
         self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
     def branch(self, group: tuple[int, ...]) -> None:
-        """Write selections by one condition, of which only the branch taken is computed."""
+        """Write selections by one condition so that only the branch taken is computed."""
         first, nodes = group[0], self.plan.graph.nodes
         labels = {branch: f"branch{first}.{branch}" for branch in (1, 2)}
         self.lines.append(f"  br i1 {self.names[arguments(nodes[first])[0]]}, label %{labels[1]}, label %{labels[2]}")
@@ -331,7 +331,7 @@ _ATTRIBUTES = 'nounwind alignstack=64 "min-legal-vector-width"="512" "prefer-vec
 
 
 def text(plan: Plan, name: str, target: str, *, flush: bool = True) -> str:
-    """Return the module of a plan for a target triple; `flush`: on x86 and aarch64 subnormal numbers become 0."""
+    """Return the module of a plan for a target triple; with `flush`, subnormal numbers become 0 on x86 and aarch64."""
     writer = _TimeLoop(plan)
     entry = writer.entry()
     body = writer.body()
@@ -462,7 +462,7 @@ class _TimeLoop:
         return printer.taken()
 
     def _join(self, name: str) -> str:
-        """Return the phi instruction of a state: its initial value from the entry, else that at the end of a sample."""
+        """Return the phi instruction of a state: its initial value, or its value at the end of the previous sample."""
         kind = self.printer.type(self.printer.varies(self.plan.states[self.places[name]].before))
         return f"phi {kind} [ {self.begins[name]}, %entry ], [ {self.ends[name]}, %{self.last} ]"
 
@@ -507,7 +507,7 @@ class Native:
     """A compiled plan, which owns its machine code."""
 
     def __init__(self, plan: Plan, source: str, *, quick: bool = False) -> None:
-        """Compile a plan; `quick` as in `native`."""
+        """Compile a plan; for `quick` see `native`."""
         self.plan = plan
         # kept, since the memory of the function is freed with it
         self._code = machine_code(source, [_ENTRY], effort=0 if quick else 2)
@@ -526,8 +526,8 @@ class Native:
     ) -> None:
         """Compute `count` samples from sample `first` on; `states` is updated, `outputs` is filled.
 
-        constants (n, lanes), inputs (count, n), states (n, lanes), outputs (count, n, lanes): float64, C order, but the
-        inputs may have any strides.
+        The shapes are constants (n, lanes), inputs (count, n), states (n, lanes) and outputs (count, n, lanes). All
+        arrays are float64 in C order, except that the inputs may have any strides.
         """
         rows = (ctypes.c_void_p * max(1, len(tables)))(*[row.ctypes.data for row in tables])
         written = 0 if outputs is None else outputs.ctypes.data
@@ -535,7 +535,9 @@ class Native:
         self.run_at(count, first, memory, inputs.strides)
 
     def run_at(self, count: int, first: int, memory: Sequence[int], strides: Sequence[int]) -> None:
-        """Run with the addresses of constants, inputs, states, outputs and tables; strides of inputs in bytes."""
+        """Run with the addresses of constants, inputs, states, outputs and tables; `strides` are those of the inputs,
+        in bytes.
+        """
         self._call(count, first, *memory, *[stride // _NUMBER for stride in strides])
 
 
@@ -543,6 +545,6 @@ def native(plan: Plan, *, flush: bool = True, quick: bool = False) -> Native:
     """Return the machine code of a plan.
 
     flush  flush subnormal numbers to zero; plain Python keeps them
-    quick  compile in a third of the time, to slower code: for what runs once
+    quick  compile in a third of the time to slower code, for a plan that runs only once
     """
     return Native(plan, text(plan, _ENTRY, target()[0], flush=flush), quick=quick)

@@ -2,9 +2,10 @@
 
 A single run computes operations that only one branch of a `select` needs only if that branch is taken.
 
-Both branches of `where` are pure, so a value that is not selected need not be computed; this changes no bit.  It pays
-where an expensive branch is rarely taken, such as the exponential of Stribeck friction, which is negligible at high
-speed.  Cheap branches are always computed: a mispredicted branch costs about twenty operations.
+Both branches of `where` are pure, so a value that is not selected need not be computed; the results remain
+bit-identical.  It pays off where an expensive branch is rarely taken, such as the exponential of Stribeck friction,
+which is negligible at high speed.  Cheap branches are always computed: a mispredicted branch costs about twenty
+operations.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -18,7 +19,9 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """The kind of every node, in order: whether it changes between samples, varies between lanes, is a truth value."""
+    """The kinds of all nodes, in order: True if a node changes between samples, varies between lanes, or is a truth
+    value.
+    """
 
     moving: list[bool]
     varying: list[bool]
@@ -136,10 +139,10 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each selection, all selections by the same condition that can be made at the first of them.
+    """Return, for each selection, all selections by the same condition that can be evaluated at the first of them.
 
-    Several results that only one side needs, such as the forces of a tooth in the cut, then share one branch.  Their
-    operands were traced before the first of them, so that none of them depends on another one.
+    Several results that only one side needs, such as the forces of a tooth in the cut, then share one branch.  All
+    their operands were traced before the first selection, so none of the selections depends on another.
     """
     open_: dict[int, list[int]] = {}
     groups: list[list[int]] = []
@@ -157,14 +160,14 @@ def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[
 def _ordered(
     graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
 ) -> tuple[int, ...]:
-    """Return the order of evaluation: that of the trace with lanes; for a single run the longest chains first.
+    """Return the order of evaluation: with lanes, that of the trace; for a single run, the longest chains first.
 
-    The longest chains are those of the next states with the most operations in a row, with all that they need.  A
-    single run waits for such a chain from sample to sample: a processor that starts it early fills the latency with the
-    other operations.  With lanes there are enough of them, and the order of the trace keeps fewer numbers alive.
+    The longest chains are those of the next states with the most dependent operations in a row.  A single run waits for
+    such a chain in every sample; a processor that starts it early fills the latency with other operations.  With lanes
+    there are enough other operations, and the order of the trace keeps fewer numbers alive.
 
-    A ring is written in place, after all reads of its previous contents.  Choices that are made together follow each
-    other.
+    A ring is written in place, after all reads of its previous contents.  Selections that are evaluated together are
+    consecutive.
     """
     before = reads_first(graph, needed)
 
@@ -198,15 +201,14 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """Return the operands of some selections."""
+    """Return the operands of the given selections."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
 def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
     """Return, for each write to a ring, the reads of its previous contents, which must come first.
 
-    Raises StructureError if a ring is written twice from one state, which memory that is written in place cannot
-    represent.
+    Raises StructureError if a ring is written twice from one state, since a ring is overwritten in place.
     """
     reads: dict[int, list[int]] = {}
     writes: dict[int, int] = {}
@@ -264,14 +266,14 @@ _COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.
 
 
 class Branch(NamedTuple):
-    """A branch of a `select` node, or of several evaluated together, named by the first: 1 for true, 2 for false."""
+    """A branch of a `select` node, or of several evaluated together: the first node, and 1 for true or 2 for false."""
 
     select: int
     branch: int
 
 
 def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
-    """Return the operations that belong to each branch, in order; an inner branch keeps its own."""
+    """Return the operations that belong to each branch, in order, but not to a branch inside it."""
     places = _places(plan)
     costs: dict[Branch, int] = {}
     nodes = plan.graph.nodes
@@ -297,7 +299,7 @@ def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
 
 
 def _places(plan: Plan) -> dict[int, Branch | None]:
-    """Return, for each operation, the innermost branch that alone needs it; None where the loop itself does."""
+    """Return, for each operation, the innermost branch outside which it is not needed; None if it is always needed."""
     nodes, moving = plan.graph.nodes, plan.kinds.moving
     needs: dict[int, list[Branch | None]] = {node: [None] for _, node in plan.outputs}
     for state in plan.states:
