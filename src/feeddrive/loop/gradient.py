@@ -456,9 +456,10 @@ def gradient(
     along with the run (forward mode).  `objective` is plain arithmetic on the `Signals` of one sample; for a machine it
     takes a mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its
     present state, stuck or sliding, with the instants of sticking held fixed.  Therefore tune with `Regularised`
-    friction, and verify with the actual friction.  The derivative with respect to a dead time of whole substeps is the
-    right-hand one.  Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the
-    design; NoSlopeError if a root or logarithm at 0 during the run makes the gradient infinite or undefined.
+    friction, and verify with the actual friction.
+    The derivative with respect to a dead time of whole substeps is the right-hand one.
+    Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
+    a root or logarithm at 0 during the run makes the gradient infinite or undefined.
     """
     check_system(loop)
     checked_signals(loop, (), arithmetic)

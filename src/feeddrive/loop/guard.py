@@ -40,21 +40,23 @@ COMMAND_LIMIT = 1e18
 class Guard(Block):
     """The guard of a loop: it switches to the safe force when a bound is violated, until the loop is disabled.
 
-    It acts in the sample in which the bound is violated.  A reading that is NaN or beyond `reading_limit` is invalid,
-    and so is a setpoint that contains a NaN or infinite number.  For at most `hold_samples` invalid samples in a row,
-    the last command is held.  Law and observers then receive an extrapolated reading, which is the last valid one plus
-    the motion in the previous sample; the setpoint is extrapolated in the same way.  After that the loop trips.  It
-    trips immediately if a following error, a velocity or a position exceeds its bound, if a command is NaN, and if the
-    loop is enabled on an invalid reading.
+    It acts in the sample in which the bound is violated.
+    A reading that is NaN or beyond `reading_limit` is invalid, and so is a setpoint that contains a NaN, infinite or
+    absurdly large number.  For at most `hold_samples` invalid samples in a row, the last command is held.  Law and
+    observers then receive an extrapolated reading, which is the last valid one plus the motion in the previous sample;
+    the setpoint is extrapolated in the same way.  After that the loop trips.  It trips immediately if a following
+    error, a velocity or a position exceeds its bound, if a command is NaN or absurdly large, and if the loop is enabled
+    on an invalid reading.
 
     A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
-    observers to the present position.  An `enable` that is NaN counts as off.  A loop that does not run, tripped or
-    disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging one it is the force that carries the
-    weight, so that the axis stays at rest while the brake closes and, since a law starts from the acting force, after
-    it has opened.  When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that
-    their offset has no effect.  If the axis moves at enable, law and observers start in motion: from the readings of
-    the previous sample, and observers also from the velocity, which is smoothed over about 32 samples while the loop
-    does not run.
+    observers to the present position.  An `enable` that is NaN counts as off.
+    A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging
+    one it is the force that carries the weight, so that the axis stays at rest while the brake closes and, since a law
+    starts from the acting force, after it has opened.
+    When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that their offset has no
+    effect.
+    If the axis moves at enable, law and observers start in motion: from the readings of the previous sample, and
+    observers also from the velocity, which is smoothed over about 32 samples while the loop does not run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 

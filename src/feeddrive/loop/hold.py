@@ -61,8 +61,8 @@ class Columns(NamedTuple):
 
     With dead time, one command to the drive hands over to the next within a sample.  `new` and `old` are the columns of
     the commands after and before the handover in each substep; `share` is the fraction of each substep after it.  `old`
-    and `share` are empty if the dead time is a whole number of samples.  `forces` are the columns of a force on the
-    motor body and on the load body.
+    and `share` are empty if the dead time is a whole number of samples.
+    `forces` are the columns of a force on the motor body and on the load body.
     """
 
     new: Matrix

@@ -309,7 +309,7 @@ def linearize(
 ) -> StateSpace:
     """Return the exact linear model of a loop from any inputs to any signals: the Jacobian of the simulated step.
 
-    inputs    any of `set_position` ...  `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
+    inputs    any of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
               follows `cut` instead of the control, and `force` is the output of the control
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
@@ -321,8 +321,10 @@ def linearize(
 
     A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
     period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,
-    the model is that of one sample.  Quantizers are replaced by their slope 1; guard and force limit are left out,
-    since they have no effect within their bounds.  A part that blends in after the start counts as fully active.
+    the model is that of one sample.
+    Quantizers are replaced by their slope 1; guard and force limit are left out, since they have no effect within their
+    bounds.
+    A part that blends in after the start counts as fully active.
     Raises ParameterError for an unknown name, an input that is named twice, and parameters with which the model
     overflows; NoSlopeError, naming the line, for a law without a finite slope there, such as √|s| at s = 0.
     """

@@ -1,8 +1,9 @@
 """A compiled program with its values, states and statistics: one variant, or many in lanes on all threads.
 
-A run begins with its sampled inputs, prepared numbers and initial state.  Prepared numbers and initial state come from
-the same source, `prepare` and `start` of the blocks.  The first runs of a structure compute them in Python, which is
-faster than compiling code that runs once; later runs use the compiled graph, with bit-identical results.
+A run begins with its sampled inputs, prepared numbers and initial state.
+Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
+structure compute them in Python, which is faster than compiling code that runs once; later runs use the compiled graph,
+with bit-identical results.
 """
 
 from __future__ import annotations

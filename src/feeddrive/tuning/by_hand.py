@@ -101,7 +101,7 @@ class Verdict:
 
     @property
     def keeps(self) -> bool:
-        """True if the limit is kept."""
+        """True if the limit is satisfied."""
         return self.judged.keeps
 
     @property
@@ -118,7 +118,7 @@ class Verdict:
 class Look:
     """The evaluation of a control at one set of values: its figures at each point, and each limit at its worst point.
 
-    judged  verdicts, the limit with the largest used share first
+    judged  verdicts, the one with the largest used share of its limit first
     """
 
     figures: tuple[Figures, ...]
@@ -131,8 +131,8 @@ class Look:
 
     @cached_property
     def leading(self) -> Figures:
-        """The figures at the critical point: an unstable point, else the one that uses the largest share of a limit,
-        else the one with the largest Ms.
+        """The figures at the critical point: an unstable one, else that with the largest used share of a limit, else
+        that with the largest Ms.
         """
         worst = self.judged[0].point if self.judged and self.stable else ""
         return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
@@ -179,7 +179,7 @@ class ByHand:
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
         """Evaluate the loop at all points against the stored limits or the given ones.
 
-        Raises ParameterError for a value out of bounds, and for a control whose response is not finite there.
+        Raises ParameterError for a value out of bounds, and for a control whose response is not finite at these values.
         """
         # for its checks only: the trace below would accept values out of bounds
         self.control(values)
@@ -197,7 +197,7 @@ class ByHand:
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
         """Return [A B; c d] of the control at given values, and its derivatives with respect to the named parameters.
 
-        The sample time is that of the first point. Return None for a multirate law.
+        The sample time is that of the first point. For a multirate law the result is None.
         """
         response = self._responses[self.points[0].sample_time]
         if response.period > 1:

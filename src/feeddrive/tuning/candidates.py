@@ -38,9 +38,9 @@ class Candidate:
     """A control that can be tuned for an axis.
 
     like       the candidate whose tuning it adopts, if the two differ in the setpoint path only
-    then       the step after tuning: the "prefilter" is fitted to the move, the compensator learns in "trials" of it,
-               or the "stops" are learned from a log of slow oscillations
-    remark     the axis model used for it, and the changes to the present control
+    then       the step after tuning: "prefilter" (fit the prefilter to the move), "trials" (let the compensator learn
+               in trials of the move), or "stops" (learn the stops from a log of slow oscillations)
+    remark     the axis model used for the candidate, and the changes to the present control
     """
 
     name: str
@@ -50,13 +50,13 @@ class Candidate:
     then: str = ""
 
     def tuned(self, control: Control) -> Self:
-        """Return the candidate with the gains of a tuned control: its own one, or that of the candidate `like`."""
+        """Return the candidate with the gains of a tuned control, which is its own or that of the candidate `like`."""
         if self.like:
             control = replace(self.loop.control, law=control.law)
         return replace(self, loop=replace(self.loop, control=control))
 
     def adapted(self, move: Reference, seed: int) -> Loop:
-        """Return the loop after the step that follows tuning, in which it learns from a move."""
+        """Return the loop after the step that follows tuning, in which the control learns from a move."""
         if self.then == "trials":
             return iterate_trials(self.loop, move, _TRIALS, seed=seed).loop
         if self.then == "stops":
@@ -111,9 +111,9 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
     """Return the candidates for the axis of a loop, P-PI first, and the laws that are refused.
 
     Every law of the catalogue and every user-defined law is tried. Filters, limit, guard, friction feedforward and
-    velocity encoder are those of the present control. Each law has acceleration and velocity feedforward: its own, that
-    of the present control, or else one from the axis's mass and viscous friction. Every law also gets these two as its
-    axis model.
+    velocity encoder are those of the present control. Each law has acceleration and velocity feedforward, either its
+    own, that of the present control, or one computed from the axis's mass and viscous friction. Every law also gets
+    these two as its axis model.
     """
     axis = axis_model(loop)
     offered: list[Candidate] = []
@@ -193,8 +193,8 @@ def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] 
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """Return a loop with another law; keep filters and friction feedforward, and remove terms that the law feeds
-    forward itself.
+    """Return a loop with another law; filters and friction feedforward remain, except terms that the law itself feeds
+    forward.
     """
     law, motion = start.law, start.feedforward
     taken = {*law.feeds} if motion is None else {*law.feeds, *_MOTION}
@@ -261,7 +261,7 @@ def _learning(loop: Loop, feedforward: Feedforward) -> Loop:
     model.
 
     Without a basis function for the breakaway friction, which acts at the start of an acceleration, the estimated mass
-    absorbs part of it, a different part in each trial.
+    absorbs part of it, which differs from trial to trial.
     """
     if not isinstance(feedforward, DisturbanceCompensator) or feedforward.stribeck is None:
         return begin_compensation(loop)

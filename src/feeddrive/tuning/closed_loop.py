@@ -37,8 +37,8 @@ class Below:
         X_load(f) = X_load(f₁) (f₁/f)²,    X_motor/X_load = 1 + ρ,  ρ(f) = ρ(f₁) (f/f₁)²
         y = X_d (1 + C_motor X_u (ρ_d - ρ_u)) / (1 + L),    L = -X_u (C_motor (1 + ρ_u) + C_load)
 
-    u is the command, d the force on the table. With integral action y is nearly 1/C, whatever the mass. The
-    extrapolation therefore serves only to reveal a law with slow recovery from a disturbance.
+    u is the command, d the force on the table. With integral action, y is nearly 1/C, regardless of the mass. The
+    extrapolation therefore only serves to reveal a law that recovers slowly from a disturbance.
     """
 
     def __init__(self, point: OperatingPoint) -> None:
@@ -70,7 +70,7 @@ _SLOW = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop at an operating point on its lines, with derivatives (lines, tunables) and variances (lines,).
+    """The closed loop on the lines of an operating point, with derivatives (lines, tunables) and variances (lines,).
 
     below   the compliance below the first line, with the axis as a free mass; None if not needed
     """
@@ -142,8 +142,8 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
     """Return the variance of Σ factor · reading for one source (0: the command, 1: a force on the table).
 
-    Where the motor reading is the load reading times a ratio, their errors are fully correlated; elsewhere they count
-    as independent.
+    On lines where the motor reading is the load reading times a ratio, their errors are fully correlated; on all others
+    they are assumed to be independent.
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
@@ -188,8 +188,8 @@ def unstable(answer: Answer) -> bool:
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     """Return True if an axis and a control, given by [A B; c d] of each sample, form an unstable loop.
 
-    The criterion is the eigenvalues of the transition over one period. This transition of the axis state x and the
-    control state ξ is the product over the samples k of
+    The criterion is the eigenvalues of the transition of axis state x and control state ξ over one period, which is the
+    product over the samples k of
 
         x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
 
@@ -232,16 +232,16 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 def encircles(answer: Answer) -> bool:
     """Return True if the encirclement of -1 shows an unstable closed loop.
 
-    Assume an axis that is stable except for its free motion. The phase φ of 1 + L is unwrapped from Nyquist, where it
-    lies within ±180°, down to the lowest lines. The loop is stable if
+    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from Nyquist, where
+    it lies within ±180°, down to the lowest lines. The loop is stable if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
     n is the number of integrators at low frequencies: 2 for a free mass, and 1 for each integrator. P is the number of
     unstable poles of the control alone that are faster than these lines. Each pair of unstable closed-loop poles adds
     360°, a single pole or a response of the wrong sign 180°. A resonance of the control alone near the lowest lines is
-    only partly visible in the slope, so it counts as integrators: its poles p are replaced by 1, by multiplying 1 + L
-    by (z - p)/(z - 1).
+    only partly visible in the slope, so it is counted as integrators: multiplying 1 + L by (z - p)/(z - 1) replaces
+    each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
     slow = answer.response.slow

@@ -51,7 +51,7 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """Return the linear model of one sample of a control in the initial state `begun`; cached by structure."""
+    """Return the linear model of one sample of a control in the initial state `begun`; it is cached by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 
@@ -101,8 +101,7 @@ class Walk:
         self._native: tuple[Native, list[str]] | None = None
 
     def at(self, leaves: Mapping[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries (points, entries) and their derivatives (points, entries, tunables); no derivatives if not
-        requested.
+        """Return the entries (points, entries) and, if requested, their derivatives (points, entries, tunables).
 
         leaves  all inputs of the trace by name: one value each, or one value per point
         """
@@ -176,7 +175,7 @@ Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from c
 
 
 class Response(NamedTuple):
-    """The response from the two readings to the force, N/m, shape (2, lines), with derivatives, shape (2, lines,
+    """The response from the two readings to the force, N/m, of shape (2, lines), and its derivatives (2, lines,
     tunables).
     """
 
@@ -266,7 +265,7 @@ class ControlResponse:
         return matrices[0], slopes[0]
 
     def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return [A B; c d] at several points, and its derivatives; no derivatives if not requested."""
+        """Return [A B; c d] at several points and, if requested, its derivatives."""
         values, changes = self._walk.at(leaves, points, with_slopes=with_slopes)
         n, (rows, columns, _) = len(self._traced.states), zip(*self._traced.entries, strict=True)
         matrices, slopes = np.zeros((points, n + 1, n + 2)), np.zeros((points, n + 1, n + 2, changes.shape[2]))
@@ -284,7 +283,7 @@ class ControlResponse:
         require_slopes(traced.graph, ends, numbers, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return `model` for all samples of a period in one evaluation: (N, n + 1, n + 2), with derivatives if
+        """Return `model` for all samples of a period in one evaluation, shape (N, n + 1, n + 2), and derivatives if
         requested.
         """
         leaves = self._leaves([*map(np.float64, values)]) | self._followed()
@@ -354,16 +353,16 @@ class ControlResponse:
 
         images  axis response at the images of these lines (`images`), for a multirate law; without it the image loops
                 are open, which makes no difference far below the law's slow rate
-        near    True to use the nearest images only, for a multirate law
-        slopes  False to omit the derivatives, for a multirate law
+        near    for a multirate law: True to use only the nearest images
+        slopes  for a multirate law: False to omit the derivatives
         """
         if self.period > 1:
             return self._over_a_period(values, frequency, images, near, slopes)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
-        """Return the response of one of `models` on lines in Hz, without derivatives. Raises ParameterError as `at`
-        does.
+        """Return the response of one of `models` on lines in Hz, without derivatives. Raises the ParameterError of
+        `at`.
         """
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
 
@@ -406,7 +405,9 @@ class ControlResponse:
     def _kept_lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the cached result of `_lifted`: the lines of the goal and those below them request it in turn."""
+        """Return the result of `_lifted`, which is cached since the lines of the goal and those below them request it
+        in turn.
+        """
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:
             self._last = key, self._lifted(values, with_slopes)

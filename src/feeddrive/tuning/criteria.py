@@ -30,8 +30,8 @@ class Limits:
     snap_force     N: in the simulation run of the proof, a force step of this size on the table must not saturate the
                    command
 
-    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A figure with a default
-    limit keeps it unless it is replaced or removed: `sensitivity_peak=None`.
+    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A default limit applies
+    unless it is replaced or, as with `sensitivity_peak=None`, removed.
     Raises ParameterError for a figure that no tuning can limit, and for a bound out of range.
     """
 
@@ -79,7 +79,7 @@ class Limits:
         return None if limit is None else limit.bound
 
     def having(self, *limits: Limit, reading_noise: tuple[float, float] | None = None) -> Limits:
-        """Return these limits, with the given ones replacing those of the same figures."""
+        """Return these limits, in which the given ones replace those of the same figures."""
         bounds: dict[str, float | None] = {figure.key: self.bound(figure) for figure in limitable()}
         bounds |= {limit.figure.key: limit.bound for limit in limits}
         noise = self.reading_noise if reading_noise is None else reading_noise
@@ -106,7 +106,7 @@ class Limits:
 class Judged(NamedTuple):
     """A figure of a loop compared with its limit.
 
-    value  in SI; None if the figure does not exist, such as a margin without a crossover: every limit is then kept
+    value  in SI; None if the figure does not exist, as a margin without a crossover, which satisfies every limit
     """
 
     limit: Limit
@@ -155,7 +155,7 @@ class Bound(NamedTuple):
     """A bound at one frequency of one operating point: its slack, derivatives, and standard deviation from the
     measurement.
 
-    figure  the limited figure; None for the bound that keeps a notch attenuating
+    figure  the limited figure; None for the bound that ensures that a notch attenuates
     """
 
     figure: Figure | None
@@ -188,7 +188,7 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
-    """Return the bounds that keep a notch attenuating: damping_zero <= damping_pole.
+    """Return the bounds that ensure that each notch attenuates: damping_zero <= damping_pole.
 
     x holds the logarithms of the tunables.
     """
@@ -233,7 +233,7 @@ class Criteria:
     """The evaluation of goal and limits of a control at all operating points.
 
     goal  a figure with a `Goal`
-    near  for a multirate control: use the nearest images only, in all searches but the last
+    near  True in all searches of a multirate control but the last, to use only the nearest images
     """
 
     def __init__(
@@ -331,7 +331,7 @@ class Criteria:
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Return goal and bounds of the given closed loops."""
+        """Return the evaluation of goal and bounds for the given closed loops."""
         stable = not any(unstable(loop) for loop in answers)
         goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
@@ -350,8 +350,8 @@ class Criteria:
     def _goal(self, loop: Answer) -> Slope:
         """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.
 
-        A goal that does not measure the recovery time of the axis would sacrifice the position gain for a negligible
-        benefit. Therefore the rope-snap error is added with a weight of 1/50.
+        With a goal that does not measure the recovery time of the axis, the search would sacrifice the position gain
+        for a negligible benefit. The rope-snap error is therefore added with a weight of 1/50.
         """
         goal = self._declared.slope(loop, self.band)
         if self._declared.returns:
@@ -393,7 +393,7 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
 
 
 def chance(bounds: Sequence[Bound]) -> float:
-    """Return the probability that all bounds hold: Π Φ(slack/σ), for independent normal noise."""
+    """Return the probability that all bounds are satisfied, Π Φ(slack/σ), for independent normal noise."""
     return _all_below(distances(bounds))
 
 
@@ -406,7 +406,7 @@ def _all_below(deviations: np.ndarray) -> float:
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """Return the number of standard deviations, in place of `sure`, at which all bounds hold with the given
+    """Return the number of standard deviations, to replace `sure`, at which all bounds are satisfied with the given
     confidence.
     """
     # assumes that a larger reserve raises all distances alike; the caller repeats the search with it
@@ -429,9 +429,9 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 def require_covered(answers: Sequence[Answer]) -> None:
     """Raise NotIdentifiableError, naming the band, if lines that a tuning needs are missing.
 
-    Below: the lowest crossover must lie above twice the first line. Around it: between half and twice its frequency,
-    neighboring lines may not be further apart than a factor of 1.6. Above: the loop gain must have fallen to 0.3 at the
-    last line, unless the lines extend to three times the highest crossover, or nearly to half the sample rate.
+    The lowest crossover must lie above twice the first line. Between half and twice its frequency, neighboring lines
+    may not be further apart than a factor of 1.6. The loop gain must have fallen to 0.3 at the last line, unless the
+    lines extend to three times the highest crossover, or nearly to half the sample rate.
     """
     for loop in answers:
         f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point

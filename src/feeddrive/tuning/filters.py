@@ -154,8 +154,8 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
 
 
 def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the smallest admissible value from low to high, where all values above an admissible one are admissible;
-    high if none is.
+    """Return the smallest admissible value from low to high, or high if none is admissible. All values above an
+    admissible one must be admissible.
     """
     if admits(low):
         return low
@@ -285,7 +285,7 @@ class Grip:
     """A drag handle of a filter on the open-loop gain.
 
     name   filters.0.frequency, or filters.0.width for the edge of a notch
-    x, y   Hz, and dB on |L|; for a width, on |L| at the center of the notch
+    x, y   frequency (Hz) and |L| (dB) at the handle; for a width, |L| at the center of the notch
     low, high  range of x, Hz
     label  what the handle changes
     text   its value in words
@@ -340,8 +340,9 @@ def filter_dragged(
     """Return the parameters of a filter whose handle is dragged to a frequency in Hz and a height on |L| in dB; None
     keeps the depth.
 
-    loop is that of the control. Afterwards the loop gain at the handle is y, as far as the damping ratios allow: a
-    notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios, but not its depth.
+    `loop` holds the margins of the control. With the returned parameters, the loop gain at the handle is y, as far as
+    the damping ratios allow: a notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios,
+    but not its depth.
     Raises ParameterError for an unknown handle.
     """
     i, part, block = _held(control, name)

@@ -89,7 +89,7 @@ def stiff_ratio(
     frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ratio of motor to load reading, and its variance, at the lines where both ends move nearly together;
-    NaN beyond.
+    NaN at others.
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
@@ -156,12 +156,12 @@ class OperatingPoint:
     """The frequency responses of an axis at one position and load, in m/N on lines in Hz, of the motor and load
     readings.
 
-    by_force     from the command, shape (2, lines)
-    by_load      from a force on the table, shape (2, lines)
-    moved        of the table itself from both, shape (2, lines)
-    variance     of by_force, shape (2, lines), after smoothing; None for a model
-    load_variance  of by_load likewise
-    coherence    of by_force as measured, shape (lines,), the smaller of both readings; None if unknown
+    by_force     responses to the command, shape (2, lines)
+    by_load      responses to a force on the table, shape (2, lines)
+    moved        responses of the table itself to command and force, shape (2, lines)
+    variance     variance of by_force after smoothing, shape (2, lines); None for a model
+    load_variance  variance of by_load, likewise
+    coherence    measured coherence of by_force, shape (lines,), the smaller one of both readings; None if unknown
     at_drive     True if no response to a force on the table is known: the stiffness then refers to a force at the drive
     ratio        ratio of motor to load reading, for by_force and by_load, shape (2, lines), where their errors are
                  correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
@@ -300,12 +300,12 @@ def measured_point(
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   from a force on the table (impact hammer) to the readings of load and motor; without it stiffness and
                   rope-snap error refer to a force at the drive
-    sample_time   s, of the control to be tuned
-    delay         s, of computation, if the responses were measured from the actual force and not from its command
-    averages      number of averages of a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
+    sample_time   sample time of the control to be tuned, s
+    delay         computation delay, s, if the responses were measured from the actual force and not from its command
+    averages      number of averages, for a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
-    Responses with a variance are smoothed as far as it allows; where motor and table move nearly together, their ratio
-    is fitted (`stiff_ratio`).
+    Responses with a variance are smoothed as far as the variance allows; where motor and table move nearly together,
+    their ratio is fitted (`stiff_ratio`).
     Raises ParameterError for differing lines, for fewer than ten lines, and for a unit other than m/N.
     """
     both = (load if motor is None else motor, load)
@@ -376,7 +376,7 @@ def measured_point(
 
 
 def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> np.ndarray | None:
-    """Return the minimum of the measured coherences on each line; None if there is none."""
+    """Return the minimum of the measured coherences on each line; None if none was measured."""
     coherences = [frf.coherence[inside][wanted] for frf in both if frf.coherence is not None]
     return np.minimum.reduce(coherences) if coherences else None
 
@@ -467,12 +467,12 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """Return the operating point with a plant's responses to a force on the table added, and a sentence on their
+    """Return the operating point extended by a plant's responses to a force on the table, and a sentence on their
     accuracy.
 
     The plant must agree with the measured responses to within 20 % (`disagreement`). If the measurement has variances,
-    this deviation is taken as the standard deviation of the added response. A point that does not agree with the plant
-    is returned unchanged. A point with a measured response to a force on the table keeps its responses.
+    this disagreement is used as the standard deviation of the added response. A point that does not agree with the
+    plant is returned unchanged. A point with a measured response to a force on the table keeps its responses.
 
     run  the tuned control is also simulated in the loop, with its friction, counts and limits
          (`OperatingPoint.known_as`)

@@ -35,8 +35,8 @@ _HALVINGS = 20
 class Placement(Result):
     """The result of a pole placement: gains in SI, the five placed poles in rad/s, and the poles of the sampled loop.
 
-    poles    as placed, of the continuous-time model, slowest first
-    reached  of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
+    poles    placed poles of the continuous-time model, slowest first
+    reached  poles of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
     """
 
     gains: Gains
@@ -92,8 +92,8 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
 
 
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
-    """Yield a phrase for each tunable: the largest value below the present one at which the loop is stable, the others
-    unchanged.
+    """Yield a phrase for each tunable: the largest value below the present one at which the loop is stable if all
+    others are unchanged.
     """
     for tunable in loop.control.law.tunables:
         present = float(tree.get(loop.control.law, tunable))
@@ -121,8 +121,8 @@ _BUTTERWORTH = float(np.sqrt(0.5))
 
 
 class _Placed(NamedTuple):
-    """A complex pair or a real pole: the fields of its frequency and damping ratio, and the ratio if it has no
-    field.
+    """A complex pair or a real pole: the fields of its frequency and damping ratio, and the value of the ratio if there
+    is no field for it.
     """
 
     label: str
@@ -159,8 +159,8 @@ class PlacedPole:
 
     name       dotted name of its frequency below the control, such as law.axial_frequency, whether set or derived by a
                rule
-    s          1/s; of a complex pair, the pole in the upper half plane
-    frequency, damping  names of the parameters that change with it; empty if there is none
+    s          the pole, 1/s; for a complex pair, the one in the upper half plane
+    frequency, damping  names of the parameters that move the pole; empty if there is none
     """
 
     name: str

@@ -61,10 +61,11 @@ def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the loop that agrees with a measured axis: its poles, and a run with friction, counts and limit.
+    """Check the loop that agrees with a measured axis: its poles, and a run with friction, encoder counts and force
+    limit.
 
-    The limits apply to the measurement. The model agrees with it only to within a few percent, so they are not checked
-    here.
+    The limits apply to the measurement. They are not checked here, since the model agrees with it only to within a few
+    percent.
     """
     if point.known_as is None:
         reason = (
@@ -124,9 +125,8 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
     """Simulate the loop with a force step on the table of a sliding axis, with friction, guard and force limit.
 
-    The response is the difference of two runs, with and without the force. Both are without counts and noise, which
-    would differ between them. A third run has counts and noise; it must neither trip the guard nor need more than the
-    force limit.
+    The response is the difference of two runs, with and without the force. Neither has encoder counts and noise, which
+    would differ between them. A third run has both; it must neither trip the guard nor need more than the force limit.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)
@@ -193,5 +193,5 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
 
 
 def _smooth(encoder: Sensor | None) -> Sensor | None:
-    """Return the encoder without counts and noise."""
+    """Return the encoder without quantization, noise and jitter."""
     return replace(encoder, resolution=None, noise=None, jitter=None) if isinstance(encoder, Encoder) else encoder

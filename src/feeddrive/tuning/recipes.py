@@ -39,8 +39,8 @@ GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB an
 class Recipe(Result):
     """The result of a tuning rule: a law, its derivation, and the axis data that the rule used.
 
-    mass       kg, of the free axis, as seen by the velocity loop
-    lag        s, total lag from force command to velocity: computation, current loop, filters, differentiation
+    mass       mass of the free axis as seen by the velocity loop, kg
+    lag        total lag from force command to velocity, s: computation, current loop, filters, differentiation
     """
 
     name: str
@@ -163,7 +163,7 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
         Kp = m ωv,   Tn = 4/ωv,   Kv = ωv/4,   ωv = 0.507/τ
 
     If the real loop, with its filters and resonances, exceeds Ms = 2 at a lower gain, ωv is reduced to that gain.
-    Raises NotIdentifiableError if no gain keeps Ms <= 2.
+    Raises NotIdentifiableError if no gain gives Ms <= 2.
     Source: manuals of Yaskawa's Σ series (Tn >= 4/ωv) and of Mitsubishi's MR-J (an outer loop 4 to 6 times slower than
     the next inner one); 0.507 is computed for a dead time of one sample.
     """
@@ -210,8 +210,8 @@ def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, dam
 def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
     """Return gains with the velocity crossover at half of the first antiresonance, Tn = 4/ωv and Kv = ωv/4.
 
-    Below it, motor and table move together, so that the spring does not affect the velocity loop. The crossover is
-    lowered to 1/(2τ) if the lag τ requires it.
+    Below the antiresonance, motor and table move together, so that the spring does not affect the velocity loop. The
+    crossover is lowered to 1/(2τ) if the lag τ requires it.
     Raises NotIdentifiableError if the axis shows no antiresonance.
     Source: a rule of thumb for drives with an elastic coupling.
     """
@@ -229,14 +229,13 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
 
 
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
-    """Return the highest velocity gain, and then the highest Kv, that keep gain and phase margin on the real loop.
+    """Return the highest velocity gain, and then the highest Kv, at which the real loop has the required margins.
 
-        robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv;   Kv at most ωv/4, and less if the margins require
-                                 it
+        robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv,   Kv <= ωv/4
 
     The sequence is that of automatic tuning in current commercial controllers, velocity loop first; the margins of both
     goals are our own choice.
-    Raises NotIdentifiableError if no gain keeps the margins.
+    Raises NotIdentifiableError if no gain gives these margins.
     """
     if goal not in GOALS:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(GOALS)}")

@@ -20,8 +20,7 @@ _INSIDE = 1e-9  # relative distance to an open bound
 
 
 def speed_powers(control: Control) -> Mapping[str, float]:
-    """Return, for each tunable of law, observers and compensations, its exponent of the bandwidth factor w if it is not
-    0.
+    """Return the nonzero exponents of the bandwidth factor w for the tunables of law, observers and compensations.
 
     A rate in 1/s, rad/s or Hz scales with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
     time in s with 1/w. For a free mass the loop gain is then stretched in frequency, L(jω; w) = L(jω/w; 1): every
@@ -126,9 +125,9 @@ def delay_map(
 
     tunables  paths of parameters that are scaled together, such as `axis.x.control.law.Kp`
 
-    For the laws of this library on rigid axes the stable gains form one interval; the map shows its upper end. Gains
-    that a law rejects count as unstable.
-    Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all are.
+    For the laws of this library on rigid axes, the stable gains form a single interval, of which the map shows the
+    upper end. Gains that a law rejects count as unstable.
+    Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all such factors are stable.
     """
     values = {name: float(tree.get(loop, name)) for name in tunables}
     times = {name for name in tunables if tree.declaration(loop, name).unit == "s"}

@@ -133,7 +133,7 @@ class Search:
         return points[order], merits[order]
 
     def broken(self, evaluation: Evaluation) -> float:
-        """Return the largest violation of a bound; negative if all bounds hold."""
+        """Return the largest violation of a bound; it is negative if all bounds are satisfied."""
         return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
@@ -295,7 +295,7 @@ AGREE = 0.05  # of the goal: search results this close to the best confirm it
 
 
 def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
-    """Return which kinds of search did not come within 5 % of the best result, and by how much; empty if all did."""
+    """Return which kinds of search missed the best result by more than 5 %, and by how much; empty if none did."""
     costs = [search.merit(end.judged) for end in ends]
     texts: list[str] = []
     for kind, how in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):

@@ -67,8 +67,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
 def own_tunables(control: Control) -> tuple[str, ...]:
     """Return the dotted names of the tunables that the law, its observers and its compensations declare.
 
-    For a law that declares none, return its own parameters > 0 without a default; empty if there are none of these
-    either.
+    For a law that declares none, return its own parameters > 0 that have no default, if any.
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
@@ -81,13 +80,13 @@ def own_tunables(control: Control) -> tuple[str, ...]:
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:
-    """Return the frequencies and damping ratios of the filters that are above zero."""
+    """Return the positive frequencies and damping ratios of the filters."""
     leaves = ((name, value) for name, value in tree.leaves(control) if name.startswith("filters."))
     return tuple(name for name, value in leaves if isinstance(value, float) and value > 0.0)
 
 
 def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Return the logarithms of the tunables. Raises ParameterError for a value that is not a number above zero."""
+    """Return the logarithms of the tunables. Raises ParameterError for a value that is not a positive number."""
     values: list[float] = []
     for name in names:
         value = tree.get(control, name)
@@ -222,9 +221,7 @@ class Tuner:
         return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """Return the best result of several searches, verified on all lines, with the reserve for the measurement
-        noise.
-        """
+        """Return the best result of several searches, verified on all lines, with the margin for measurement noise."""
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
@@ -286,7 +283,7 @@ class Tuner:
 
         After the first search, each round adds two that are independent of it and of each other: one from the best of a
         population over the whole range, and one by continuation in Ms from the best of other points. The best result is
-        settled when both kinds have reached it and widening the range of no tunable improves it further.
+        settled when both kinds have reached it and widening the ranges does not improve it further.
         """
         powers = speeds(control, names)
         ends, kinds = [search.descend(first)], ["start"]
@@ -330,9 +327,9 @@ class Tuner:
     def _widened(
         self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
     ) -> tuple[list[End], str]:
-        """Widen the ranges whose limits the best result has reached, until this improves it by less than 5 %.
+        """Widen the ranges whose limits the best result has reached, until this improves the result by less than 5 %.
 
-        Return the results, and a text with the tunables that would still improve it; empty if there are none.
+        Return the results, and a string that names the tunables that would still improve it; empty if there are none.
         """
         reason = ""
         for _ in range(_WIDENED):
@@ -425,7 +422,7 @@ class Tuner:
         return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
-        """Repeat the search with the lines added on which a bound is violated, until no bound is."""
+        """Repeat the search with those lines added on which a bound is violated, until no bound is violated."""
         for _ in range(_CUTS):
             whole = self.criteria(control, names, whole=True)
             evaluation = whole(end.x)
@@ -469,8 +466,8 @@ class Tuner:
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
-        """Return the attainable limit of a figure with all others kept, as a clause; empty if relaxing it does not
-        help.
+        """Return the attainable limit of a figure with all other limits unchanged, as a clause; empty if relaxing it
+        does not help.
         """
         if figure is None:
             return ""
@@ -559,9 +556,9 @@ class Tuner:
 def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
     """Return the lines of the resonances of a loop gain, |L| > 0.15, above its crossover.
 
-    The crossover is where |L| first falls below 1. A search above the last such line would miss the largest resonances,
-    which rise above 1 again: on the bundled ball screw, machining center and mill, notches at these resonances improve
-    the goal.
+    The crossover is where |L| first falls below 1. A search above the last crossing would miss the largest resonances,
+    at which |L| rises above 1 again. On the bundled ball screw, machining center and mill, notches at these resonances
+    improve the goal.
     """
     falls = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     crossover = frequency[falls[0]] if falls.size else frequency[0]
@@ -660,17 +657,17 @@ class Tuned(Result):
 
     tunables, started    values by dotted name, new and present (NaN: new filter)
     goal              the figure that is optimized
-    before, after     figures at each point; before is empty if the present control has none
+    before, after     figures at each point; `before` is empty if the present control has no figures
     held              the active limits, the one with the largest effect first
-    advice            advice on further improvements
+    advice            suggestions for further improvements
     notches           the notches that were tried, with their effect on the goal
-    sure, confidence  standard deviations kept from every bound, and the probability that all bounds hold
+    sure, confidence  margin to every bound in standard deviations, and probability that all bounds are satisfied
     spread            relative difference of the goal between the worst and the best search
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the control, if there was no search
-    cascade_before    velocity and position loop of the present control separately; None if it is no P-PI control
-    cascade           the same loops of the new control
+    cascade_before    velocity and position loop of the present control separately; None if it is not a P-PI control
+    cascade           the same loops for the new control
     """
 
     control: Control
@@ -708,12 +705,12 @@ class Tuned(Result):
 
     @property
     def holds(self) -> bool:
-        """True if no line of the proof fails; a tuning that does not hold must not be used."""
+        """True if no line of the proof fails; otherwise the tuning must not be used."""
         return all(line.holds is not False for line in self.proof)
 
     @property
     def proven(self) -> bool:
-        """True if all lines of the proof hold."""
+        """True if all lines of the proof pass."""
         return all(line.holds is True for line in self.proof)
 
     @property
@@ -932,7 +929,7 @@ def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
-    """Return the first limit that a control exceeds, as a clause; empty if it keeps all."""
+    """Return the first limit that a control violates, as a clause; empty if it satisfies all limits."""
     for loop in before:
         for verdict in judged(limits, loop, room):
             if not verdict.keeps:
@@ -959,7 +956,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the control whose tunables optimize the goal while all limits hold at every point.
+    """Return the control whose tunables optimize the goal while all limits are satisfied at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -973,7 +970,7 @@ def tune_control(
     tunables    dotted names below the control, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
                 added where they improve the goal
-    confidence  probability that all limits hold on the true axis; it determines k if the variances of the points are
+    confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
                 known
     today       the control to compare with; default: `control` itself
     progress    receives the name of each stage, and may cancel
@@ -1017,11 +1014,12 @@ def assess(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Evaluate a given control, for example from a recipe, with the figures and the proof of `tune` but without a
-    search.
+    """Evaluate a given control, for example from a recipe, with the figures and the proof of `tune_control` but without
+    a search.
 
-    rule  the name of the rule that gave it; the other arguments as in `tune`.  Raises the errors of `tune`, and
-    UnstableError if the loop is unstable at a point.
+    rule  name of the rule that gave the control; the other arguments are those of `tune_control`
+
+    Raises the errors of `tune_control`, and UnstableError if the loop is unstable at a point.
     """
     tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
     names = law_tunables(control)
@@ -1164,10 +1162,10 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """Return advice on possible improvements.
+    """Return suggestions for possible improvements.
 
-    It covers the effect of a shorter dead time, from the multipliers of the optimum, the cost of the measurement noise,
-    tunables at the limits of their range, and a missing response to a force on the table.
+    They concern the effect of a shorter dead time (from the multipliers of the optimum), the cost of the measurement
+    noise, tunables at the limits of their range, and a missing response to a force on the table.
     """
     advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
@@ -1231,7 +1229,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """Return the improvement of the goal for a changed axis, from the Lagrangian."""
+    """Return the improvement of the goal on a changed axis, from the Lagrangian."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
