@@ -2,8 +2,9 @@
 
     RIPPLE = Figure("force_ripple_rms_N", "force ripple", "N", "run", lambda run: float(np.std(run["force"])))
 
-A study measures it and a comparison ranks by it; with a `Goal` a tuning can optimize it, with a `Limitable` keep it
-within a limit. The entries are in `of_loops.py` and `of_runs.py`; packages add their own (`catalogue.py`).
+A study measures it and a comparison ranks by it; a tuning can optimize it if it has a `Goal`, and keep it within a
+limit if it has a `Limitable`. The entries are in `of_loops.py` and `of_runs.py`; packages add their own
+(`catalogue.py`).
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Figure:
     key      its name in files, with its SI unit at the end: following_error_rms_m
     title    its name in words
     unit     SI
-    needs    the argument of `of`: "statistics", "model" or "run"; "duty": a comparison computes it from its runs
+    needs    the argument of `of`: "statistics", "model" or "run"; "duty" if a comparison computes it from its runs
     of       for `Statistics`, returns the values of all variants, shape (n,); for a `LinearLoop` or a Run, a number or
              None
     better   "lower", "higher", or empty if neither is better
@@ -94,7 +95,7 @@ class Figure:
     short    a shorter title, for a column of numbers
     label    the title in the table of a tuned loop
     form     digits in a comparison, and the unit if it is not the usual one
-    absent   the value of a model without this figure: the margin of a loop without a crossover is infinite
+    absent   the value if a model lacks this figure, such as an infinite margin of a loop without a crossover
     signals  the signals whose statistics are gathered, by their names on a single axis
     tuned    True if a tuning reports it
     compared  True if a tuning also reports where it gets worse
@@ -210,9 +211,9 @@ class Limit:
         return Text(f"{self.figure.title} {sign} {Quantity(self.bound, self.figure.unit)}")
 
     def keeps(self, value: float | None, room: float = 0.0) -> bool:
-        """Return True if a value keeps the limit within the tolerance `room`, a share of the limit.
+        """Return True if a value satisfies the limit within the tolerance `room`, a share of the limit.
 
-        An absent value keeps it.
+        An absent value satisfies it.
         """
         if value is None:
             return True

@@ -43,7 +43,7 @@ class LinearLoop:
     """A loop with its linear model, which is computed once for all figures.
 
     velocity       m/s, sliding velocity of the axis
-    known          its model if already computed; the loop must be stable
+    known          linear model of the loop, if already computed; the loop must be stable
     density        lines per decade
     lowest         Hz, lowest frequency for the minimum stiffness
     reading_noise  white noise of the two readings, m RMS; None: counts and noise of the encoders
@@ -60,7 +60,7 @@ class LinearLoop:
 
     @cached_property
     def model(self) -> LoopModel:
-        """The linear model of the loop, opened at the actuator and closed."""
+        """The linear model of the loop, both opened at the actuator and closed."""
         if self.known is not None:
             return self.known
         model = loop_model(self.loop, velocity=self.velocity)
@@ -241,7 +241,7 @@ def _nowhere(_: JudgedLoop) -> float | None:
 
 @dataclass(frozen=True)
 class StiffnessAt:
-    """The dynamic stiffness at a frequency in Hz, as the function of a Figure."""
+    """The dynamic stiffness at a frequency in Hz, for use as `Figure.of`."""
 
     frequency: float
 
@@ -252,7 +252,7 @@ class StiffnessAt:
 
 @dataclass(frozen=True)
 class StiffnessOver:
-    """The geometric mean of the dynamic stiffness over a band in Hz, as the function of a Figure."""
+    """The geometric mean of the dynamic stiffness over a band in Hz, for use as `Figure.of`."""
 
     low: float
     high: float

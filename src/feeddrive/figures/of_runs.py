@@ -12,7 +12,7 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True)
 class Of:
-    """A statistic of a signal, as the function of a Figure."""
+    """A statistic of a signal, for use as `Figure.of`."""
 
     signal: str
     what: str

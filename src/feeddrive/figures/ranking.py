@@ -1,4 +1,4 @@
-"""The figures by which laws are ranked, and those of them that come from the linear model."""
+"""The figures by which laws are ranked, including those computed from the linear model."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ LINEAR = tuple(figure for figure in of_loops.OF_LOOPS if figure.judges_laws)
 def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
     """Return the rank of each law, 1 for the best; ties share a rank, and a law without the figure has none.
 
-    An infinite figure (a law that never settles, a force that is never held) is ranked last.
+    An infinite figure, such as the settling time of a law that never settles, is ranked last.
     """
     values = [row.get(criterion.key) for row in figures]
     known = [value for value in values if value is not None]

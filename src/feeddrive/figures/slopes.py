@@ -1,6 +1,6 @@
 """Figures of a closed loop with their derivatives with respect to the tunables, for the goals and limits of a search.
 
-Slacks are logarithms or relative differences: 0.01 is about one percent. A limit is kept while its slack is >= 0.
+Slacks are logarithms or relative differences: 0.01 is about one percent. A limit is satisfied if its slack is >= 0.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,8 +34,8 @@ Band = tuple[float, float]
 class JudgedLoop(Protocol):
     """A closed loop whose figures can be computed, from a model or a measurement.
 
-    To compute one of them only once, a class defines it as a property that returns a cached property: a type checker
-    does not accept a `cached_property` for the property of a protocol.
+    To compute a figure only once, a class defines it as a property that returns a cached property, because a type
+    checker does not accept a `cached_property` for the property of a protocol.
     """
 
     @property
@@ -278,7 +278,7 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
 class _Crossing(NamedTuple):
     """A gain crossover with the derivatives of its phase and frequency.
 
-    line, margin  index of its line; frequency and margins
+    line, margin  index of its line, and its frequency and margins
     turned        derivatives of the phase with respect to the tunables
     along         derivatives of ln f with respect to the tunables
     tilt, bend    d ln|L|/d ln f and d phase/d ln f
@@ -381,8 +381,8 @@ def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
     """Return the slacks; each local minimum is refined by the smallest |w| between the neighboring lines.
 
-    w = (w0 + b u)/(1 + c u) through the three lines, u = ln f - ln f0: a resonance is a circle, and its closest point
-    may lie far from any line.
+    w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance is a circle, whose
+    closest point may lie far from any line.
     """
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
@@ -410,7 +410,7 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
     """Return d ln|L|/d ln f and dφ/d ln f around a line.
 
-    They are fitted over an interval: the difference of two lines would be mostly noise.
+    They are fitted over an interval, because the difference between two lines would be mostly noise.
     """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     # at least the two lines of the crossing, where lines are sparse

@@ -44,10 +44,10 @@ class Bench:
     title         description for the user
     by_hand       the initial control with its operating points
     sources       source files, in the form accepted by the tuner
-    machine       its machine file, or that of today's control for a measured response; None without one
+    machine       its machine file, or that of the reference control for a measured response; None without one
     axis          axis name in the machine file
     remarks       remarks on the measured responses
-    today         today's control, if the initial control differs from it
+    today         reference control, shown as `today`, if the initial control differs from it
     file          machine file as named by the user; empty without one
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
@@ -66,16 +66,16 @@ class Bench:
 
     @property
     def before(self) -> ByHand:
-        """Today's control at the same operating points."""
+        """The reference control, which is shown as `today`, at the same operating points."""
         return self.today or self.by_hand
 
     def with_control(self, control: Control) -> Self:
-        """Return the same axis with another initial control; today's control remains the reference."""
+        """Return the same axis with another initial control and the same reference control."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with today's control, from the machine file; None without one."""
+        """The loop of the axis with the reference control, from the machine file; None without one."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -142,7 +142,7 @@ class Bench:
         return self._overlays[place]
 
     def friction_shown(self, units: Units) -> Chart | None:
-        """Return the chart of friction versus velocity, modelled and measured; None without a machine."""
+        """Return the chart of modelled and measured friction versus velocity; None without a machine."""
         if self.loop is None:
             return None
         if units not in self._frictions:
@@ -177,7 +177,7 @@ class Bench:
             yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
     def text(self, values: Mapping[str, float]) -> str:
-        """Return the text of the machine file with changed control parameters; all else is unchanged."""
+        """Return the text of the machine file with changed control parameters; everything else is unchanged."""
         self.needed_loop()
         assert self.machine is not None
         return machine_text(self.machine, self.axis, self.by_hand.control(values))
@@ -224,7 +224,7 @@ def bench_of_responses(
     delay: float = 0.0,
     limits: Limits | None = None,
 ) -> Bench:
-    """Return the bench of measured responses, with today's control of a machine file or a P-PI tuned by robust margins.
+    """Return the bench of measured responses; the reference control is that of a machine file or a robustly tuned P-PI.
 
     Raises ParameterError with a remedy for inconsistent inputs.
     """

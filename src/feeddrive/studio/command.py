@@ -77,7 +77,7 @@ def _private(path: Path) -> bool:
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
     """Call `act` whenever Enter is pressed in the terminal until `ended` is set; return False without a terminal.
 
-    In the background nothing is read, since the system would stop the process.
+    A background process reads nothing, since the system would stop it.
     """
     if os.name != "posix" or not sys.stdin or not sys.stdin.isatty():
         return False
@@ -154,7 +154,9 @@ class StudioRequest(Request):
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
-        """Raise ParameterError for a page that is open to the network without a password, and for two start sources."""
+        """Raise ParameterError if the page is open to the network without a password, or if two start sources are
+        named.
+        """
         if self.tour and self.source is not None:
             raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
         if self.password_file is None and not _local(self.host):

@@ -36,7 +36,7 @@ _MARK = "studio_act"
 
 @dataclass(frozen=True)
 class Said:
-    """The answer of a room to a request of the page.
+    """The response of a room to a request from the page.
 
     words   content of the message header, as data for JSON
     charts  charts by name
@@ -47,13 +47,13 @@ class Said:
 
 
 class Asked:
-    """The parameters of a request of the page. Its methods raise ParameterError for a missing or mistyped value."""
+    """The parameters of a request from the page. The methods raise ParameterError for a missing or mistyped value."""
 
     def __init__(self, parameters: Mapping[str, Any]) -> None:
         self.parameters = parameters
 
     def text(self, name: str) -> str:
-        """Return a text parameter."""
+        """Return a string parameter."""
         value = self.parameters.get(name)
         if not isinstance(value, str):
             raise ParameterError(f"the page must send {name} as a text, not {value!r:.60}")
@@ -81,7 +81,7 @@ class Asked:
         return value
 
     def text_or_none(self, name: str) -> str | None:
-        """Return a text parameter; None if it is missing or empty."""
+        """Return a string parameter; None if it is missing or empty."""
         return self.text(name) if self.parameters.get(name) not in (None, "") else None
 
     def number_or_none(self, name: str) -> float | None:
@@ -89,14 +89,14 @@ class Asked:
         return self.number(name) if self.parameters.get(name) not in (None, "") else None
 
     def texts(self, name: str) -> list[str]:
-        """Return a parameter that is a list of texts, possibly empty."""
+        """Return a parameter that is a list of strings, possibly empty."""
         values = self.parameters.get(name, [])
         if not isinstance(values, list) or not all(isinstance(value, str) for value in cast("list[Any]", values)):
             raise ParameterError(f"{name} must be a list of texts, not {values!r:.60}")
         return cast("list[str]", values)
 
     def choice(self, name: str, among: Iterable[str]) -> str:
-        """Return a text parameter that must be one of several."""
+        """Return a string parameter that must be one of several."""
         value, known = self.text(name), tuple(among)
         if value not in known:
             raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{value:.60}'")
@@ -167,7 +167,7 @@ class Step:
     """A completed step: a workflow command with its request.
 
     control  the control to which its results belong, if any
-    epoch    number of the source on the desk at that time
+    epoch    number of the source that was open at that time
     """
 
     command: str
@@ -202,14 +202,14 @@ class Held:
 class Desk:
     """The state of one page. It is not shared between pages.
 
-    folder    folder of the page, with uploaded files in `brought`, results beside it
+    folder    folder of the page, which contains the results, and uploaded files in `brought`
     bench     the axis being tuned; None before a source was opened
     brought   files named on the command line, stored elsewhere
     files     path of each file by its displayed name: the latest uploaded or computed one
     epoch     number of sources opened so far
     base      machine file into which the current control is written
     written   control in that file
-    limits    limits for judging the loop, those of the goal
+    limits    limits by which the loop is judged, which are those of the goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     closing   functions that are called at the end of the session
@@ -258,7 +258,7 @@ class Desk:
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
-        """Change parameters; with `begins` as a new undo step, else as part of a drag. Raises ParameterError."""
+        """Change parameters, with `begins` as a new undo step, otherwise as part of a drag. Raises ParameterError."""
         # first of all: values out of bounds must raise before anything has changed
         control = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
@@ -272,10 +272,10 @@ class Desk:
     def exchange(self, control: Control, file: Path | None = None) -> None:
         """Continue with a control that may have different blocks, as an undo step.
 
-        file  a machine file in which a command has written it
+        file  a machine file to which a command has written it
 
-        Without a file it is written into the current machine file or into that of the source, if it differs from the
-        control there only in filters and parameters, and otherwise into a new file.
+        Without `file`, the control is written into the current machine file, or into that of the source, if it differs
+        from the control there only in filters and parameters; otherwise it is written into a new file.
         """
         bench = self.needed.with_control(control)
         self._remember()
@@ -297,7 +297,7 @@ class Desk:
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
 
     def keep(self, name: str, content: bytes, what: str) -> Path:
-        """Write a file that no command writes, and mark it in the recipe as one to be kept.
+        """Write a file that no command writes, and list it in the recipe as a file to be kept.
 
         A number is appended to the name if another file has it.
         """
@@ -312,14 +312,14 @@ class Desk:
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the data of a result, with a remark if it belongs to another control than the current one."""
+        """Return the data of a result, with a remark if it belongs to a control other than the current one."""
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def results(self) -> dict[str, str]:
         """Return the result directories of this source by name, latest last.
 
-        The value is a remark for a result of another control, else empty.
+        The value is a remark if the result belongs to a control other than the current one, and otherwise empty.
         """
         directories = dict[str, str]()
         for step in self.done:
@@ -355,11 +355,11 @@ class Desk:
             raise
 
     def back(self) -> None:
-        """Undo a step, if there is one."""
+        """Undo the last step, if there is one."""
         self._swap(self.undo, self.redo)
 
     def again(self) -> None:
-        """Redo a step, if one was undone."""
+        """Redo the last undone step, if there is one."""
         self._swap(self.redo, self.undo)
 
     def _remember(self) -> None:
@@ -392,7 +392,7 @@ class Desk:
     def take(self, control: Control, file: Path | None = None) -> None:
         """Continue with a computed control, as an undo step.
 
-        file  the machine file in which a command has written it, if any
+        file  the machine file to which a command has written it, if any
         """
         changes = difference(self.needed.by_hand.start, control)
         if (
@@ -449,7 +449,7 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """Return the request that writes the current control; None if the last step that wrote the file already did.
+        """Return the request that writes the current control; None if the last step that wrote the file was the same.
 
         Raises ParameterError without a machine.
         """
@@ -492,7 +492,7 @@ class Desk:
     ) -> None:
         """Start a long-running job in its own process. The job and its result must be picklable.
 
-        `then(result)` and `improved(report)` are called in the session; after each the room is shown again. Raises
+        `then(result)` and `improved(report)` are called in the session; after each call the room is shown again. Raises
         ParameterError while another job runs.
         """
         self.check_free()

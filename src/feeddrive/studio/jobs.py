@@ -58,8 +58,8 @@ class JobState:
     room, what   room that started it, and description of the job
     state        waiting, running, done, failed or canceled
     step         current step; `done` of `of`, if steps are counted
-    remarks      remarks made so far
-    error        reason of a failure
+    remarks      remarks so far
+    error        reason for a failure
     """
 
     room: str
@@ -228,7 +228,7 @@ class Job:
 
 
 class _Reporting(Progress):
-    """The progress object in the process of a job: it sends reports to the page, steps at a limited rate."""
+    """The progress object in the process of a job: it sends reports to the page, and limits the rate of steps."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()

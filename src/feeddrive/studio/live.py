@@ -26,7 +26,7 @@ _FILE, _DRIVE, _OF_PIPE = "table that grows", "drive, sampled and not moved", "p
 
 @dataclass(frozen=True)
 class Offered:
-    """A source that may be followed: its path, its kind as text, and the folder that must contain it."""
+    """A source that may be followed: its path, its kind in words, and the folder that must contain it."""
 
     path: Path
     kind: str

@@ -1,4 +1,4 @@
-"""The pictures of the page: the loop under today's, the current and stored controls."""
+"""The pictures of the page: the loop under the reference control, the current control and stored controls."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -200,7 +200,7 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """The critical operating point of each control, see `Look.leading`."""
+        """The critical operating point of each control (see `Look.leading`)."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property

@@ -1,10 +1,10 @@
 """Access control of the page's server: host, origin, one-time tokens, cookie, password and security headers.
 
-Host      must be an address at which the server listens; a foreign name that resolves to it is refused (DNS rebinding)
+Host      must be an address at which the server listens; other names that resolve to it are refused (DNS rebinding)
 password  replaces the token if others on the network can reach the server; requested by a login page
 Origin    of WebSockets and of all state-changing requests must be the page itself
-token     in an address, opens the page once and is exchanged for a cookie that is sent to this server only
-headers   a policy without external content and inline scripts; framing, caching and MIME sniffing are disabled
+token     part of an address; opens the page once and is exchanged for a cookie that is sent to this server only
+headers   forbid external content, inline scripts, framing, caching and MIME sniffing
 """
 
 import asyncio
@@ -128,8 +128,9 @@ class Door:
     """The access control of the server.
 
     hosts     accepted Host headers, such as `127.0.0.1:8765`
-    password  replaces the token in the address; empty: none
-    port      if the server listens at all addresses of the machine: any IP address with this port is accepted, no name
+    password  replaces the token in the address; empty without a password
+    port      given if the server listens at all addresses of the machine; any IP address with this port is then
+              accepted, but no host name
     tokens    one-time tokens that open the page without a password
     secret    value of the cookie
     """

@@ -3,7 +3,8 @@
 A message to the browser has a header in JSON and the numbers of all curves:
 
 4 bytes   length of the header, little-endian, a multiple of 4 (padded with blanks)
-header    JSON; a curve states the index of its first x and the number of points; its y follow, for a band low and high
+header    JSON; a curve states the index of its first x value and the number of points; its y values, or the low and
+          high values of a band, follow the x values
 numbers   float32, little-endian; non-finite values are NaN and interrupt a line
 """
 
@@ -49,7 +50,7 @@ def message(
 ) -> bytes:
     """Encode one message: JSON data and charts by name.
 
-    windows  visible range of x by label of x, over which the points of the curves are distributed
+    windows  visible x range by x label; the points of the curves are distributed over this range
     """
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(chart, numbers, windows.get(chart.label)) for name, chart in (charts or {}).items()}
@@ -94,7 +95,7 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
 
 
 def _mark(mark: Mark) -> dict[str, Any]:
-    """Encode a mark; on the page its caption is `said`, as for panels and curves."""
+    """Encode a mark; as for panels and curves, its caption has the key `said`."""
     return {
         **{name: getattr(mark, name) for name in ("x", "y", "number", "hollow", "name", "key")},
         "said": mark.caption,
@@ -138,7 +139,7 @@ def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Encode a band; more points than a picture can show are reduced to the envelope of each interval."""
+    """Encode a band; if it has more points than a picture can show, it is reduced to the envelope of each interval."""
     x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
@@ -246,7 +247,7 @@ class Session:
             self.answer({"do": "bring.tour"})
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
-        """Return the message that answers a request of the page: the answer of its room, or the error."""
+        """Return the message that responds to a request from the page: the response of its room, or the error."""
         sent = asked.get("number")
         number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
@@ -303,7 +304,7 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom all pictures of a room with this label of x to a range, or to the full range; return the room name."""
+        """Zoom all pictures of a room with this x label to a range, or to the full range; return the room name."""
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)
@@ -511,9 +512,9 @@ class Sessions:
         self._held = dict[str, Session]()  # the latest last
 
     def named(self, name: str) -> Session:
-        """Return the session of a page, a new one for an unknown page.
+        """Return the session of a page; an unknown page gets a new one.
 
-        Raises ParameterError if too many pages are open, FileError if the folder cannot be written.
+        Raises ParameterError if too many pages are open, and FileError if the folder cannot be written.
         """
         with self._lock:
             # taken out and put back at the end: the dict is in order of last use
@@ -533,7 +534,7 @@ class Sessions:
 
 
 class Outbox:
-    """The queue of messages for a page: every answer, and the latest of each kind of unsolicited message."""
+    """The queue of messages for a page: every response, and the latest unsolicited message of each kind."""
 
     def __init__(self) -> None:
         self._held, self._count = dict[int | str, bytes](), 0

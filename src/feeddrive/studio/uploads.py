@@ -34,7 +34,7 @@ _POINTS = 400  # of a preview
 
 @dataclass(frozen=True, eq=False)
 class Understood:
-    """The content of a file, as far as it could be read.
+    """The readable content of a file.
 
     name, kind  name and kind of the file
     axes        axes of a machine

@@ -1,4 +1,4 @@
-"""Long-running jobs of the page: each runs in its own process and returns the texts and pictures to show."""
+"""Long-running jobs of the page: each runs in its own process and returns the strings and pictures to show."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Shown:
 def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
     """Return the report of an outcome for the page: the same sections as in HTML, with the charts of its pictures.
 
-    drawn  keys of the pictures to draw; None: all. The room draws the others itself, or they are left to the report.
+    drawn  keys of the pictures to draw; None: all. The others are drawn by the room itself or shown only in the report.
 
     Pictures that the page cannot draw are left out. A failed outcome always has a sentence.
     """
@@ -113,7 +113,7 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def tuned(request: TuneRequest, progress: Progress) -> Shown:
-    """Tune a control; its pictures over frequency are drawn by the room, with the control of the page beside them."""
+    """Tune a control; the room draws its pictures over frequency, together with the current control of the page."""
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
@@ -142,7 +142,7 @@ def circled(request: CircleRequest, progress: Progress) -> Shown:
 
 
 def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
-    """Draw the deviation of a circle test, magnified and over the angle, and list the largest quadrant peaks.
+    """Draw the deviation of a circle test, magnified and versus angle, and list the largest quadrant peaks.
 
     before  the same circles under another control, for comparison
     """

@@ -95,7 +95,9 @@ class Bring(Room):
 
     @act
     def tour(self, _: Asked) -> None:
-        """Simulate and open the log of the tour; the identification starts from the machine file of its control."""
+        """Simulate and open the log of the tour; the identification starts from the machine file of the simulated
+        control.
+        """
         out = self.desk.folder / "tour"
         request = TourRequest(out=out)
 
@@ -171,7 +173,7 @@ class Bring(Room):
 
     @act
     def responses(self, asked: Asked) -> Said:
-        """Open measured responses, with or without a machine file for today's control."""
+        """Open measured responses, with or without a machine file for the reference control."""
         file = self._known(asked)
         if file.kind != RESPONSES:
             raise ParameterError(f"{file.name} holds no frequency responses")

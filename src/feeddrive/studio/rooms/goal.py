@@ -84,7 +84,7 @@ class Goal(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text that the user entered; an empty text restores the default."""
+        """Set a field from the string that the user entered; an empty string restores the default."""
         field = FIELDS[asked.choice("field", FIELDS)]
         text = asked.text("value").strip()
         settings = {key: value for key, value in self.settings.items() if key != field.name}
@@ -181,7 +181,7 @@ class Goal(Room):
         )
 
     def _begins(self) -> str:
-        """Return a remark on the start of the search, to be shown before it; empty if there is none."""
+        """Return a remark to be shown before a search starts; empty if there is none."""
         bench = self.desk.needed
         if bench.loop is None:
             return _BY_RULE
@@ -244,7 +244,9 @@ class Goal(Room):
         return levels
 
     def _up_to_limit(self, chart: Chart) -> Chart:
-        """Extend the sensitivity axis up to the limit, so that it can be dragged, unless it is far above all curves."""
+        """Extend the sensitivity axis up to the limit, so that the limit can be dragged, unless it is far above all
+        curves.
+        """
         first, *others = chart.panels
         limit = self._peak_limit()
         top = max(float(np.nanmax(curve.y)) for curve in first.curves)

@@ -144,7 +144,7 @@ class Scope(Room):
 
     @act
     def set(self, asked: Asked) -> None:
-        """Set a field from the text that the user entered; an empty text restores the default."""
+        """Set a field from the string that the user entered; an empty string restores the default."""
         name = asked.choice("field", _SHOWN)
         text = asked.text("value").strip()
         another = name in _OF_CLOCK and self._counted != "s"
@@ -211,7 +211,7 @@ class Scope(Room):
 
     @act
     def move(self, asked: Asked) -> Said:
-        """Set a cursor to a time in the picture; without a time remove both cursors."""
+        """Set a cursor to a time in the picture, or remove both cursors if no time is given."""
         place = asked.number_or_none("x")
         if place is None:
             self.cursors = None

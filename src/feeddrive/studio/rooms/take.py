@@ -39,7 +39,7 @@ class Recipe:
 
     commands  shell commands, one per line
     python    Python script
-    job       job file that simulates the move of the page with today's and the current control; empty without a machine
+    job       job file that simulates the move of the page with reference and current control; empty without a machine
     """
 
     commands: str
@@ -66,7 +66,7 @@ def recipe_of(desk: Desk) -> Recipe:
 
 
 def _job(desk: Desk) -> str:
-    """Return a job that compares today's and the current control under the same move and force."""
+    """Return a job that compares the reference and current controls under the same move and force."""
     bench = desk.bench
     if bench is None or bench.machine is None:
         return ""
@@ -182,7 +182,7 @@ class Take(Room):
         self.desk.exchange(result.loop(bench.axis).control, path)
 
     def _bounds(self) -> list[dict[str, Any]]:
-        """Return the fields of a guard for a control without one; only exports of parameters do not need a guard."""
+        """Return the fields of a guard for a control without one; exports other than parameters need a guard."""
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []

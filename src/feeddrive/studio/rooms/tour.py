@@ -17,8 +17,8 @@ class Step:
     title, text  title, and two sentences: what to look at, and which button to press next
     room         room in which the step takes place
     marked       ids of the page elements to look at and to press, in this order
-    act          action of the page that completes the step, or
-    command      workflow command whose completion does; without either the button Next does
+    act          action of the page that completes the step, if any
+    command      workflow command whose completion completes the step, if any; otherwise the button Next completes it
     """
 
     title: str
@@ -170,7 +170,7 @@ class Tour(Room):
         self.at = None
 
     def show(self) -> Said:
-        """Return an empty answer: the step is part of every message."""
+        """Return an empty response, since the step is part of every message."""
         return Said()
 
     def _go(self, at: int) -> None:

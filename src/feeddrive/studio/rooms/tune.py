@@ -27,7 +27,7 @@ from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 
 def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:
-    """Return for each limit a sentence and True if it is satisfied, the most critical limit first."""
+    """Return for each limit a sentence, and True if the limit is satisfied, with the most critical limit first."""
     several, sentences = len(look.figures) > 1, list[dict[str, Any]]()
     for verdict in look.judged:
         where = f" ({verdict.point})" if several else ""
@@ -200,7 +200,7 @@ class Tune(Room):
 
     @act
     def reset(self, _: Asked) -> Said:
-        """Restore today's control."""
+        """Restore the reference control."""
         self.desk.take(self.desk.needed.before.start)
         return self._pictures()
 
