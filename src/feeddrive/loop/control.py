@@ -324,7 +324,7 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can clear the memory, which is impossible for a ring outside a `History` or a `Track`."""
+    """Check that a reset can clear the memory, which is impossible if a ring is not part of a `History` or `Track`."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "

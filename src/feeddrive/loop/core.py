@@ -276,7 +276,7 @@ def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Nu
 def advance(
     axis: Axis, prepared: Hold, state: Axis.State, command: Number, load: Number | None, time: Number, T: Number
 ) -> tuple[Axis.State, Axis.Step]:
-    """Advance a single axis from kT to (k+1)T under a command in N and a held load force in N (None: none)."""
+    """Advance a single axis from kT to (k+1)T under a command and a constant load force (None if absent), in N."""
     core, joint = Core({_ALONE: axis}), JointHold(prepared.change, (prepared.columns(),))
     at, after = acting(prepared, state, command, load)
     h = T / axis.substeps

@@ -16,7 +16,7 @@ from feeddrive.loop.hold import Hold, Timing
 
 
 class Signals(NamedTuple):
-    """The signals that can be recorded; row k holds the values at t = kT; forces are those commanded at kT or acting
+    """The signals that can be recorded; row k contains the values at t = kT; forces are those commanded at kT or acting
     from kT onward.
     """
 

@@ -268,7 +268,7 @@ def simulate(
     load        force on the table, N
     added_force force added to the command behind its limit, N: the excitation of a measurement.  The signal `force`
                 does not include it
-    enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value holds to the end
+    enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value applies until the end
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
                 {"axis.x.control.law.Kv": 80.0}.  The change is bumpless (`Control.retune`)
     duration    s; default: that of the reference
