@@ -116,7 +116,7 @@ def _line_in(error: BaseException) -> str:
 
 
 def module_at(place: str) -> tuple[ModuleType, str]:
-    """Import the module of a place; return it with the name of the class, or with an empty string.
+    """Import the module of a place; return it with the name of the class, which is empty if the place names none.
 
     Modules are searched on Python's path, then in the working directory; a file is imported from its own folder.
     """
@@ -138,9 +138,9 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 
 
 def fault_of_user_code(error: Exception) -> FeeddriveError | None:
-    """Return an exception in the code of a user-defined block as one sentence with file and line; None for any other.
+    """Return a one-sentence error with file and line for an exception in user-defined block code, else None.
 
-    Python users get the error itself; the command line has no traceback to show.
+    It is for the command line, which shows no traceback; Python users get the original exception.
     """
     trace, line = error.__traceback__, ""
     while trace is not None:

@@ -10,8 +10,9 @@ class Actuator(Block):
 
         f' = 2π current_loop (force(t - dead_time) - f)
 
-    The lag is part of the linear core and held exactly; the dead time may be any real number of samples.  Without
-    `current_loop` the force follows at once.  `motor` states the drive's own unit and limits for files and reports.
+    The lag is part of the linear core and is discretized exactly; the dead time may be any real number of samples.
+    Without `current_loop` the force follows at once.  `motor` states the drive's own unit and limits for files and
+    reports.
     """
 
     dead_time: Number = parameter("s", "from the sampling instant to the force that answers it", least=0, default=0)

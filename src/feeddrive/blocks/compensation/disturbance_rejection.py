@@ -22,15 +22,14 @@ _LEAST = 1e-30
 class DisturbanceRejection(Compensation):
     """Subtraction of an observer's disturbance estimate from the force, behind the filters of the law.
 
-        force = -share · F̂d(k),    share rises from 0 over blend_time after the start, along a straight line
+        force = -share · F̂d(k),    share rises linearly from 0 over blend_time after the start
 
     The law then sees an axis with the observer's mass, and only the disturbances that are too fast for the observer.
-    With a share of 1 the rejection has integral action.  Law and observer are then stable only together: check the
+    With a share of 1 the rejection has integral action.  Stability then depends on law and observer together: check the
     whole loop with `require_stable`.
 
-    When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  When
-    not: under a law that subtracts an observer's estimate itself, and with a mode of the axis inside the observer's
-    band.
+    When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  Not
+    suitable for a law that subtracts an observer's estimate itself, or for an axis mode inside the observer's band.
     Source: Altintas & Okwudire 2009, section 3 (recovery); Ohnishi 1987 (the disturbance observer as an inner loop).
     """
 
@@ -73,7 +72,7 @@ class DisturbanceRejection(Compensation):
     )
 
     class Prepared(NamedTuple):
-        """The prepared numbers of the observer, and the rise of the share per sample."""
+        """The prepared values of the observer, and the increase of the share per sample."""
 
         observer: Any
         rise: tuple[Number, ...]

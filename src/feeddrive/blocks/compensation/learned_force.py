@@ -13,9 +13,9 @@ class LearnedForce(Compensation):
 
         force(k) = row k of the table, afterwards its last row, which should be 0
 
-    When to use: for one motion that repeats exactly, sample by sample; `learn_signal` returns this block.  When not:
-    for any other motion, since the force fits only the motion for which it was learned; use a
-    DisturbanceCompensator then.
+    When to use: for one motion that repeats exactly, sample by sample; `learn_signal` returns this block.  Not suitable
+    for any other motion, since the force fits only the motion for which it was learned; use a DisturbanceCompensator
+    instead.
     Source: Arimoto, Kawamura & Miyazaki 1984 (learning control).
     """
 

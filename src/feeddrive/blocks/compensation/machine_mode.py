@@ -6,7 +6,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class MachineMode(Block):
-    """One mode of the machine beside the axis, for `ModeCompensation`.
+    """One mode of the machine outside the axis, for `ModeCompensation`.
 
         mass (x'' + 2 damping_ratio ω x' + ω² x) = F,    ω = 2π frequency,    stiffness = mass ω²
 

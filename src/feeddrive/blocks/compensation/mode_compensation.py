@@ -22,19 +22,19 @@ class ModeCompensation(Compensation):
 
         F_c(k)  = -(F̂d(k) - F_friction)                the force on the tool side, from the observer
         ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): exact hold of `MachineMode`, one for each mode
-        p       = Φ(τ) (ξ(k), F_c(k))                   the mode now: the observer's estimate is τ late
+        p       = Φ(τ) (ξ(k), F_c(k))                   the present mode; the observer's estimate is τ late
         x_r += p₁,   v_r += p₂,   a_r += F_c/m_s - 2ζω p₂ - ω² p₁
 
-    so that nothing is differentiated.  Friction does not act on the tool side: a friction model subtracts it from the
-    `applied` force that the observer sees, at the velocity of the moved setpoint, which is free of noise.  A mode of
-    the base is driven by the applied force itself, without observer and delay, and its motion is subtracted from the
+    This form needs no differentiation.  Friction does not act on the tool side: a friction model, evaluated at the
+    noise-free velocity of the shifted setpoint, removes it from the `applied` force that the observer receives.  A mode
+    of the base is driven by the applied force itself, without observer and delay, and its motion is subtracted from the
     setpoint.  So is the motion of a workpiece fixture, which is driven by F_cut/m_w - x_r''.
 
     When to use: modes well inside the bandwidth of the position loop, whose frequency is known to about 1 %.  At
     resonance an error of 5 % cancels the benefit; for steps and broadband forces the benefit falls slowly with this
-    error.  When not: for modes of the axis itself.  A fixture closes a loop through the workpiece, since the observer
-    sees its inertia too.  This loop is unstable unless the observer's band ends below about a quarter of the mode's
-    frequency; only slow forces are then compensated.
+    error.  Not suitable for modes of the axis itself.  A fixture closes a loop through the workpiece, since the
+    observer also sees the workpiece's inertia.  This loop is unstable unless the observer's band ends below about a
+    quarter of the mode's frequency; only slow forces are then compensated.
     Source: Altintas & Okwudire 2009, end of section 3; the form is this library's.
     """
 
@@ -70,7 +70,7 @@ class ModeCompensation(Compensation):
     )
 
     class Prepared(NamedTuple):
-        """The observer's numbers; for each mode Φ - 1 and Γ over a sample and over the lead, and 1/m_s, 2ζω, ω²."""
+        """The observer's values; for each mode Φ - 1 and Γ over a sample and over the lead, and 1/m_s, 2ζω, ω²."""
 
         observer: Any
         sample: tuple[Matrix, ...]
@@ -169,7 +169,7 @@ class ModeCompensation(Compensation):
         return self.State(observer, tuple(after), velocity), moved, 0.0
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the state of the observer; position and velocity of the modes remain."""
+        """Convert the state of the observer; the modes keep their positions and velocities."""
         observer = self.observer.retune(state.observer, old.observer, old_prepared.observer, prepared.observer)
         return state._replace(observer=observer)
 

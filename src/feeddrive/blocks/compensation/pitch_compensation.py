@@ -12,19 +12,19 @@ from feeddrive.language.errors import ParameterError
 class PitchCompensation(Compensation):
     """Compensation of pitch errors and backlash by two tables, one for each direction of motion.
 
-        side(k)  = side(k-1) + 2 T v_set / reversal_distance, held to -1 .. 1
+        side(k)  = side(k-1) + 2 T v_set / reversal_distance, limited to -1 .. 1
         shift    = (forward + backward)/2 + side (forward - backward)/2,   both at x_set
         x_r += shift,   v_r += (shift(k) - shift(k-1)) / T
 
     Tables are interpolated linearly between entries at table_start, table_start + spacing, ... and held beyond their
     ends.  An entry is the correction to add: nominal minus reached position.  Backlash is the difference of the two
-    tables; after a reversal it is blended in over `reversal_distance` of the set path, so that nothing jumps.  Before
-    the first motion the mean of both tables is used.
+    tables; after a reversal it is blended in over `reversal_distance` of the set path, so that the setpoint does not
+    jump.  Before the first motion the mean of both tables is used.
 
-    When to use: an encoder on the motor, an error that repeats, known from a laser, a step gauge or a run
-    (`learned_pitch`).  When not: for errors that the encoder of the law measures anyway; for backlash inside the
+    When to use: with an encoder on the motor and a repeatable error, known from a laser, a step gauge or a run
+    (`learned_pitch`).  Not suitable for errors that the encoder of the law measures anyway, or for backlash inside the
     position loop of a load encoder.
-    Source: the screw error compensation of controls, ISO 230-2 for the errors; the blend over a distance is this
+    Source: the screw error compensation of CNC controls; ISO 230-2 for the errors; the blend over a distance is this
     library's.
     """
 
@@ -35,7 +35,7 @@ class PitchCompensation(Compensation):
     reversal_distance: Number = parameter("m", "set path over which a reversal comes in", above=0, default=1e-5)
 
     class State(NamedTuple):
-        """The direction, -1 to 1; the shift of the set position in the last sample, and that position (m)."""
+        """The direction, -1 to 1; the last shift of the set position, and the unshifted set position (m)."""
 
         side: Number
         shift: Number

@@ -12,24 +12,25 @@ from feeddrive.language.ring import History
 
 
 class RepetitiveControl(Compensation):
-    """Plug-in repetitive control of a motion that repeats every N = `period_samples`.
+    """Plug-in repetitive control of a motion that repeats every N = `period_samples` samples.
 
-        w(k) = Σ q_i [w(k-N+i) + learning_gain e(k-N+i+l)],   i = -n .. n,   e = x_set - x_load, held to ±most_shift
+        w(k) = Σ q_i [w(k-N+i) + learning_gain e(k-N+i+l)],   i = -n .. n,   e = x_set - x_load, limited to ±most_shift
         x_r  = x_set + w,   v_r = v_set + (w(k) - w(k-1))/T
 
-    q are the taps of (weight, 1 - 2 weight, weight) convolved n = `passes` times with itself, without phase, and
-    l = `lead_samples` looks ahead in the period before.  With T_r from the set position to the load, learning converges
-    if max |q (1 - learning_gain T_r z^l)| < 1 over all frequencies: `learning` finds the lead by it.
+    q is a zero-phase filter whose taps are (weight, 1 - 2 weight, weight) convolved n = `passes` times with itself, and
+    l = `lead_samples` is the lead within the previous period.  With T_r, the response from set position to load,
+    learning converges if max |q (1 - learning_gain T_r z^l)| < 1 over all frequencies; `tune_repetitive` chooses the
+    lead by this criterion.
 
         |S with it / S| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
     is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and
-    pauses while the force is limited; a trip or an enable clears the memory. The end of a motion does not: enable again
-    for another motion.
+    pauses while the force is limited; a trip or an enable clears the memory. The end of a motion does not clear it:
+    enable again before another motion.
 
-    When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  When
-    not: for a contour that does not repeat; with a period that is known to 1 % only, which spoils the result.
-    An export stores each cell of the memory as a separate number, so that N - l - n must be at most 256 there.
+    When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  Not
+    suitable for a contour that does not repeat, or for a period known only to 1 %, which spoils the result.
+    An export stores each memory cell as a separate number; N - l - n must then be at most 256.
     Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
     """
 

@@ -24,17 +24,17 @@ class ActiveDisturbanceRejection(Law):
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
 
-    v̂ and the disturbance come from the observer, which sees the force after the limit, so that nothing winds up.  With
-    the right disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
+    v̂ and the disturbance come from the observer, which receives the force after the limit; this prevents windup.  With
+    the exact disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
     m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
     The set acceleration acts over the whole sample and is evaluated at its middle.
 
-    When to use: a stiff axis with friction and cutting forces for which there is no model.  When not: with a structural
-    mode below about three times the observer's frequency; with disturbances near that frequency, which the observer
-    amplifies (see `GpiObserver`).
+    When to use: a stiff axis with friction and cutting forces for which there is no model.  Not suitable for a
+    structural mode below about three times the observer's frequency, or for disturbances near that frequency, which the
+    observer amplifies (see `GpiObserver`).
     At the paper's gains the loop is stable for a true mass of 0.50 to 1.34 times `mass`: when in doubt, set `mass` too
     large.  The poles lie where `omega_c` places them only if the observer is about ten times faster.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(12), torque over a = lead / 2π as a force.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (9)-(12), with torque divided by a = lead / 2π as the force.
     Raises ParameterError for gains with which the loop on a rigid axis of this mass is not stable.
     """
 
@@ -168,7 +168,7 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, by small, then large steps; None if none."""
+    """Return the largest admissible value below a rejected one, by small, then large steps; None if there is none."""
     # 0.7²⁰ covers three decades closely; a value that is wrong by its unit lies further off
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -30,7 +30,7 @@ def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
 def interpolated(
     state: tuple[Interpolator, ...], wanted: Number, every: int
 ) -> tuple[tuple[Interpolator, ...], Number]:
-    """Return the new state and the velocity command (m/s) from `wanted`, the current one of the position loop."""
+    """Return the new state and the velocity command (m/s) from `wanted`, the position loop's present command."""
     if not state:
         return (), wanted
     before = state[0]
@@ -47,8 +47,8 @@ class ReferenceModel(NamedTuple):
 
         u(k) = Kp (command - v_m(k)),   v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
 
-    The integral then does not wind up while the axis follows as it should: the velocity loop keeps its loop gain and
-    loses its overshoot, without the lag of a set filter.
+    The integral then does not wind up while the axis follows as expected: the velocity loop keeps its loop gain without
+    overshoot and without the lag of a setpoint filter.
 
     velocity  v_m one sample earlier, m/s
     forces    past u, newest first, N

@@ -30,16 +30,15 @@ class CascadePPI(Law):
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
     With `position_every` above 1 the position loop is slower, and an `Interpolator` is between the loops.  With
-    `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: closing the
-    position loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than
-    the axis.
+    `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: the position
+    loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than the axis.
 
     With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
     form (7) is exact only then.  An `Inertia` in the same control then feeds the acceleration forward and keeps its own
     `viscous` at 0.
 
-    When to use: always first; it is the baseline of every comparison.  When not: if the first mode of the axis lies
-    within three times the wanted crossover, a law that damps it does better.
+    When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
+    times the wanted crossover, a law that damps it performs better.
     Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
     """
 
@@ -153,7 +152,7 @@ class CascadePPI(Law):
         return self.State(positions, integral, interpolator, model), force + integral
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state unchanged: positions, velocities, and an integral and forces in N."""
+        """Return the state unchanged: it holds positions, velocities, and an integral and forces in N."""
         return state
 
 

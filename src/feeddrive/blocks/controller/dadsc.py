@@ -22,7 +22,7 @@ class DADSC(Law):
         F̂d(k)  = F̂d(k-1) - g1 s(k) + g2 s(k-1)                                                   (5)
 
     From (2) and (4) follows Q s(k) = s(k-1) + (T/m) (F̂d(k) - F_d(k)) with Q = 1 + K T.  The paper sets
-    g2 = g1/Q and leaves g1 free; here the third design frequency sets it, and a ratio keeps the general g2,
+    g2 = g1/Q and leaves g1 free; here the third design frequency determines g1, and a ratio keeps g2 general,
 
         g1 = m Q ω_d,   g2 = adaptation_ratio · g1/Q
 
@@ -31,13 +31,13 @@ class DADSC(Law):
     for all positive frequencies.  The law is thus a PID with k_d = m (λ + K + ω_d), k_i = m λ K ω_d.
 
     Additions to the paper: x' is the backward difference, and x_r' is differenced likewise; x_r'' is evaluated in the
-    middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into F̂d
+    middle of the sample over which the force acts; the force cut off by the limit in the last sample enters F̂d
     (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     When to use: linear motors and stiff drives under cutting forces, tuned by three frequencies; with all of them equal
-    to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  When not: with a mode of the axis below three
+    to p, p <= 0.19/((d + 1) T) keeps Ms <= 2 at d samples of dead time.  Not suitable for an axis mode below three
     times the crossover.  It is not stiffer than a P-PI of equal margins: both are PIDs.
-    Source: Altintas & Okwudire 2009, eq. (1)-(8); in (2) the mass in front of x_r'' is missing, in (8) z² - 1 reads
+    Source: Altintas & Okwudire 2009, eq. (1)-(8); in (2) the mass in front of x_r'' is missing, in (8) z² - 1 must read
     z² - z.
     """
 
@@ -151,7 +151,7 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> A
     In q = z⁻¹ and D = 1 - q its equation is D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
     l = λT, k = KT, w = ω_d T; friction is omitted, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
     of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
-    digits.
+    precision.
     """
     fastest = ops.maximum(ops.maximum(rates[0], rates[1]), rates[2]) * T
     l, k, w = (rate * T / fastest for rate in rates)  # noqa: E741

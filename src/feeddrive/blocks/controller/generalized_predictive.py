@@ -19,7 +19,7 @@ _HORIZON = 7.5
 class GeneralizedPredictive(Law):
     """Generalized predictive control: the first of the forces that bring the predicted path closest to the set path.
 
-        A y(k) = q B u(k-1) + C ξ(k)/Δ,   Δ = 1 - q,   q one sample late;   y'' m + y' b = u, held, d samples late
+        A y(k) = q B u(k-1) + C ξ(k)/Δ,   Δ = 1 - q,   q = one sample of delay;   y'' m + y' b = u, held, d samples late
         C = (1 - e^(-omega_o T) q)²       the observer of the prediction
         min Σ (w(k+j) - y(k+j))², j = d + 2 .. horizon,  + move_weight Σ Δu(k+i)², i = 0 .. moves - 1
         S Δu(k) = -R y(k) + C Σ g_j w(k+j),   u(k) = applied(k-1) + Δu(k)
@@ -27,13 +27,13 @@ class GeneralizedPredictive(Law):
     With the divisions C = E_j A Δ + q^j F_j and E_j B = G_j C + q^j H_j, and g, the first row of
     (GᵀG + move_weight)⁻¹ Gᵀ (G_ji = step response of the axis after j - i samples), R = Σ g_j F_j and
     S = C + q Σ g_j H_j.  The set path is extrapolated by its derivatives to snap: Σ g_j w(k+j) = Σ τ_i w⁽ⁱ⁾,
-    τ_i = Σ g_j (jT)ⁱ/i!.  The last Δu counts as it was after the limit, so that nothing winds up.
+    τ_i = Σ g_j (jT)ⁱ/i!.  The last Δu is taken after the limit, which prevents windup.
 
-    Tune `horizon` and omega_o: a short horizon is a fast loop, a slow observer a quiet one; one move and no weight are
-    enough.  Three moves leave too little delay margin.
-    When to use: an axis whose mass and dead time are known and whose set path is smooth.  When not: in single
-    precision, since R is a difference of numbers of 2e9 N/m that leaves 9e6; with a mode below three times the
-    crossover; with C = 1 (a very fast observer), which is neither robust nor quiet.
+    Tune `horizon` and omega_o: a short horizon makes the loop fast, a slow observer makes it quiet.  One move without a
+    weight is enough; three moves leave too little delay margin.
+    When to use: an axis whose mass and dead time are known and whose set path is smooth.  Not suitable for single
+    precision, since R, 9e6 N/m, is a difference of numbers of 2e9 N/m; for a mode below three times the crossover; or
+    with C = 1 (a very fast observer), which is neither robust nor quiet.
     Source: Clarke, Mohtadi & Tuffs 1987 (the law, with T for C); Boucher & Dumur 1996 (the three polynomials, on feed
     drives).
     """
@@ -87,7 +87,7 @@ class GeneralizedPredictive(Law):
         previews: tuple[Number, ...]
 
     def check(self) -> None:
-        """Raise StructureError unless at least as many errors count beyond the dead time as there are moves."""
+        """Raise StructureError unless at least as many errors are weighted beyond the dead time as there are moves."""
         least = self.delay_samples + 1 + self.moves
         if self.horizon < least:
             raise StructureError(
@@ -185,7 +185,7 @@ def _series(B: Row, A: Row, count: int) -> list[Any]:
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:
-    """Return an entry of the first `count` in a row, 0.0 outside of them."""
+    """Return an entry of a row if it is among the first `count`, else 0.0."""
     return row[place] if 0 <= place < count else 0.0
 
 

@@ -17,16 +17,16 @@ class LinearADRC(Law):
                   l = [1 - β³, 3 (1 - β)² (1 + β)/(2T), m (1 - β)³/T²]
         force     m (a_set(t + T/2) + 2 zeta_c omega_c (v_set - v̂) + omega_c² (x_set - x̂)) - F̂d
 
-    All poles of the observer's error lie at β.  F is the `applied` force, so that nothing winds up.  x̂ - y is kept in
-    place of x̂: no digit is lost far from zero.  `position` = "load" puts the load's reading in place of x̂ in the last
-    bracket, for an observer on the motor of an axis with two encoders.
+    All poles of the observer's error lie at β.  F is the `applied` force, which prevents windup.  x̂ - y is stored
+    instead of x̂, so that no precision is lost far from zero.  With `position` = "load" the load's reading replaces x̂
+    in the last bracket, for an observer on the motor of an axis with two encoders.
 
-    When to use: slow friction and gravity for which there is no model, one encoder, a stiff axis.  When not: with the
-    observer on a load encoder behind a spring, where it loses to P-PI by 6 times.  With omega_c fixed a faster observer
-    improves margins and stiffness, and the noise of the force grows with omega_o².  Disturbances near omega_o are
+    When to use: slow friction and gravity for which there is no model, one encoder, a stiff axis.  Not suitable with
+    the observer on a load encoder behind a spring, where it performs six times worse than P-PI.  With omega_c fixed a
+    faster observer improves margins and stiffness, but force noise grows with omega_o².  Disturbances near omega_o are
     amplified by 1.3.
-    It is `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)` but for the reading between its
-    samples, which this observer does not need, and x̂ in place of the reading.
+    It equals `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)`, except that this observer
+    needs no reading between samples, and that x̂ replaces the reading.
     Source: Gao 2003 (bandwidths) and Miklosovic, Radke & Gao 2006 (the current form of the observer).
     """
 
@@ -52,13 +52,13 @@ class LinearADRC(Law):
         return (Start(cls.title, law, axis.sentence()),)
 
     class Prepared(NamedTuple):
-        """The gains l: 1, 1/s and N/m; β³."""
+        """The gains l in 1, 1/s and N/m, and β³."""
 
         gain: tuple[Number, Number, Number]
         kept: Number
 
     class State(NamedTuple):
-        """x̂ - y (m), v̂ (m/s), F̂d (N), the last reading (m), and commands that have not acted (N, newest first)."""
+        """x̂ - y (m), v̂ (m/s), F̂d (N), the last reading (m), and pending commands (N, newest first)."""
 
         behind: Number
         velocity: Number
@@ -80,7 +80,7 @@ class LinearADRC(Law):
         return self.Prepared(gain, kept * kept * kept)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state that moves with the reading, with a disturbance that balances the acting force."""
+        """Return the state of steady motion at the reading, with a disturbance that balances the acting force."""
         y, force = reading.position(self.encoder), reading.applied
         return self.State(ops.zero(y), reading.velocity, -force, y, (force,) * self.delay_samples)
 
@@ -105,5 +105,5 @@ class LinearADRC(Law):
         return after, self.mass * wanted - disturbance
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state unchanged: a distance, a velocity and forces."""
+        """Return the state unchanged: it holds a distance, a velocity and forces."""
         return state

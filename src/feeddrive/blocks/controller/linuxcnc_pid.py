@@ -27,14 +27,15 @@ class LinuxcncPid(Law):
 
     The two pids are a P-PI cascade if the first has Pgain = Kv and FF1 = velocity_feedforward, the second
     Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
-    One pid is the same for one encoder and Kp, Kv, Tn by Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
-    Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
+    With one encoder, one pid is equivalent to Kp, Kv, Tn if Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain =
+    Kp/c. Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a control with this law needs no other limit.
     Parameters that change in a running loop change the force at once, as a `setp` does: a pid integrates the error, so
-    that Igain scales all that was gathered before, and a biquad keeps delayed sums of its old coefficients.
+    that a new Igain rescales the whole accumulated integral, and a biquad keeps the delayed sums of its old
+    coefficients.
 
-    When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  When not: the
-    component that the export target `linuxcnc` writes computes the design itself.
+    When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  Not needed with
+    the component that the export target `linuxcnc` writes: it computes the design itself.
     Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), biquad(9), limit1(9), motion(9).
     """
 
@@ -43,7 +44,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return no start values: a comparison omits it, since it is the cascade with another program's settings."""
+        """Return no start values: a comparison omits this law, which is the cascade with foreign settings."""
         return ()
 
     position: StockPid = part("pid on the position of the load")

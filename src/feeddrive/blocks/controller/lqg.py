@@ -21,8 +21,8 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
     """Solve the Riccati equation P = A (P⁻¹ + Y)⁻¹ Aᵀ + Q for the covariance P of a filter before its correction.
 
     For a filter A = Φ, Y = Cᵀ R⁻¹ C, and Q is the covariance of the process noise. With A = Φᵀ, Y = Γ R⁻¹ Γᵀ and Q the
-    weight of the states, P is the cost of a controller. The doubling algorithm covers 2ⁿ samples in n steps and starts
-    from A, Y and P = Q:
+    weight of the states, P is the cost matrix of a controller. The doubling algorithm covers 2ⁿ samples in n steps and
+    starts from A, Y and P = Q:
 
         N = 1 + P Y,   P <- P + A N⁻¹ P Aᵀ,   Y <- Y + Aᵀ Y N⁻¹ A,   A <- A N⁻¹ A
 
@@ -80,24 +80,25 @@ class LQG(Law):
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
         K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
         L         minimizes the error variance, with the reading's noise as unit: F̂ moves by m omega_o³ T in a sample,
-                  the drive's force has a noise of recovery m omega_o²; with two masses both velocities one of
+                  the drive's force has a noise of recovery m omega_o²; with two masses each velocity has one of
                   0.001 omega_o² T
 
-    m is the whole mass.  x* and F* are the set motion: of one mass (x_r, v_r) and m a_r + b v_r in the middle of the
-    sample; of two masses the motor is ahead of the load by the deflection of the spring for that motion (`series` in
-    blocks/plant/two_bodies.py) and for F̂, which acts on the load.  F(k-i) is `applied`, so that nothing winds up.
-    Without `recovery` the poles are those of a pair at omega_c with a damping of 0.707 and of a Butterworth filter of
-    third order at omega_o.
+    m is the total mass.  x* and F* are the set motion and its force: for one mass (x_r, v_r) and m a_r + b v_r in the
+    middle of the sample; for two masses the motor leads the load by the deflection of the spring under that motion
+    (`series` in blocks/plant/two_bodies.py) and under F̂, which acts on the load.  F(k-i) is `applied`, which prevents
+    windup.  Without `recovery` the poles are a pair at omega_c with a damping of 0.707 and those of a third-order
+    Butterworth filter at omega_o.
 
-    Two readings and one disturbance: with a wrong spring, with friction at the motor or with encoders that are not
-    aligned a steady-state error remains.  With `offset_rate` the motor's reading is shifted until the spring balances:
+    With two readings but one disturbance, a wrong spring, friction at the motor or misaligned encoders leave a
+    steady-state error.  With `offset_rate` the motor's reading is shifted until the spring balances:
 
         y1 = reading - offset,   offset <- offset + offset_rate T (y1 - y2 - lead(set motion) - (F - F*)/k)
 
-    Tune omega_c, omega_o and recovery, like two frequencies and a ratio; more recovery is more robust and noisier.
+    Tune omega_c, omega_o and recovery as two frequencies and a ratio; more recovery makes the loop more robust and
+    noisier.
     When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.
-    When not: with a spring that is not known; without recovery on a lightly damped plant.  Its margins are not
-    guaranteed, whatever its optimality: check each plant that it must control.
+    Not suitable for an unknown spring, or without recovery for a lightly damped plant.  Optimality does not guarantee
+    margins: check each plant that it must control.
     Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the offset
     is this library's.
     """
@@ -293,7 +294,8 @@ class LQG(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the force is continuous.
 
-        A change of friction is not counted as a disturbance, and another spring gets the deflection that it now needs.
+        A change of friction is not counted as a disturbance, and a changed spring gets the deflection that it now
+        needs.
         """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed

@@ -37,19 +37,20 @@ class PolePlacement(Law):
         poles:  -ωc,   s² + 2 rigid_damping ωr s + ωr²,   s² + 2 axial_damping ωa s + ωa²
 
     The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a damping
-    of 1 or more is two real poles, and poles may coincide.  Frequencies that are absent follow a rule: ωr = ωc, and ωa
-    = 0.975 times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise the
-    damping of the axial mode to about five times the mechanical one.  More does not help, since torsional modes and
-    delay then limit the loop.
+    of 1 or more is two real poles, and poles may coincide.  Omitted frequencies default to ωr = ωc and to ωa = 0.975
+    times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise the damping of
+    the axial mode to about five times the mechanical one.  More does not help, since torsional modes and delay then
+    limit the loop.
 
-    `commands` selects how the set position of the screw follows from that of the table (`lead` in
+    `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
     blocks/plant/two_bodies.py).  "series" is the series in c/k, "exact" the discrete lag of c/k by first-order hold.
-    "rigid" sets both alike; it needs no model of the spring and loses most of the accuracy.
+    "rigid" sets both equal; it needs no model of the spring and loses most of the accuracy.
 
-    If the limit cut the force off, the term of that sample is removed from the integral one sample later.
+    If the force was limited, the term of that sample is removed from the integral one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
-    the motor and one on the table.  When not: with one encoder, or if the axial mode moves by more than a fifth along
-    the travel.  Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
+    the motor and one on the table.  Not suitable for a single encoder, or if the axial mode shifts by more than a fifth
+    along the travel.
+    Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
     """
 
     encoders = 2
@@ -92,7 +93,7 @@ class PolePlacement(Law):
         return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
     class Prepared(NamedTuple):
-        """The gains, and the coefficients of the exact lag: of its last value, of the last input and of the new one."""
+        """The gains, and the coefficients of the exact lag: for its last value, the last input and the new input."""
 
         gains: Gains
         kept: Number = 0.0
@@ -251,7 +252,7 @@ class PolePlacement(Law):
         return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
-        """Advance (c s + k) lead = k relaxed and its derivative by one sample, with inputs linear in between."""
+        """Advance (c s + k) lead = k relaxed and its derivative by one sample, with inputs linear between samples."""
         made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
         now = (made.position, made.velocity)
         position, velocity = (

@@ -8,7 +8,7 @@ from feeddrive.language.block import Number
 
 
 def is_stable(coefficients: Sequence[Number]) -> Any:
-    """Return True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn > 0."""
+    """Return True if c0 + c1 w + ... + cn wⁿ has all roots in Re w < 0 (Routh 1877); cn must be positive."""
     above, below = list(coefficients[::-2]), list(coefficients[-2::-2])
     holds: Any = True
     while below:

@@ -6,7 +6,7 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class StockBiquad(Block):
-    """One `biquad` of LinuxCNC's HAL with freely given coefficients (its type 0), bit for bit.
+    """One `biquad` of LinuxCNC's HAL with arbitrary coefficients (its type 0), reproduced bit for bit.
 
         out = n0 in + s1,   s1 = n1 in - d1 out + s2,   s2 = n2 in - d2 out
         H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
@@ -28,7 +28,7 @@ class StockBiquad(Block):
         s2: Number
 
     def start(self, zero: Number) -> State:
-        """Return the state with which HAL loads the component: zeros."""
+        """Return the state with which HAL loads the component: all zeros."""
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:

@@ -8,7 +8,7 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class StockPid(Block):
-    """One `pid` of LinuxCNC's HAL, bit for bit, traps included.  Its gains have the units of output per command.
+    """One `pid` of LinuxCNC's HAL, bit for bit with its pitfalls.  Its gains have the units of output per command.
 
         e  = command - feedback, or (previous command) - feedback with `error_previous_target`
         e  limited to ±maxerror, then moved towards 0 by `deadband`
@@ -19,9 +19,9 @@ class StockPid(Block):
         output = (bias + Pgain e + Igain I + Dgain D) + (FF0 command + FF1 d1 + FF2 d2 + FF3 d3), limited to ±maxoutput
 
     A limit of 0 is no limit.  Surprising behavior: `error_previous_target` is on unless it is switched off; the limit
-    on e comes before the dead band; D is computed without these two and is not the derivative of e; while a limit acts
-    the integral stops but is not reduced; a NaN in `feedback` stays in the integral until `enable` falls. Without
-    `enable` the output is 0 and the integral is cleared; the differences are still updated.  In the sample in which
+    on e comes before the dead band; D uses neither of these two and is not the derivative of e; while a limit acts the
+    integral stops but is not reduced; a NaN in `feedback` stays in the integral until `enable` falls. Without `enable`
+    the output is 0 and the integral is cleared; the differences are still updated.  In the sample in which
     `index_enable` falls, v and w keep their last values, and the error uses the new command.
 
     Source: LinuxCNC manual page pid(9), and tests of the component itself where the page is silent or wrong.
@@ -48,7 +48,7 @@ class StockPid(Block):
     )
 
     class State(NamedTuple):
-        """The command, feedback and their derivatives one sample before; the integral; -1, 0 or 1 for the limit."""
+        """The command, feedback and their derivatives in the last sample; the integral; -1, 0 or 1 for the limit."""
 
         command: Number
         feedback: Number

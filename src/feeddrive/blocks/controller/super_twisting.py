@@ -20,34 +20,35 @@ _USUAL = 5e4
 
 
 class SuperTwisting(Law):
-    """Super-twisting control: a continuous force reaches a sliding line in finite time.
+    """Super-twisting control: a continuous force brings the axis to a sliding line in finite time.
 
         s     = e_v + λ e_x,   e_x = x_r - x,   e_v = x_r' - x'
         force = m (x_r'' + λ e_v + u) + b x'
         u     = k1 √|s| sgn s + w,   w' = k2 sgn s,      k1 = root_factor √L,   k2 = sign_factor L
 
-    L is the largest rate of the disturbance over the mass, |dF_d/dt| / m: it must stay below k2.  `form` is how this is
-    sampled:
+    L is the largest rate of the disturbance over the mass, |dF_d/dt| / m: it must stay below k2.  `form` selects how
+    this is sampled:
 
         explicit   u and w as written, w(k+1) = w + T k2 sgn s
         implicit   β = s - T w:  w⁺ = w + c/T,      u = w⁺ + k1 y sgn β       c, y of β with h = T
         zone                     w⁺ = w + T c/h²,   u = w + c/h + k1 y sgn s  c, y of s with h = zone_time
-        c = s held to ±h² k2,   y = ½ (√(h² k1² + 4 (|s| - |c|)) - h k1)
+        c = s limited to ±h² k2,   y = ½ (√(h² k1² + 4 (|s| - |c|)) - h k1)
 
     The zone is |s| <= h² k2.  Inside it this form is linear, a PID with a pole at -λ and a pair with the frequency 1/h
-    and damping ½; outside its gains fall, so that it is never faster than that.  It solves
-    s ∈ z + h k1 √|z| sgn z + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone has no end, and the law is that PID.
+    and damping ½; outside it the gains fall, so that the loop is never faster.  The form solves s ∈ z + h k1 √|z| sgn z
+    + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone is unbounded, and the law is this PID.
 
     Additions to the papers: x' is the backward difference, and x_r' is differenced likewise; x_r'' is evaluated in the
-    middle of the sample over which the force acts; the force cut off by the limit in the last sample goes into w
+    middle of the sample over which the force acts; the force cut off by the limit in the last sample enters w
     (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
-    axis.  Then take L from the disturbance, and so large that noise stays inside the zone, h² k2 >= 3 σ(s).
-    When to use: to bound the rate of the force of a stiff PID.  When not: in the hope of more robustness than a PID of
-    equal delay margin has; in a well tuned loop the zone is hardly ever left.  The explicit form always chatters.  The
-    implicit form keeps an error of T F_d/(m λ), and chatters from one sample of dead time on.  A linear model shows
-    neither: that of the explicit form is refused, that of the implicit form is the one inside its zone.
+    axis.  Then choose L from the disturbance, and large enough that noise stays inside the zone, h² k2 >= 3 σ(s).
+    When to use: to bound the rate of the force of a stiff PID.  Do not use it to gain more robustness than that of a
+    PID of equal delay margin; a well-tuned loop hardly ever leaves the zone.  The explicit form always chatters.  The
+    implicit form keeps an error of T F_d/(m λ), and chatters with a dead time of one sample or more.  A linear model
+    shows neither effect: it is refused for the explicit form, and for the implicit form it is valid inside the zone
+    only.
     Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
     library's.
     """
@@ -77,8 +78,7 @@ class SuperTwisting(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return slow start values in the zone form.
 
-        L, and thus the width of the zone, is set for disturbances of some g in a millisecond and for the noise of the
-        reading.
+        L, and thus the width of the zone, is set for disturbances of 5 g per millisecond and for the reading noise.
         """
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings
@@ -91,7 +91,7 @@ class SuperTwisting(Law):
         return (Start(cls.title, law, Text(f"{axis.sentence()}; L = {Quantity(rate, 'm/s3')}")),)
 
     class Prepared(NamedTuple):
-        """h (the sample time where none is given), k1 and k2."""
+        """h (the sample time if none is given), k1 and k2."""
 
         h: Number  # s
         k1: Number  # (m/s)^½ / s
@@ -189,9 +189,8 @@ class SuperTwisting(Law):
         """Return True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
 
         In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
-        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)], that of the implicit form is
-        D² + q (1 + q)/2 · [l D + D + l].  With q = (1 - y)/(1 + y) the inside of the unit circle
-        becomes the half plane Re y < 0.
+        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)], for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].
+        With q = (1 - y)/(1 + y) the inside of the unit circle becomes the half plane Re y < 0.
         """
         l = slower * self.tracking_rate * T  # noqa: E741
         line, late = [l, 2.0 + l], [1.0, -1.0]

@@ -8,14 +8,14 @@ from feeddrive.language.errors import StructureError
 class CrossBeam(Coupling):
     """The cross beam of an axis with two drives, a spring and a damper against their skew.
 
-        f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, against each other
+        f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, in opposite directions
 
-    Both drives have a plant, a control and an encoder of their own; half of the beam is part of the mass of each.  The
-    word of a part program that moves `axis` moves both.  They move in one exact hold, so that the beam may be of any
+    Each drive has its own plant, control and encoder; half of the beam is part of the mass of each.  The word of a part
+    program that moves `axis` moves both.  Both are integrated in one exact hold, so that the beam may have any
     stiffness. The remaining difference between their tables is the skew, in m; divided by their distance it is an
     angle.
-    When not to use it: for a slide on the beam whose mass changes the share of the two drives, which is constant here;
-    for a beam guided so softly that its rotation is a separate degree of freedom: then add a structure mode.
+    Do not use it for a slide on the beam that shifts mass from one drive to the other, since their shares are constant
+    here.  If the beam is guided so softly that its rotation is a separate degree of freedom, add a structure mode.
     """
 
     axis: str = choice("axis whose word of a part program moves both drives", default="y")

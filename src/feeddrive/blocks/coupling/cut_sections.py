@@ -22,9 +22,9 @@ class Settings(NamedTuple):
 class CutSections(Block):
     """Depth of cut, engagement, spindle speed and feed direction, constant within each section of time.
 
-    An absent row leaves the values of the cut and its cutter.  Section i holds for start[i] <= t < start[i+1], the
-    last one to the end, the first one also before; a section is not shorter than a substep.  An axial_depth of 0 m is
-    a section out of the work.
+    An absent row keeps the values of the cut and its cutter.  Section i is active for start[i] <= t < start[i+1], the
+    last one until the end, the first one also before its start; a section must not be shorter than a substep.  An
+    axial_depth of 0 m means that the tool is out of the work.
     `entry` and `exit` are those of the chip: 0 .. π in a slot, 0 .. arccos(1 - 2 width / diameter) in up milling.
     Raises ParameterError, naming the section, for conditions that no tool can cut.
     """
@@ -72,7 +72,7 @@ class CutSections(Block):
                 )
 
     def rows(self) -> dict[str, list[float]]:
-        """Return the rows that are given, as numbers; none in a trace."""
+        """Return the rows that are given, as numbers; no rows in a trace."""
         names = ("start", "axial_depth", "entry", "exit", "spindle_speed", "direction")
         present: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
         if isinstance(self.start, Symbol):

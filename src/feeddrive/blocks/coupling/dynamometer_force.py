@@ -18,7 +18,7 @@ class DynamometerForce(Coupling):
 
     Unlike a `Load`, which is sampled with the controller and held, it changes from substep to substep, and one record
     acts on all axes at the same instants.
-    When not to use it: where the force depends on the motion, such as in chatter; use `MillingCut`.
+    Do not use it where the force depends on the motion, such as in chatter; use `MillingCut`.
     """
 
     components: tuple[ForceRecord, ...] = part("components of the force, one an axis")

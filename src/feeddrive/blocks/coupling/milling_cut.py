@@ -23,29 +23,31 @@ class MillingCut(Coupling):
 
         τ        = 60 / (teeth spindle_speed)
         step_m   = r(t) - r(t - mτ),  r = (x, y) of the tool against the workpiece, actual, m = 1 .. surfaces
-        h        = max(0, min over m of step_m · e_r),  of each slice of each edge; without it no edge force either
+        h        = max(0, min over m of step_m · e_r),  of each slice of each edge; no edge force if it is 0
         angle    = start_angle + 2π (spindle_speed / 60) t
         F_x, F_y = F_feed t + F_normal n,   F_z = -F_axial
 
     F_feed, F_normal and F_axial are the coefficients of the cutter on this chip, integrated over each engaged slice;
     t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
-    (regeneration); where it lifts a tooth out of the work the chip of a later tooth is that of several steps, so that
-    at least three surfaces count.  A motion that repeats with the period τ has the chip of the feed, and its force to
-    the last digits.
+    (regeneration); where it lifts a tooth out of the work, a later tooth cuts the chip of several steps, so that at
+    least three surfaces are needed.  A motion that repeats with the period τ has the chip of the feed, and its force
+    except for rounding.
 
-    r is taken at the predicted middle of a substep, r(t - mτ) by cubic Hermite from the positions and velocities at the
-    ends of the substeps and predicted in the same way.  The force of a straight tooth that enters is the mean over the
-    substep, and so is that of a helical one if its slice turns by less than the spindle in a substep.
+    r is taken at the predicted middle of a substep; r(t - mτ) is predicted in the same way, by cubic Hermite
+    interpolation of the positions and velocities at the ends of the substeps.  The force of a straight tooth that
+    enters is the mean over the substep, as is that of a helical one if its slice turns by less than the spindle in a
+    substep.
 
     Without `direction` the feed has the direction of the motion over the last turn of the spindle, which a vibration as
-    large as the feed distorts: give a direction, or sections with it, where the tool may chatter. At the start the tool
-    has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  A table moves the
-    workpiece: where `moves` says "table", r is minus the position of the axis, and the force on the axis is the
-    opposite one.  It acts for cut_from <= t < cut_to, and by `sections` with another depth, width, speed or direction
-    in each; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth pitch
-    back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) / (cutting
-    speed) along e_r on each engaged element a, ṙ predicted from the last two.
-    When not to use it: with substeps longer than a tenth of τ; for a motion along the spindle, which changes no chip.
+    large as the feed distorts: give a direction, or sections with directions, where the tool may chatter. At the start
+    the tool has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  If `moves`
+    is "table", the axis moves the workpiece: r is minus the position of the axis, and the force on the axis is
+    reversed.  The force acts for cut_from <= t < cut_to, with a separate depth, width, speed or direction in each of
+    the `sections`; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth
+    pitch back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) /
+    (cutting speed) along e_r on each engaged element a, with ṙ extrapolated from the last two velocities.
+    Do not use it with substeps longer than a tenth of τ, or for a motion along the spindle, which does not change the
+    chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
     & Ismail 1981.
     """

@@ -13,12 +13,12 @@ class StructureMode(Coupling):
         mass (η'' + 2 damping_ratio ω η' + ω² η) = Σ over axes (motor f_motor + load f_load),      ω = 2π frequency
         it adds motor · η and load · η to the positions of the two bodies of each of these axes
 
-    Several of them act in parallel, as the modes of a measured response matrix do.  A structure in series, such as a
-    column on a bed, is given by the modes of the whole: its undamped modes with their shapes are again such a sum,
-    exact where the damping is modal.  They move with the axes in one exact hold: the response from any force to any
-    position of the coupled machine has no error but rounding. Friction acts on the position of a body with its modes in
-    it, as on a guideway that does not move.
-    When not to use it: for a mode that changes with the position of an axis, since shapes are constant.
+    Several modes act in parallel, as the modes of a measured response matrix do.  A structure in series, such as a
+    column on a bed, is given by the modes of the whole: its undamped modes with their shapes again form such a sum,
+    which is exact for modal damping.  Modes and axes are integrated in one exact hold: the response from any force to
+    any position of the coupled machine has only rounding errors.  Friction acts on the position of a body including its
+    modes, as on a guideway that does not move.
+    Do not use it for a mode that changes with the position of an axis, since shapes are constant.
     Source: modal superposition, Ewins 2000, ch. 2; shapes may have either sign.
     """
 
