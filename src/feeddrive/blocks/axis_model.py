@@ -97,7 +97,8 @@ class Start(NamedTuple):
     name         name of the law in a comparison
     remark       a note for the report
     feedforward  feedforward that replaces that of the current controller
-    only_with    compensations (`Beside.name`), one of which this form needs; empty: tried alone and with all that suit
+    only_with    compensations (`Beside.name`), one of which this form needs; if empty, it is tried alone and with
+                 all that suit
     """
 
     name: str

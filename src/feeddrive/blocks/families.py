@@ -8,7 +8,7 @@ A block is final: it implements the abstract methods and overrides no method wit
     prepare(T)   values that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
     step(...)    one sample: a pure function from the old state to the new one
-    retune(...)  the state after a live change: forces and estimates stay continuous; equal parameters change no bit
+    retune(...)  the state after a live change: forces and estimates stay continuous; with equal parameters results remain bit-identical
     begin(axis)  start values of its parameters for the tuning on an axis
 
 `retune` has no default for a block with a state: the old state is right only where no parameter scales its contents,
@@ -73,7 +73,7 @@ def _without_numbers(kind: str, state: Any, arguments: str) -> Any:
 
 
 class Nothing(NamedTuple):
-    """The state of a block without memory, and the prepared numbers of a block without preparation."""
+    """The state of a block without memory, and the prepared values of a block without preparation."""
 
 
 class Mechanics(NamedTuple):
@@ -94,7 +94,7 @@ class Mechanics(NamedTuple):
 
 
 class Plant(Block, ABC):
-    """The linear mechanics of an axis, continuous in time; forces and positions are seen at the table (linear)."""
+    """The linear mechanics of an axis, continuous in time; forces and positions are referred to the table (linear)."""
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
@@ -108,7 +108,8 @@ class Plant(Block, ABC):
 
 
 class Friction(Block, ABC):
-    """Friction at one body, set-valued and implicit: the force over a substep fits the velocity at its end."""
+    """Friction at one body, set-valued and implicit: the force over a substep is consistent with the velocity at its
+    end."""
 
     @abstractmethod
     def start(self, velocity: Number = 0.0) -> Any:
@@ -193,9 +194,9 @@ class Sensor(Block, ABC):
 
 
 class Law(Block, Retuned, ABC):
-    """A feedback law: one paper's controller, one file. A command is a force in N at the load.
+    """A feedback law: the controller of one paper, in one file. A command is a force in N at the load.
 
-    feeds    which parts of the set motion the law itself feeds forward (`FEEDS`): no other block may feed them too
+    feeds    parts of the set motion that the law itself feeds forward (`FEEDS`): no other block may feed them too
     rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs the motor's and the load's position as two measurements
     tunables parameters to tune, in the order of manual tuning, without an observer's; empty: see `to_tune`
@@ -249,7 +250,7 @@ class Law(Block, Retuned, ABC):
         return 1
 
     def position_gain(self) -> Any:
-        """Return the velocity in 1/s that the law commands per position error; None if none (empty hook)."""
+        """Return the velocity commanded per position error, 1/s; None if the law has no such gain (empty hook)."""
         return None
 
     def positions(self) -> int:
@@ -361,7 +362,7 @@ class Observer(Block, Retuned, ABC):
 
 
 class Compensation(Block, Retuned, ABC):
-    """A block combined with any law: from the reading it moves the setpoint (modes) or adds a force (rejection)."""
+    """A block for any law: it uses the reading to shift the setpoint (modes) or to add a force (rejection)."""
 
     title: ClassVar[str] = ""
 
@@ -397,7 +398,7 @@ class Compensation(Block, Retuned, ABC):
         return 0.0
 
     def moved(self, state: Any) -> Any:
-        """Return the part of the shift of the set position that concerns the reading only, m (empty hook)."""
+        """Return the part of the set-position shift that only corrects the reading, m (empty hook)."""
         return 0.0
 
     def settled(self) -> Self:
@@ -475,7 +476,7 @@ class Coupling(Block, ABC):
         return ()
 
     def follows(self) -> dict[str, str]:
-        """Return by follower the axis whose words of a part program also move it (empty hook)."""
+        """Return, for each follower, the axis whose part-program words also move it (empty hook)."""
         return {}
 
     def prepare(self, h: Number) -> Any:
@@ -530,7 +531,7 @@ class Edge(NamedTuple):
 
 
 class Cutter(Block, ABC):
-    """A milling tool: the force of the workpiece on it.  Traced, so that both loads and couplings can use it."""
+    """A milling tool: the force of the workpiece on the tool, traced so that loads and couplings can both use it."""
 
     teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
     slices: int = choice("pieces of an edge, each in contact or not", default=5, least=1, most=200)

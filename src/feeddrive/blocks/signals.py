@@ -19,7 +19,8 @@ class Setpoint(NamedTuple):
     snap: Annotated[Number, Unit("m/s4")] = 0.0
 
     def backward_velocity(self, T: Number) -> Number:
-        """Return (x(k) - x(k-1)) / T in m/s, by Taylor to snap: exact while the snap is constant over the last sample.
+        """Return (x(k) - x(k-1)) / T in m/s, by Taylor expansion up to snap: exact while the snap is constant over the
+        last sample.
 
         A law that differences its reading needs the reference differenced in the same way.
         """
@@ -28,7 +29,7 @@ class Setpoint(NamedTuple):
         )
 
     def shifted(self, time: Number) -> Setpoint:
-        """Return the setpoint `time` seconds later, by Taylor to snap.
+        """Return the setpoint `time` seconds later, by Taylor expansion up to snap.
 
         Feedforward that acts over [kT, (k+1)T] uses T/2.
         """

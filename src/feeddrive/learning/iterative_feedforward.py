@@ -36,7 +36,7 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Return the sampled error model Ĝ_d, from the force missing in the feedforward (N) to the following error (m).
+    """Return the sampled error model Ĝ_d, from the force missing from the feedforward (N) to the following error (m).
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
@@ -49,7 +49,7 @@ def error_model(
 
     C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a multirate
     law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
-    samples.  A trial is assumed to begin where the slow part runs; another first sample changes next to nothing.
+    samples.  A trial is assumed to begin where the slow part runs; a different first sample makes almost no difference.
     Raises UnstableError for a model loop that is not stable, with the nearest admissible mass, and for a controller
     without a stable inverse; ParameterError for another form.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
@@ -293,7 +293,7 @@ def condition(seen: np.ndarray) -> float:
 
 
 def reasons(frozen: Mapping[str, str]) -> str:
-    """Return the frozen parameters and their reasons as one text."""
+    """Return the frozen parameters and their reasons as one string."""
     return joined("; ", [f"{name}: {reason}" for name, reason in frozen.items()])
 
 
@@ -441,7 +441,7 @@ def next_iteration(
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
     `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
-    the real one; its axis is used only where `form` or a frozen model needs it.  The next reference may differ.
+    the real one; its axis is used only if `form` needs it.  The next reference may differ.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
     gamma       fraction of the step that is applied, 0 < gamma <= 1; at most 0.5 if the controller's gains are known
@@ -450,7 +450,7 @@ def next_iteration(
     columns     names of the parameters to tune; default: all that the block has.  Parameters that a trial does not
                 excite are frozen: friction without a reversal, columns that are 0 or that others explain
     plant       for the model-based form: the axis to assume
-    least_mass  kg; the mass stays above it; all parameters keep the bounds of their declaration
+    least_mass  kg; the mass stays above it; all parameters stay within their declared bounds
     saturation  "refused", or "left_out": saturated samples, and those until their effect has decayed, do not count
     skip        samples at the start that do not count, for a log that starts in motion
 

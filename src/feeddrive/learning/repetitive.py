@@ -57,9 +57,9 @@ def tune_repetitive(
 
     T_r is the response of the load position to a shift of the set position, whose difference quotient is added to the
     set velocity, while the axis moves with `velocity` (m/s).  A repetitive controller already in the loop is ignored.
-    When not: with so few `passes` that q passes frequencies at which the loop is unknown; 32 is -3 dB at 0.033 of the
-    sample rate.
-    Raises ParameterError for a period that is no whole number of samples, UnstableError where no lead converges.
+    Do not use so few `passes` that q passes frequencies at which the loop is unknown; with 32 it is at -3 dB at 0.033
+    of the sample rate.
+    Raises ParameterError for a period that is not a whole number of samples, and UnstableError if no lead converges.
     """
     T = float(loop.sample_time)
     count = round(period / T) if np.isfinite(period) and period > 0.0 else 0

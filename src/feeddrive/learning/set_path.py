@@ -171,17 +171,17 @@ def filtered_splines(
 ) -> ChangedReference:
     """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
 
-        x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = answer of the table to the spline Φ_i (degree, knots)
+        x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = response of the table to the spline Φ_i (degree, knots)
 
     spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
     window   coefficients solved at once, for a path with a limited preview; window · spacing · T
-             should be 1/f at least, and 10 coefficients at least.  None: all at once
+             should be at least 1/f, with at least 10 coefficients.  None: all at once
     kept     coefficients of a window that are kept before it slides; default: a quarter of it
-    Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all digits.
+    Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all precision.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
     When to use: on paths known in advance, for modes that no encoder measures and for zeros outside the unit circle.
-    When not: against disturbances; a model error acts in full.
+    Not suitable against disturbances, and a model error acts in full.
     Source: Okwudire, Ramani & Duan 2016; Duan, Yoon & Okwudire 2018 (limited preview).
     """
     if not 3 <= degree <= 5 or spacing < degree:
@@ -261,7 +261,8 @@ _SETTLING = 0.05  # s of rest after the end
 class InversePath:
     """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, in ascending powers of q.
 
-    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or left of 0 with |z| > 0.6.
+    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or a negative real part with |z| >
+    0.6.
     """
 
     A: np.ndarray
@@ -291,7 +292,7 @@ class InversePath:
 
 
 def inverse_path(loop: Loop | SetPath) -> InversePath:
-    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, which loses no digits.
+    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, without loss of precision.
 
     Raises UnstableError for a loop that is not stable, and ParameterError for a multirate loop.
     """
@@ -321,14 +322,14 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Return set positions with which, by its linear model, the loop follows a reference without phase error.
+    """Return set positions with which, according to its linear model, the loop follows a reference without phase error.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 
     The motion is delayed by the preview of r + s samples (`lead`).
-    When to use: on smooth moves with a loop that is known and linear.  When not: against friction, which it does not
-    compensate for; with gains that are changed afterwards; with 20 % of unknown load most of its advantage is gone.
-    Raises ParameterError where the polynomials lose their digits, from about degree 10 on (filters, two encoders).
+    When to use: on smooth moves with a loop that is known and linear.  Not suitable against friction, which it does not
+    compensate for, or if the gains are changed afterwards; with 20 % of unknown load most of its advantage is lost.
+    Raises ParameterError where the polynomials lose their precision, from about degree 10 on (filters, two encoders).
     Source: Tomizuka 1987; which zeros are kept, and B by Markov parameters, are this library's.
     """
     model, T = set_path(loop), float(loop.sample_time)

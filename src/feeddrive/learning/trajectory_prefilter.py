@@ -141,7 +141,7 @@ def fit_prefilter(
 
     Raises ParameterError for unknown regressors, and LogError for a run that reached its force limit, moves for too
     short a time, or does not excite the requested regressors.
-    When not: with friction that is not fed forward, whose error is no combination of the derivatives.
+    Not suitable for friction that is not fed forward, whose error is not a combination of the derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter, identified from one run).
     """
     if "requested" in run.signals and "force" in run.signals:
@@ -170,7 +170,7 @@ def fit_prefilter_to_log(
     force      N, to detect whether the limit of `control` was reached
     control    the loop of the machine: the log must have its sample time
 
-    Raises LogError also for a clock that is not the controller's, for a reference that is not that of the log, and for
+    Raises LogError also for a clock that is not the controller's, for a reference that does not match the log, and for
     set positions that are rounded too coarsely for a derivative.
     """
     time, set_position, position = (np.asarray(signal, dtype=float) for signal in (time, set_position, position))

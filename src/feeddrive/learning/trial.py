@@ -50,8 +50,8 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
 def _rounding(position: np.ndarray) -> float:
     """Return the RMS of the rounding error of positions, m, from fifth differences while the axis accelerates.
 
-    Without rounding they are 0 except for a few samples in a motion of constant-snap segments, which the median leaves
-    out; at constant velocity the rounding error is periodic and does not show.
+    Without rounding they are 0 except for a few samples in a motion of constant-snap segments, which the median
+    ignores; at constant velocity the rounding error is periodic and does not show.
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))
     accelerates = second[1:-2] > 1e-2 * np.max(second, initial=0.0)
@@ -182,8 +182,8 @@ def measured_trial(
     and the setpoint at kT is their Taylor extrapolation by minus half a sample, so that extrapolation by half a sample
     restores them.
     A sample counts as saturated where |force| reaches the force limit of the control.
-    Raises LogError for another sample time (with the difference and the tolerance), rows that do not match, and a log
-    that is too short.
+    Raises LogError for a different sample time (with the difference and the tolerance), rows that do not match, and a
+    log that is too short.
     """
     T = float(loop.sample_time)
     check_clock(name, sample_time, T)

@@ -222,9 +222,9 @@ def learn_signal(
     gain       share of the correction that is taken, > 0 and <= 1
     references, trials, load, seed, form, plant: as in `iterate_trials`
 
-    When to use: if reference and disturbance, of any shape, repeat at the same times.  When not: if the reference
+    When to use: if reference and disturbance, of any shape, repeat at the same times.  Do not use it if the reference
     changes, since the force belongs to the old one, or if nothing repeats, since it then learns noise.
-    Raises ParameterError for values out of bounds; errors of `error_model`.
+    Raises ParameterError for values out of bounds, and the errors of `error_model`.
     Source: Arimoto, Kawamura & Miyazaki 1984; the filters as in Bristow, Tharayil & Alleyne 2006.
     """
     turns = (references,) if isinstance(references, Reference) else tuple(references)

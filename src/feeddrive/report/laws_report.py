@@ -305,7 +305,7 @@ def limits(contents: LawsContents) -> str:
 
 
 def frequency(contents: LawsContents) -> list[Table]:
-    """Tabulate the margins, sensitivity peak and stiffness of each law; return no table if no law has either."""
+    """Tabulate the margins, sensitivity peak and stiffness of each law; return no table if no law has any of them."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
     rows: list[list[Cell]] = []

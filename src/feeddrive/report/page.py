@@ -53,7 +53,7 @@ def html(report: Report, units: Units | None = None) -> str:
 
     units  the reader's units; None: those of `page_units`
 
-    The same report always gives the same text.
+    The same report always gives identical HTML.
     """
     units = page_units(rotary=report.rotary) if units is None else units
     text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
@@ -93,7 +93,8 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Keep a unit such as N/µm on one line, by a word joiner, or by an element while the unit is a placeholder."""
+        """Keep a unit such as N/µm on one line, using a word joiner, or an HTML element if the unit is a
+        placeholder."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)
@@ -112,7 +113,7 @@ def _kind(part: Part) -> str:
 
 
 def _grid(part: Table | Grid | Marked) -> Grid:
-    """Return a table as texts with placeholders for quantities, and with its title as a sentence."""
+    """Return a table as strings with placeholders for quantities, and with its title as a sentence."""
     table = part.table if isinstance(part, Marked) else part
     grid = table if isinstance(table, Grid) else table.marked()
     ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")
@@ -120,7 +121,7 @@ def _grid(part: Table | Grid | Marked) -> Grid:
 
 
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
-    """Return the CSS class of a table that is too wide for a screen of some width in rem; empty if it always fits.
+    """Return the CSS class of a table that is too wide for a screen of some width in rem; "" if it always fits.
 
     Column heads and the first column may wrap between words, other cells only in a table of sentences.
     """

@@ -186,7 +186,7 @@ class Report:
         """Return the report for JSON: tables in SI with units, sentences as text, pictures by key.
 
         units     units of the sentences
-        rendered  True to format the tables too, as texts in these units
+        rendered  True to format the tables too, as strings in these units
         """
 
         def resolved(text: str) -> str:

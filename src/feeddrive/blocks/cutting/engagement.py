@@ -18,7 +18,7 @@ LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and lea
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
-    """Return entry and exit of the chip in rad for a radial depth in m; those of a slot without a depth.
+    """Return entry and exit of the chip in rad for a radial depth in m; without a depth, those of a slot.
 
     up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
     symmetric π/2 ∓ arcsin(radial_depth / diameter)
@@ -63,7 +63,7 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
     chip_load  feed per tooth c, m
     radius     radius R of the tool, m
 
-    It differs most at entry and exit, by c²/2R, where a tooth already cuts before 0 and still cuts after π.
+    The two differ most at entry and exit, by c²/2R, where a tooth already cuts before 0 and still cuts after π.
     """
     feed = chip_load * float(teeth) / (2.0 * ops.pi)
     sine, cosine = ops.sin(angle), ops.cos(angle)
@@ -122,14 +122,14 @@ def cut(
 
     steps  the motion of the tool along t and n in m since each earlier tooth, latest first, was at this angle
 
-    The chip of a slice is the least over the surfaces left by earlier teeth; where it is not above 0 there is no
+    The chip of a slice is the least over the surfaces left by earlier teeth; where it is not positive there is no
     force, not even an edge force:
 
         h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
 
     with the run-out o as a motion of the tool's centre, exact to first order in offset / diameter.  Over the
-    engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep where it exceeds the
-    lag of the slice: a straight edge then enters in the mean over the sweep.
+    engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep if that exceeds the lag
+    of the slice: the entry of a straight edge is then averaged over the sweep.
     """
     slices, teeth = float(edge.slices), float(edge.teeth)
     turn = lag(edge)
@@ -192,7 +192,7 @@ class _Arms(NamedTuple):
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
     def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
-        """Return one end of a slice, clamped to the engaged arc; `turns`: from the middle of the unengaged arc."""
+        """Return one end of a slice, clamped to the engaged arc; `turns` is 0 in the middle of the unengaged arc."""
         angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
         below, above = angle < -self.half, angle > self.half
         held = ops.where(below, -self.half, ops.where(above, self.half, angle))

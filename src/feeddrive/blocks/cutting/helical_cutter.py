@@ -31,11 +31,11 @@ class HelicalCutter(Cutter):
 
     summed over the teeth.  Entry and exit are 0 and π in a slot; with a radial_depth below the diameter up milling cuts
     from 0 to arccos(1 - 2 radial_depth / diameter), down milling over the same angle up to π.  On a straight edge
-    (helix_angle = 0) the chip is that of the tip over the whole length: the limit of the equations.
+    (helix_angle = 0) the chip is that of the tip over the whole length, which is the limit of the equations.
 
     The mean over a turn conserves energy: mean torque · ω = specific_energy · volume removed per second.
-    `slices` counts in a `MillingCut` only, where the chip follows from the motion of the tool.
-    When not: for run-out and unequal pitch; for a worn or rubbing edge, which has a force without a chip: use
+    `slices` is used only in a `MillingCut`, where the chip follows from the motion of the tool.
+    Not suitable for unequal pitch.  For run-out, or for a worn or rubbing edge, which has a force without a chip, use
     `MechanisticCutter`.
     Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed after Kline's model; the
     ratios are not in the paper.
@@ -99,7 +99,7 @@ class HelicalCutter(Cutter):
         )
 
     def edge(self) -> Edge:
-        """Return the edges with Ktc = specific_energy and Krc, Kac by the ratios; there is no edge force."""
+        """Return the edges with Ktc = specific_energy, and Krc and Kac from the ratios; there is no edge force."""
         entry, leave = arc(self.milling, self.radial_depth, self.diameter)
         cutting = (
             self.specific_energy,
@@ -144,7 +144,7 @@ def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[A
     """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), each over `turn`.
 
     The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
-    all digits at a small lag.  A straight edge cuts with its whole length or not at all.
+    all precision at a small lag.  A straight edge cuts with its whole length or not at all.
     """
     before, after = ops.maximum(0.0, begin - (tip - rest)), ops.maximum(0.0, tip - end)
     length = ops.clip(rest - before - after, 0.0, rest)

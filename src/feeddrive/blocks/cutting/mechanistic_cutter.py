@@ -27,16 +27,16 @@ class MechanisticCutter(Cutter):
         h   = min over m of [m chip_load sin v + R(φ - v) - R(φ - v - 2πm/teeth)]
         R(u) = runout_offset cos(runout_angle + u)
 
-    F_a points along the spindle, out of the work on the tool.  Without a chip the edge has no force either.  Sums over
-    the engaged part of each edge are closed forms; with run-out the least m is chosen for each of `slices` pieces of an
-    edge, which leaves an error of about 0.1 % with five of them.
+    F_a acts on the tool along the spindle, out of the work.  Without a chip the edge has no force either.  Sums over
+    the engaged part of each edge are closed forms; with run-out the minimizing m is chosen for each of the `slices` of
+    an edge, which leaves an error of about 0.1 % with five of them.
         mean torque · ω = Ktc · (volume per second) + Kte · (cutting speed) · teeth · axial_depth · (exit - entry) / 2π
 
     Entry and exit are 0 and π in a slot; with a radial_depth up milling cuts from 0 to arccos(1 - 2 radial_depth /
     diameter), down milling over the same angle up to π, a symmetric face cut π/2 ∓ arcsin(radial_depth / diameter).
     `entry` and `exit` give them directly instead.
     When to use: for forces with a worn or rubbing edge, for run-out, for a `MillingCut` that may lose contact.
-    When not: for unequal pitch, and within c²/2R of entry and exit, where the path of a tooth is no circle any more.
+    Not suitable for unequal pitch, or within c²/2R of entry and exit, where the path of a tooth is no longer a circle.
     Raises ParameterError for coefficients that no material has, which usually have the wrong unit.
     Source: Budak, Altintas & Armarego 1996; run-out Kline & DeVor 1983.
     """

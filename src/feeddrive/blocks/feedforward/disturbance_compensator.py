@@ -26,11 +26,11 @@ class DisturbanceCompensator(Feedforward):
 
     `coulomb_negative` is positive if friction opposes the motion towards smaller positions.  Within the dead band
     the axis rests and the three columns of friction are 0.  An omitted parameter has no column.  The block
-    feeds forward, and `iterate` tunes, only the given parameters, 0 included.
-    In the drive's unit the parameters are those over its force constant: a = mass / k in A s²/m, b = viscous / k.
+    feeds forward, and `iterate` tunes, only the given parameters, including those that are 0.
+    In the drive's unit the parameters are divided by its force constant k: a = mass / k in A s²/m, b = viscous / k.
 
-    When to use: with `iterate`, with any law that does not feed the same parts of the motion forward.  When not: with
-    friction that drifts from part to part, or on an axis that creeps and sticks, where the set velocity is not that of
+    When to use: with `iterate`, with any law that does not feed the same parts of the motion forward.  Not suitable for
+    friction that drifts from part to part, or for an axis that creeps and sticks, where the set velocity is not that of
     the axis.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1) to (7) and the regressors of the disturbance compensator.
     """

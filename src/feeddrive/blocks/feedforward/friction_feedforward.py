@@ -18,7 +18,7 @@ class FrictionFeedforward(Feedforward):
         sgn(v) = tanh(v / smoothing), or ±1 beyond the dead band and 0 within it
 
     The reading is not used: friction computed from the measured velocity would bring its noise and lag into the force.
-    When not to use it: with levels that drift (temperature, load), unless they are set a little too small, since
+    Do not use it with levels that drift (temperature, load), unless they are set a little too small, since
     overcompensation makes the reversal error worse than no compensation.
     Source: Erkorkmaz & Altintas 2001, part III (friction pre-compensation).
     """

@@ -23,17 +23,17 @@ class FrictionStops(Feedforward):
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
     A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest minus the smallest set
-    position since the start: over the first 2 δ_max, while the state of the friction is unknown, nothing is fed
+    position since the start: over the first 2 δ_max, while the state of the friction is unknown, no friction is fed
     forward, and after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
 
-    The residual r, a Stribeck curve for instance, is a sum of bells over the set speed, not a polynomial, which at
-    twice the range of its data reaches thousands of newtons.
+    The residual r, a Stribeck curve for instance, is a sum of bell curves over the set speed, not a polynomial, which
+    would reach thousands of newtons at twice the range of its data.
 
         r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
 
     When to use: reversals and quadrant glitches of an axis whose friction repeats; `learned_stops` fits it to a log.
-    When not: with friction that drifts with temperature or load (widths wrong by 30 % cost seven times the error of
-    right ones), or with set points coarser than the smallest width.
+    Not suitable for friction that drifts with temperature or load (widths wrong by 30 % cause seven times the error of
+    correct ones), or for set positions spaced wider than the smallest width.
     Source: the sum of stops as the limit of the Maxwell slip model: Al-Bender, Lampaert & Swevers 2004; Lampaert et al.
     2003 (its feedforward).
     """
@@ -73,7 +73,7 @@ class FrictionStops(Feedforward):
         stretch: tuple[Any, ...]
 
     def check(self) -> None:
-        """Raise ParameterError unless paired tables have one length and a residual has all four parts or none."""
+        """Raise ParameterError unless paired tables have equal lengths and a residual has all four parts or none."""
         if ops.length(self.width) != ops.length(self.stiffness):
             raise ParameterError(
                 f"{self.kind}: width has {ops.length(self.width)} entries and stiffness {ops.length(self.stiffness)}: "
@@ -114,7 +114,7 @@ class FrictionStops(Feedforward):
         return self.State(x, lowest, highest, tuple(stretch)), known * force
 
     def retune(self, state: State, old: Self) -> State:
-        """Return the state unchanged: positions and distances in m."""
+        """Return the state unchanged: it holds positions and distances in m."""
         return state
 
     def residual(self, v: Number) -> Number:

@@ -18,7 +18,7 @@ class InverseDynamics(Feedforward):
     (m1 + m2) a + (b1 + b2) v + (m1 b2 + m2 b1) j/k + m1 m2 snap/k + ...   With `order` = "rigid" the spring is left
     out: a1 = a2, v1 = v2.
 
-    When to use: with references that state jerk and snap, under any law with an encoder on the table.  It helps only
+    When to use: with references that provide jerk and snap, under any law with an encoder on the table.  It helps only
     together with matching set positions of the screw, as in `PolePlacement`.
     Source: Gordon & Erkorkmaz 2013, section 2 (inverse dynamics); Lambrechts, Boerlage & Steinbuch 2005.
     """

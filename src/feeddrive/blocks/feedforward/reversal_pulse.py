@@ -9,13 +9,13 @@ from feeddrive.language.block import Number, parameter
 
 
 class ReversalPulse(Feedforward):
-    """A pulse that begins where the set velocity changes its sign and dies out exponentially.
+    """A pulse that begins where the set velocity changes its sign and decays exponentially.
 
         F = s · force · e^(-t / decay_time),   s = sign of the new set velocity, t = time since the reversal
 
     It helps the drive through presliding, where a constant Coulomb force comes late.  The set velocity is that of the
     middle of the sample; standstill between two moves in one direction is no reversal.
-    When not to use it: with a friction feedforward that was learned on reversals and thus contains the pulse.
+    Do not use it with a friction feedforward that was learned on reversals and thus contains the pulse.
     Source: the amplitude-adaptive quadrant compensation of CNC controls; Erkorkmaz & Altintas 2001, section 5.
     """
 
@@ -29,7 +29,7 @@ class ReversalPulse(Feedforward):
         level: Number
 
     def start(self, setpoint: Setpoint) -> State:
-        """Return the state moving with the setpoint, long after a reversal."""
+        """Return the state for motion with the setpoint, long after a reversal."""
         return self.State(ops.sign(setpoint.velocity), ops.zero(setpoint.velocity))
 
     def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Any]:

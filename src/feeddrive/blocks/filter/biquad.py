@@ -1,4 +1,4 @@
-"""Second-order sections (biquads): Tustin with prewarping, steps in direct form II transposed, and their family."""
+"""Second-order sections (biquads): Tustin with prewarping, steps in direct form II transposed, and a base class."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -117,7 +117,7 @@ def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
 class SecondOrderSection(Filter, ABC):
     """The base class of filters with one section and H(1) = 1, each defined by its parameters and its `prepare`.
 
-    Each parameter in Hz must lie below half the sample rate, where the prewarping ends.
+    Each parameter in Hz must lie below half the sample rate, where the prewarping becomes singular.
     Source of the form: Oppenheim & Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II transposed).
     """
 

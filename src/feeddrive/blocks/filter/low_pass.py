@@ -14,7 +14,7 @@ class LowPass(Filter):
         H(s) = 1 / (s/ω + 1),   ω = 2π frequency,   s/ω -> (1/w)(z - 1)/(z + 1),   w = tan(ωT/2)
         y = b (x + x₋₁) - a y₋₁,   b = w/(1 + w),   a = (w - 1)/(w + 1)
 
-    Its gain at `frequency` is -3 dB also after sampling; its phase lag at f far below is f / frequency rad.
+    Its gain at `frequency` is -3 dB also after sampling; its phase lag at a frequency f far below is f / frequency rad.
     """
 
     frequency: Number = parameter("Hz", "corner frequency", above=0)

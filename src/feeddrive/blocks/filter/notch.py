@@ -10,7 +10,7 @@ class Notch(SecondOrderSection):
         H(s) = (s² + 2 ζn ω s + ω²) / (s² + 2 ζd ω s + ω²),   ω = 2π frequency
         s -> (2/T)(z - 1)/(z + 1),   ω -> (2/T) tan(ωT/2)
 
-    Its depth is ζn/ζd.  When not to use it: if the resonance moves by more than its width (about 2 ζd · frequency).
+    Its depth is ζn/ζd.  Do not use it if the resonance shifts by more than the notch width (about 2 ζd · frequency).
     """
 
     frequency: Number = parameter("Hz", "centre of the notch", above=0)

@@ -10,7 +10,7 @@ class SecondOrder(SecondOrderSection):
         H(s) = (s²/ωz² + 2 damping_zero s/ωz + 1) / (s²/ωp² + 2 damping_pole s/ωp + 1),   ω = 2π frequency
 
     Far above both frequencies the gain is (frequency_pole / frequency_zero)².  Drives call it the general second-order
-    filter: a low-pass with a stop band, or a lead.  Equal frequencies make it the `Notch`.
+    filter: a low-pass with a stop band, or a lead.  With equal frequencies it is the `Notch`.
     """
 
     frequency_zero: Number = parameter("Hz", "natural frequency of the numerator", above=0)

@@ -20,7 +20,7 @@ class Backlash(Force):
 
     The clip is evaluated at the middle of the substep; within the gap this is exact to second order in the substep.
     The damper of the plant also acts within the gap, as the damping of a lubricated nut does.
-    When not to use it: with substeps longer than a third of the period of the mode of the spring.
+    Do not use it with substeps longer than a third of the period of the spring mode.
     Source: the dead-zone model, Nordin & Gutman 2002, section 2.
     """
 

@@ -14,7 +14,8 @@ class Cogging(Force):
 
         F = force · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 
-    For a linear motor `period` is the pole pair, for a rotary one the lead divided by the pole pairs and the gear.
+    For a linear motor `period` is the length of a pole pair, for a rotary one the lead divided by the number of pole
+    pairs and the gear ratio.
     Source: the Fourier form in use for permanent-magnet linear motors, Otten, de Vries, van Amerongen, Rankers &
     Gaal 1997.
     """

@@ -15,7 +15,7 @@ class ForceMap(Force):
 
     `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; for no force
     beyond its ends, begin and end the row with 0.  The force of a cable chain or a cover is a map that is constant in
-    time (no swing).  The force of a cut along a part of the travel swings with the tooth-passing frequency.
+    time (no swing).  The force of a cut along a part of the travel oscillates at the tooth-passing frequency.
     """
 
     row: Number = table("N", "forces along the travel")

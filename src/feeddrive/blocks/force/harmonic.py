@@ -12,7 +12,7 @@ class Harmonic(Block):
     phase: Number = parameter("rad", "phase at x = 0", default=0)
 
     def at(self, angle: Number) -> Number:
-        """Return its value at the angle 2π x / period of the fundamental."""
+        """Return the harmonic at the angle 2π x / period of the fundamental."""
         # no product with 1 in the step, where each operation costs time in every substep
         turned = angle if self.order == 1 else float(self.order) * angle
         return self.share * ops.sin(turned + self.phase)

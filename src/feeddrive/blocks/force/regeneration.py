@@ -18,7 +18,7 @@ class Regeneration(Force):
 
     x is the actual position in the middle of a substep, interpolated linearly between substeps; before the start the
     axis was at rest.  This is the linear part of the force in turning and facing, and in a slot cut with many teeth.
-    When not to use it: where vibration lifts the tool out of the cut; with substeps longer than a tenth of the delay.
+    Do not use it where vibration lifts the tool out of the cut, or with substeps longer than a tenth of the delay.
     Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
     """
 

@@ -14,9 +14,9 @@ class ScrewError(Force):
 
         spring force = stiffness (x_motor + e(x_motor) - x_load),  so  F_motor = -stiffness e,   F_load = +stiffness e
 
-    Neglected: the slope e' in the screw's torque and the force of the damper, both smaller by a factor of e', about
-    1e-4.  With backlash, give the lead error in the backlash block, not here.  On a rigid axis it belongs to the rotary
-    encoder.
+    The slope e' in the screw's torque and the force of the damper are neglected; both are smaller by a factor of e',
+    about 1e-4.  With backlash, give the lead error in the backlash block, not here.  On a rigid axis it belongs to the
+    rotary encoder.
     """
 
     lead_error: LeadError = part("the error along the travel")

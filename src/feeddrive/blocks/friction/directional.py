@@ -12,8 +12,8 @@ class Directional(Friction):
 
         F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
 
-    The smaller of the two viscous values is part of the linear core and held exactly; the difference to the larger one
-    acts at the velocity in the middle of the substep.
+    The smaller of the two viscous values is part of the linear core and is computed exactly; the difference from the
+    larger one is evaluated at the velocity in the middle of the substep.
     Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
     """
 

@@ -18,9 +18,9 @@ class GeneralizedMaxwellSlip(Friction):
         F = -Σ F_i - viscous v,    s(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
 
     Over a substep h, with s at the velocity at its start, F_i is the clip of a straight line in the velocity v at its
-    end, so that v = v_free + mobility F is one monotone broken line, solved between two of its corners:
+    end, so that v = v_free + mobility F is a monotone piecewise linear equation, solved between two of its corners:
 
-        sticking   F_i + k_i h v, held to ±α_i s
+        sticking   F_i + k_i h v, limited to ±α_i s
         slipping   A = a F_i + (1 - a) sgn(v) α_i s,  a = e^-(attraction h/s);  A + k_i h v if v turns in the substep
 
     With breakaway = coulomb it is a sum of stops (Masing, Prandtl-Ishlinskii), whatever the attraction: after a
@@ -28,8 +28,9 @@ class GeneralizedMaxwellSlip(Friction):
     Stribeck curve.
 
     When to use: quadrant errors of some micrometers, where the motion of the table after a reversal depends on its
-    history.  When not: if presliding does not matter (`Stribeck` costs a tenth); there is no exact standstill.  A mass
-    m vibrates in presliding at √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth of 1/ω.
+    history.  Do not use it if presliding does not matter (`Stribeck` costs a tenth as much) or if exact standstill is
+    needed.  A mass m vibrates in presliding at ω = √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth
+    of 1/ω.
     Source: Lampaert, Al-Bender & Swevers 2003; Al-Bender, Lampaert & Swevers 2005. The implicit step is this library's.
     """
 

@@ -23,8 +23,8 @@ class Lugre(Friction):
         a w² + (1 + A h - s a B) w = |B - A z|,   v = s w
 
     The order is 1: a substep should not be longer than a fifth of √(mass / bristle_stiffness), or the presliding
-    oscillation is damped too much.  When not to use it: if presliding does not matter: Stribeck costs less and has an
-    exact standstill, while an axis with LuGre creeps under oscillating forces below breakaway.
+    oscillation is damped too much.  Do not use it if presliding does not matter: Stribeck costs less and has an exact
+    standstill, while an axis with LuGre creeps under oscillating forces below breakaway.
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, eqs. (1) to (4).
     """
 

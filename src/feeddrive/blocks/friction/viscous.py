@@ -7,10 +7,10 @@ from feeddrive.language.block import Number, parameter
 
 
 class Viscous(Friction):
-    """F = -viscous · v, held exactly by the linear core.
+    """F = -viscous · v, computed exactly by the linear core.
 
-    Use it for an air guideway and for linear studies.  When not to use it: where the axis reverses or stands still;
-    without a dry part it has no reversal error and never sticks.
+    Use it for an air guideway and for linear studies.  Do not use it where the axis reverses or stands still; without a
+    dry part it has no reversal error and never sticks.
     """
 
     viscous: Number = parameter("N s/m", "viscous friction", least=0)

@@ -20,12 +20,12 @@ class MillingForce(Load):
     F_feed, F_normal, F_axial come from the cutter.  Its chip load is `chip_load`, along a constant `direction`; or with
     two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
 
-        chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no feed, no chip, no force
+        chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no force without feed
 
     It acts for start <= t < end; the spindle always turns.  The force at kT is held over the sample.  If the table
     moves the workpiece instead of the tool, the force on the axis has the opposite sign.
     When to use: an axis that must hold its path while cutting; give each axis of a machine its component.
-    When not: for chatter, since the chip does not depend on vibration.
+    Not suitable for chatter, since the chip does not depend on vibration.
     Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c of its axis equations is the negative of this.
     Raises StructureError without exactly one of chip_load and references.
     """

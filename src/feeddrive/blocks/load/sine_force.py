@@ -12,7 +12,7 @@ class SineForce(Load):
 
     The loop holds it over the sample, so the acting force is a staircase that is half a sample late.  Start and end are
     assigned to samples as in StepForce.
-    When not: for a force that depends on the position of the axis; use a ForceMap.
+    For a force that depends on the position of the axis, use a ForceMap.
     """
 
     amplitude: Number = parameter("N", "amplitude of the force on the table", least=0)

@@ -15,25 +15,26 @@ _BUTTERWORTH = 0.7071067811865476  # damping ratio of the second order
 
 
 class DisturbanceRecovery(Observer):
-    """Disturbance recovery: the force that is missing in the motion of a rigid axis, from reading and `applied` alone.
+    """Disturbance recovery: the unexplained force on a rigid axis, computed from reading and `applied` alone.
 
         F̂d(k) = m (v(k) - v(k-1))/T + b v(k) - F_m(k-1),    v(k) = (x(k) - x(k-1))/T
 
-    Inverting (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force, gives the same:
-    gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or that of `delay_samples` before.
+    Inverting (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force, gives the same
+    result, so that gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or that of
+    `delay_samples` earlier.
 
         exact        without a filter
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
         two_poles    two such poles in series
         butterworth  second order, by Tustin with prewarping
 
-    It is a double difference: a resolution q becomes √6 m (q/√12)/T² of noise before the filter.  `lag` is the delay
-    for a force that is held over each sample while the motor force is constant: 1.5 T and the delay of the filter,
-    about √2/(2π frequency) of the second order.  The delay for a force that rises evenly within the samples is T. Each
-    is T/2 shorter under a law that cancels the force: F_m(k-1) then is newer than the mean over the two samples that
-    the double difference sees.
-    When to use: under any law, to see a cutting force or to reject it.  When not: with a mode of the axis inside the
-    filter's band; and with a coarse encoder use `KalmanRecovery`.
+    The estimate is a double difference: a resolution q causes noise of √6 m (q/√12)/T² before the filter.  `lag` is the
+    delay for a force that is held over each sample while the motor force is constant: 1.5 T plus the delay of the
+    filter, about √2/(2π frequency) for second order.  The delay for a force that rises evenly within the samples is T.
+    Both are T/2 shorter under a law that cancels the force, since F_m(k-1) is then newer than the mean over the two
+    samples that the double difference sees.
+    When to use: under any law, to see a cutting force or to reject it.  Not suitable for an axis mode inside the
+    filter's band; with a coarse encoder use `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
     """
 

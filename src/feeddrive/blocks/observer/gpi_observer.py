@@ -26,20 +26,21 @@ class GpiObserver(Observer):
         (s + p0) (s² + 2 zeta_o omega_o s + omega_o²)^((order - 1)/2)     order odd
                  (s² + 2 zeta_o omega_o s + omega_o²)^(order/2)           order even, without the real pole
 
-    Sampled exactly, with u held and y on a straight line between its samples (first-order hold: the estimate at kT
-    uses the reading at kT), in coordinates z_i = x̂_i / omega_o^i, in which all entries are of the size of one:
+    The sampled form is exact, with u held and y linear between its samples (first-order hold: the estimate at kT uses
+    the reading at kT), in coordinates z_i = x̂_i / omega_o^i, in which all entries are of order one:
 
         z(k) = F z(k-1) + Gu u(k-1) + Gy0 y(k-1) + Gy1 y(k),    F = e^(A T)
 
-    A constant reading leaves z = (y, 0, ...) unchanged, so that F, Gy0 and Gy1 add up to it; hence only the change of y
-    enters, and z_0 is kept as its distance from y.  No digit is lost far from zero, not even in float32.
+    A constant reading leaves z = (y, 0, ...) unchanged, so that F, Gy0 and Gy1 together reproduce it; hence only the
+    change of y enters, and z_0 is stored relative to y. No precision is lost far from zero, not even in float32.
 
-    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  When not: to reject disturbances
-    near omega_o or above it. Their estimate has the wrong amplitude and phase, and subtracting it increases the error:
-    4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Nor with a mode of the axis near it.
-    `hold = "zero_order"` keeps the reading instead, for comparison: it admits only a fifteenth of the sample time.
+    When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  Do not use it to reject
+    disturbances near or above omega_o: their estimate has the wrong amplitude and phase, and subtracting it increases
+    the error, 4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Do not use it with an axis
+    mode near omega_o either. `hold = "zero_order"` keeps the reading instead, for comparison: it admits only a
+    fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is this library's.
-    Raises ParameterError for an omega_o too fast for the sample time.
+    Raises ParameterError for an omega_o too high for the sample time.
     """
 
     tunables = ("omega_o", "zeta_o")
@@ -101,7 +102,7 @@ class GpiObserver(Observer):
         return self._sampled(matrix.expm1(self._rate(T)), 1.0)
 
     def _rate(self, T: Number) -> Matrix:
-        """Return A T of the states, of u and of the change of y in a sample."""
+        """Return A T for the states, u, and the change of y over a sample."""
         order = 2 + self.taylor_states
         turn = self.omega_o * T
         rate = matrix.zeros(order + 2, order + 2)
@@ -153,7 +154,8 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep velocity in m/s, disturbance in N and its derivatives: z_i omega_o^i, for the disturbance times mass."""
+        """Keep the velocity in m/s, the disturbance in N and its derivatives: z_i omega_o^i, times mass for the
+        latter."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:

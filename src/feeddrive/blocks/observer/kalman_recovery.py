@@ -15,18 +15,18 @@ DOUBLINGS = 24
 
 
 class KalmanRecovery(Observer):
-    """Disturbance recovery by a steady Kalman filter of position, velocity and a force that walks at random.
+    """Disturbance recovery by a steady-state Kalman filter of position, velocity and a random-walk force.
 
         predict   x̂⁻ = Φ x̂(k-1) + Γ F_m(k-1),   exact hold of m x'' + b x' = F_m + F_d over the sample
         correct   x̂(k) = x̂⁻ + L (x(k) - x̂⁻₁),    x̂ = (x, v, F_d)
         L = P Cᵀ/(C P Cᵀ + R),   P = Φ (P⁻¹ + Cᵀ R⁻¹ C)⁻¹ Φᵀ + diag(0, 0, force_step²),   R = resolution²/12
 
-    The gain comes from the Riccati equation by doubling, with lengths in steps of the resolution and times in steps of
-    the filter's own speed, so that coarse and fine encoders are solved alike.  In these units the gain depends on one
-    ratio, ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
+    The gain comes from the Riccati equation by doubling, with lengths in units of the resolution and times in units set
+    by the filter's bandwidth, so that coarse and fine encoders are treated alike.  In these units the gain depends on
+    one ratio, ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
 
-    When to use: in place of `DisturbanceRecovery` where quantization by the encoder dominates.  When not: for forces
-    that change faster than `force_step` per sample, and without a known resolution.
+    When to use: in place of `DisturbanceRecovery` where quantization by the encoder dominates.  Not suitable for forces
+    that change faster than `force_step` per sample, or if the resolution is unknown.
     Source: Altintas & Okwudire 2009, section 3, has the exact recovery; the filter is Kalman 1960, the doubling
     Anderson & Moore 1979, section 6.7.
     """
@@ -58,7 +58,8 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute hold and gain from a normalized problem: position noise 1, and a force that walks by w = ∛ρ."""
+        """Compute hold and gain from a normalized problem: position noise 1, and a random-walk force with steps of w =
+        ∛ρ."""
         # 1/√12: the standard deviation of a rounding to counts
         noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
@@ -131,7 +132,7 @@ def _transposed(a: Matrix) -> Matrix:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    """Return the inverse of a matrix of three rows, by cofactors and without pivoting."""
+    """Return the inverse of a 3 x 3 matrix, by cofactors and without pivoting."""
 
     def cofactor(i: int, j: int) -> Number:
         up, down, left, right = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3

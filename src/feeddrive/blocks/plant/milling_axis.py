@@ -6,13 +6,14 @@ from feeddrive.language.block import Number, parameter
 
 
 class MillingAxis(Plant):
-    """A carriage on a screw, rigid; a = lead / 2π.
+    """A rigid carriage on a screw; a = lead / 2π.
 
         (carriage_mass + inertia / a²) q'' + (c_b + c_t / a²) q' = torque / a + other forces
 
     The force of the loop is torque / a, in N at the carriage.  Dry friction (μ sign q'), gravity and cutting forces are
     separate blocks.  `ScrewRigid` is the same axis from the motor's data sheet, with a gear.
-    Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers, rotary equation over a.
+    Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers, their rotary equation
+    divided by a.
     """
 
     inertia: Number = parameter("kg m2", "all that turns with the screw", above=0)

@@ -14,8 +14,8 @@ class Modal(Plant):
 
     A measured frequency response is fitted in this form:
     x/f = 1/(mass s² + viscous s) + Σ shapesᵢ / massᵢ (s² + 2ζᵢωᵢs + ωᵢ²).
-    When not to use it: for dry friction on both bodies with few modes.  The two contacts are then nearly one, which the
-    fixed sweeps of the axis do not separate; use a chain of masses.
+    Do not use it for dry friction on both bodies with few modes: the two contacts then nearly coincide, and the fixed
+    number of sweeps of the axis does not separate them; use a chain of masses.
     """
 
     mass: Number = parameter("kg", "all that moves when the axis moves as one", above=0)

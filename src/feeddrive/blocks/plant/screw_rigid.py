@@ -11,7 +11,7 @@ class ScrewRigid(Plant):
         r = 2π / lead,      total mass = mass + (inertia_screw + gear² inertia_motor) r²
         total mass · x'' + (viscous_load + viscous_bearings r²) x' = force
 
-    The force is the motor's torque · gear · r.  When not to use it: above about a third of the first mode of the drive.
+    The force is the motor's torque · gear · r.  Do not use it above about a third of the first mode of the drive.
     Source: Altintas & Okwudire 2009, eq. (1), with the reflected inertia.
     """
 

@@ -234,7 +234,7 @@ def lag(bodies: TwoBodies) -> Number:
 
 
 def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """Return the lead of the screw by the series in c/k, truncated after its first term: no state, stable for any m12.
+    """Return the lead of the screw by the series in c/k, truncated after its first term: stateless, stable for any m12.
 
     The second line of equation (2), solved for x1 - x2 = lead:
 

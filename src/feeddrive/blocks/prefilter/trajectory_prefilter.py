@@ -14,11 +14,11 @@ class TrajectoryPrefilter(Prefilter):
         j_out = j + θ1 s
         s_out = s
 
-    Nothing is differenced: the steps of a snap-limited motion would become impulses.
+    No difference is formed, since the steps of a snap-limited motion would become impulses.
     A loop with the tracking error e = θ(s) x for a set motion x, θ(s) = θ1 s + θ2 s² + θ3 s³ + θ4 s⁴, has the error
     θ(s)² x behind this block: `fit_prefilter` finds θ from one run.
-    When to use: together with feedforward, on moves whose errors repeat.  When not: on a loop without
-    feedforward, where θ is not small; for references that state no derivatives.
+    When to use: together with feedforward, on moves whose errors repeat.  Not suitable for a loop without feedforward,
+    where θ is not small, or for references without derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter).
     """
 

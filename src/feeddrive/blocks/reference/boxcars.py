@@ -15,7 +15,7 @@ _TINY = 1e-290
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
     """Return the shortest move of the boxcar family over a distance > 0 within `limits`, velocity first (SI).
 
-    If all limits are reached, the lengths are the usual ones, for the snap-limited move j/s, a/j, v/a and
+    If all limits are reached, the lengths are the usual ones, such as, for the snap-limited move, j/s, a/j, v/a and
     distance/v.  In general they are chosen in ascending order, each as long as possible.  L₁ times the highest
     derivative is the peak of the next lower one, and so on.  Since ramps must not overlap, each length is at least the
     sum of the shorter ones, so that L₁ = x means at least (x, 2x, 4x) for the others:
@@ -27,8 +27,9 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
 
     The highest limit is thus always used in full, and a limit is lowered only if a lower derivative, or the distance,
     has no room for it: first the velocity is lowered (L₃), then the acceleration (L₂), then the jerk (L₁).  Since the
-    product of the lengths is fixed and short lengths are lower bounds of long ones, long short lengths minimize the
-    sum, which is the time of the move.  The last length is distance / v' as computed, so the distance is exact.
+    product of the lengths is fixed and short lengths are lower bounds of long ones, making the short lengths as long as
+    possible minimizes the sum, which is the time of the move.  The last length is distance / v' as computed, so the
+    distance is exact.
 
     Raises StructureError if the move would take forever, if the numbers overflow, and, as an internal check, if the
     finished profile violates a limit.

@@ -20,7 +20,8 @@ class Chirp(Reference):
 
     w rises from 0 in the first and falls to 0 in the last `blend_time` by the seventh-degree polynomial; the motion
     starts and ends at rest at the center.  The sweep may run up or down.
-    When not: to measure an axis with dry friction about standstill; a multisine with a bias velocity reveals more.
+    Not suitable for measuring an axis with dry friction around standstill; a multisine with a bias velocity reveals
+    more.
     Raises ParameterError if both blends are longer than the sweep.
     """
 

@@ -15,8 +15,9 @@ class InputShaped(Reference):
 
     A mode of the given frequency and damping does not ring after the end of the shaped motion ("zv"), hardly rings even
     if its frequency is a little off ("zvd", half a period longer), or rings by `tolerance` at most over a wider band
-    ("ei"). The motion keeps the limits of r, ends where r ends, and takes one or two half periods of the mode longer.
-    When not: on axes that draw a path together, unless all of them have the same shaper.
+    ("ei"). The motion stays within the limits of r, ends where r ends, and takes one or two half periods of the mode
+    longer.
+    Do not use it on axes that trace a path together, unless all of them have the same shaper.
     Raises StructureError for a Recorded reference, unless that interpolates: pulses rarely fall on its rows.
     Pulses and sources: `pulses.py`.
     """

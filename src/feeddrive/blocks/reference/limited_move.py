@@ -17,7 +17,7 @@ class LimitedMove(Move, ABC):
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:
-        """Return the limits in SI: velocity, acceleration, ... down to the derivative that is piecewise constant."""
+        """Return the limits in SI: velocity, acceleration, ... up to the derivative that is piecewise constant."""
 
     @cached_property
     def profile(self) -> Profile | None:

@@ -12,7 +12,7 @@ class LinearMove(Move):
 
     All higher derivatives are 0 in the leg, and the impulses at its ends are omitted.
     When to use: to show the cost of a corner without a velocity profile; to cut with a constant chip load.
-    When not: to move an axis; use a JerkLimitedMove.
+    To move a real axis, use a JerkLimitedMove.
     Source: Beltrán-Carbajal et al. 2013, eqs. (19)-(22), with the constant feed of its simulation.
     """
 

@@ -14,7 +14,7 @@ from feeddrive.language.block import Number, choice, parameter
 
 
 class Move(Reference, ABC):
-    """A leg of a given distance between two dwells, and with `back` the same leg home and a third dwell.
+    """A leg of a given distance between two dwells, and with `back` the same leg in reverse and a third dwell.
 
         before | there | after                        or
         before | there | between | home | after
@@ -41,7 +41,7 @@ class Move(Reference, ABC):
         """Return travel (m, from 0 to |distance|) and its derivatives at times t (s, shape (n,)) in 0 .. leg_time."""
 
     def check(self) -> None:
-        """Raise StructureError unless the leg keeps its limits and ends in a finite time."""
+        """Raise StructureError unless the leg stays within its limits and ends in a finite time."""
         check_single(self)
         check_duration(self.kind, self.duration)
 

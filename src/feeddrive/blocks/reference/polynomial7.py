@@ -14,7 +14,7 @@ class Polynomial7(Move):
     Velocity, acceleration and jerk are 0 at both ends; the snap jumps there, to ±840 distance / travel_time⁴.
     Peaks: velocity 35/16 · distance / travel_time in the middle, acceleration 84/(5√5) · distance / travel_time² at
     τ = 1/2 ± 1/(2√5), jerk 52.5 · distance / travel_time³ in the middle.
-    When not: over long distances, since it never cruises; a SnapLimitedMove within the same limits is faster.
+    Not suitable for long distances, since it never cruises; a SnapLimitedMove within the same limits is faster.
     Source: the only polynomial of degree 7 at rest up to the jerk at both ends.
     """
 

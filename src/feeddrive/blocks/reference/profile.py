@@ -32,7 +32,7 @@ class Profile:
 
     `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
     recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the reversed
-    rise.  Constants, zeros and mirror images are set exactly, not accumulated, so that nothing drifts.
+    rise.  Constants, zeros and mirror images are set exactly, not accumulated, which avoids drift.
     """
 
     distance: float
@@ -45,7 +45,7 @@ class Profile:
 
     @cached_property
     def peaks(self) -> tuple[float, ...]:
-        """The largest velocity, acceleration, ... in SI, down to the derivative that is piecewise constant."""
+        """The largest velocity, acceleration, ... in SI, up to the derivative that is piecewise constant."""
         peaks, height = [], self.distance
         for length in reversed(self.lengths):
             height = height / length
@@ -111,7 +111,8 @@ class Profile:
         return out[0], out[1], out[2], out[3], out[4]
 
     def check(self, kind: str, limits: Sequence[float]) -> None:
-        """Integrate piece by piece and raise StructureError if a limit (velocity first) or the end position is missed.
+        """Integrate piece by piece and raise StructureError if a limit (velocity first) is exceeded or the end is
+        missed.
 
         Within a piece every derivative is monotone, so that its extremes are at the ends.
         """

@@ -19,10 +19,10 @@ class Recorded(Reference):
 
     If only positions are given, the velocity is the backward difference, 0 in the first row, and all higher derivatives
     are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit. Times
-    between the rows are refused; with `between = "linear"` all tables are interpolated on straight lines, and a
-    velocity that is a difference is the slope of that line.  Outside the table the axis is at rest, and no time is
-    refused.
-    When not: to run a loop at another sample time than the log's, where the steps of a straight line excite it.
+    between the rows are refused; with `between = "linear"` all tables are interpolated linearly, and a velocity that is
+    a difference is the slope of that line.  Outside the table the axis is at rest, and no time is refused.
+    Do not use it to run a loop at a sample time other than the log's: the velocity steps of the straight lines excite
+    the loop.
     Raises StructureError for tables that do not fit each other and for times that are not rows.
     """
 

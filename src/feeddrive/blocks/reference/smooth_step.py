@@ -8,7 +8,7 @@ from feeddrive.blocks.reference.derivatives import Derivatives
 def seventh_degree(share: np.ndarray) -> Derivatives:
     """Return ψ = 35τ⁴ - 84τ⁵ + 70τ⁶ - 20τ⁷ for τ in 0 .. 1, with derivatives in τ.
 
-    Written with σ = 1 - τ, where no digits cancel:  ψ = τ⁴(35σ³ + 21τσ² + 7τ²σ + τ³),  ψ' = 140 τ³σ³.
+    Written with σ = 1 - τ to avoid cancellation:  ψ = τ⁴(35σ³ + 21τσ² + 7τ²σ + τ³),  ψ' = 140 τ³σ³.
     """
     tau, rest = share, 1.0 - share
     both = tau * rest
@@ -24,7 +24,7 @@ def seventh_degree(share: np.ndarray) -> Derivatives:
 def tenth_degree(share: np.ndarray) -> Derivatives:
     """Return ψ = τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵) for τ in 0 .. 1, with derivatives in τ.
 
-    Written with σ = 1 - τ, where no digits cancel:  ψ = Σ C(10, k) τᵏσ¹⁰⁻ᵏ over k = 5 .. 10,  ψ' = 1260 τ⁴σ⁵.
+    Written with σ = 1 - τ to avoid cancellation:  ψ = Σ C(10, k) τᵏσ¹⁰⁻ᵏ over k = 5 .. 10,  ψ' = 1260 τ⁴σ⁵.
     """
     tau, rest = share, 1.0 - share
     tail = 120.0 * rest**3 + tau * (45.0 * rest**2 + tau * (10.0 * rest + tau))
@@ -55,7 +55,7 @@ def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
 def run_up_angle(t: np.ndarray, turned: float, duration: float, run_up: float) -> Derivatives:
     """Return an angle from 0 to `turned` whose rate is `window` times a constant: turned / (duration - run_up).
 
-    With the integral of the 7th degree, ∫ψ dτ = τ⁵(7 - 14τ + 10τ² - 2.5τ³), which is 1/2 at τ = 1.
+    The integral of the seventh-degree polynomial is ∫ψ dτ = τ⁵(7 - 14τ + 10τ² - 2.5τ³), which is 1/2 at τ = 1.
     """
     rate = turned / (duration - run_up)
     steps = window(t, duration, run_up)

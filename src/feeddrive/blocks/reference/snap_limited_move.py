@@ -9,10 +9,10 @@ class SnapLimitedMove(LimitedMove):
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a) * boxcar(a/j) * boxcar(j/s)
 
-    Position, velocity, acceleration and jerk are continuous, the snap is ± s or 0.  If the distance is too short for a
-    limit it is lowered, velocity first, then acceleration, then jerk; see `boxcars.py`.  The move is the shortest of
-    this family, which is not the time-optimal move: with the snap as the only limit it takes 7 % longer. Without a
-    snap limit, use a JerkLimitedMove.
+    Position, velocity, acceleration and jerk are continuous, the snap is ± s or 0.  If the distance is too short to
+    reach a limit, that limit is lowered, velocity first, then acceleration, then jerk; see `boxcars.py`.  The move is
+    the shortest of this family, which is not the time-optimal move: with the snap as the only limit it takes 7 %
+    longer. Without a snap limit, use a JerkLimitedMove.
     Raises StructureError for a move that takes forever.
     Source: Lambrechts, Boerlage & Steinbuch 2005 (fourth-order profiles).
     """

@@ -45,7 +45,7 @@ class Piece(NamedTuple):
     snap: Number
 
     def at(self, time: Number) -> Derivatives:
-        """Return travel and derivatives by Taylor to snap, at a time clipped to the piece."""
+        """Return travel and derivatives by Taylor expansion up to snap, at a time clipped to the piece."""
         return moved(self[2:], ops.clip(time - self.start, 0.0, self.span))
 
 
@@ -65,12 +65,12 @@ class Stretch(NamedTuple):
 
 
 def rest(begins: float, position: float) -> Stretch:
-    """Return a standstill at a position (m) from a time (s) on."""
+    """Return a stretch at rest at a position (m), beginning at a time (s)."""
     return Stretch(Way(begins, 0.0, position, 0.0), Piece(*(0.0,) * 7))
 
 
 def moved(state: tuple[Number, ...], span: Number) -> Derivatives:
-    """Return the motion by Taylor to snap, from states (5, n) over spans (n,)."""
+    """Return the motion by Taylor expansion up to snap, from states (5, n) over spans (n,)."""
     x, v, a, j, s = state
     half, third = 0.5 * span, span / 3.0
     derivatives = (

@@ -5,7 +5,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class TrapezoidalMove(LimitedMove):
-    """A trapezoid of velocity, or a triangle if the distance is too short, as LinuxCNC's planner commands it today.
+    """A trapezoid of velocity, or a triangle if the distance is too short, as LinuxCNC's present planner commands it.
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a)
 

@@ -7,8 +7,8 @@ from feeddrive.language.block import Block, Number, parameter
 class Eccentricity(Block):
     """error = amplitude · sin(2π x / period + phase).
 
-    A disc whose centre lies e off its shaft, with its graduation at radius R, errs by e/R rad: an amplitude of
-    e/R · period / 2π.
+    A disc whose centre lies e off its shaft, with its graduation at radius R, has an error of up to e/R rad: an
+    amplitude of e/R · period / 2π.
     """
 
     amplitude: Number = parameter("m", "largest error, seen at the table", least=0)

@@ -21,7 +21,7 @@ class Encoder(Sensor):
         interpolation   r = r + error(r)
         noise           r = r + noise · n₀(k)
         resolution      r = resolution · round(r / resolution)
-        count rate      r follows by at most largest_rate · T counts a sample; counts that it misses stay lost
+        count rate      r follows by at most largest_rate · T counts a sample; missed counts remain lost
         offset          r = r + offset
 
     n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
