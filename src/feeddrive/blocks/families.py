@@ -8,7 +8,7 @@ A block is final: it implements the abstract methods and overrides no method wit
     prepare(T)   values that depend on parameters only, computed once per run; returns a named tuple
     start(...)   the steady state of a block at rest
     step(...)    one sample: a pure function from the old state to the new one
-    retune(...)  the state after a live change: forces and estimates stay continuous; with equal parameters results remain bit-identical
+    retune(...)  the state after a live change: forces and estimates stay continuous, bit-identical for equal parameters
     begin(axis)  start values of its parameters for the tuning on an axis
 
 `retune` has no default for a block with a state: the old state is right only where no parameter scales its contents,
@@ -108,8 +108,7 @@ class Plant(Block, ABC):
 
 
 class Friction(Block, ABC):
-    """Friction at one body, set-valued and implicit: the force over a substep is consistent with the velocity at its
-    end."""
+    """Friction at one body, set-valued and implicit: the force over a substep matches the velocity at its end."""
 
     @abstractmethod
     def start(self, velocity: Number = 0.0) -> Any:

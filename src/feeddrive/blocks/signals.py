@@ -19,8 +19,7 @@ class Setpoint(NamedTuple):
     snap: Annotated[Number, Unit("m/s4")] = 0.0
 
     def backward_velocity(self, T: Number) -> Number:
-        """Return (x(k) - x(k-1)) / T in m/s, by Taylor expansion up to snap: exact while the snap is constant over the
-        last sample.
+        """Return (x(k) - x(k-1)) / T in m/s by Taylor expansion: exact while the snap is constant over the last sample.
 
         A law that differences its reading needs the reference differenced in the same way.
         """
@@ -87,7 +86,7 @@ class Motion(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """A source of random numbers that depend on seed, sample and channel only, so that a lane equals a single run."""
+    """A source of random numbers that depend only on seed, sample and channel: a batched run equals a single run."""
 
     seed: Number  # whole number
     sample: Number  # k

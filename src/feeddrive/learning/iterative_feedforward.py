@@ -112,9 +112,9 @@ def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return G_d of the model loop, or, without a plant, of the axis with its viscous friction; raise UnstableError for
-    an
-    unstable loop.
+    """Return G_d of the model loop, or, without a plant, of the axis with its viscous friction.
+
+    Raises UnstableError for an unstable loop.
     """
     model = _closed(loop, plant)
     size = _growth(model)

@@ -17,8 +17,7 @@ _INPUTS, _OUTPUTS = ("set_position", "set_velocity"), ("position_load",)
 
 @dataclass(frozen=True, eq=False)
 class SetPath:
-    """The linear model from set positions, with their backward difference as set velocity, to the position of the
-    table.
+    """The linear model from set positions, with their backward difference as set velocity, to table positions.
 
     samples  the linear model of each sample of a period; one for most loops
     """
@@ -107,9 +106,7 @@ _RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in 
 
 
 def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
-    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values, which sum to
-    1.
-    """
+    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values with sum 1."""
     # imported here: commands that only read a log start without it
     from scipy.interpolate import BSpline
 
@@ -261,8 +258,7 @@ _SETTLING = 0.05  # s of rest after the end
 class InversePath:
     """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, in ascending powers of q.
 
-    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or a negative real part with |z| >
-    0.6.
+    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or Re z < 0 with |z| > 0.6.
     """
 
     A: np.ndarray

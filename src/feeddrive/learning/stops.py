@@ -1,4 +1,4 @@
-"""Friction feedforward by stops, learned from slow swings of the loop."""
+"""Friction feedforward by stops, learned from slow oscillations of the loop."""
 
 import math
 from dataclasses import replace
@@ -19,8 +19,9 @@ _DURATION = 4.0  # s
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
     """Return the loop with stops, identified from a simulated log, in place of its friction feedforward, and the fit.
 
-    In the middle of its travel the axis swings for 4 s by 5 mm at 0.5 Hz, with smaller and faster swings on top.  Its
-    mass is known; viscous friction and offset are identified together with the stops and left to the other blocks.
+    In the middle of its travel the axis oscillates for 4 s by 5 mm at 0.5 Hz, with smaller and faster oscillations on
+    top.  Its mass is known; viscous friction and offset are identified together with the stops and left to the other
+    blocks.
     `seed` is that of the encoder noise.
     Raises NotIdentifiableError if the log does not show friction.
     """
@@ -56,7 +57,7 @@ def _center(loop: Loop) -> float:
 
 
 def _swings(center: float, T: float) -> Recorded:
-    """Return the sum of the swings as a reference with its derivatives."""
+    """Return the sum of the oscillations as a reference with its derivatives."""
     t = np.arange(round(_DURATION / T)) * T
     rows = [np.zeros(t.size) for _ in range(5)]
     for amplitude, frequency in _SWINGS:

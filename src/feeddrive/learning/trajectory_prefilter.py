@@ -28,8 +28,7 @@ LIMIT_CLOCK = 1e-6  # largest relative difference of two clocks
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PrefilterFit(Result):
-    """The part of a tracking error explained by the derivatives of its reference: e = θ1 v + θ2 a + θ3 j + θ4 s +
-    remainder.
+    """The part of a tracking error explained by reference derivatives: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
 
     theta             by regressor, in s, s², s³, s⁴
     standard_error    standard errors of theta, for an autocorrelated remainder

@@ -33,7 +33,7 @@ def response_lines(loop: Loop) -> np.ndarray:
 
 
 def facts_of(machine: MachineFile, name: str, loop: Loop, velocity: float, work: Mapping[str, str]) -> dict[str, str]:
-    """Return the facts for a report on laws, by headline: machine, task, and operating point of the linear model."""
+    """Return the facts for a report on laws, by heading: machine, task, and operating point of the linear model."""
     facts = {
         "Machine": name,
         "Source of its numbers": machine.source or "not stated",
@@ -122,7 +122,7 @@ class LawsContents:
     """The content of a report on laws. Texts appear verbatim, with HTML escaped.
 
     entries   one for each law; the first is the baseline of the comparison
-    facts     machine and run, by headline: machine, reference, load, noise, seed ...
+    facts     machine and run, by heading: machine, reference, load, noise, seed ...
     rule      a sentence on what makes the laws comparable
     job       the exact text of the job
     versions  of Python, feeddrive and its libraries, by name

@@ -93,8 +93,7 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Keep a unit such as N/µm on one line, using a word joiner, or an HTML element if the unit is a
-        placeholder."""
+        """Keep a unit such as N/µm on one line by a word joiner, or by an HTML element if it is a placeholder."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)

@@ -108,7 +108,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """Return the error text: the excess over the limit, and the nearest admissible sample time and tunables."""
+        """Return the error message: the excess over the limit, and the nearest admissible sample time and tunables."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:

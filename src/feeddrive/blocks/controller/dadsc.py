@@ -112,7 +112,7 @@ class DADSC(Law):
         )
 
     def _refusal(self, rates: tuple[Number, Number, Number], T: Number) -> str:
-        """Return the error text: the violated bounds and the nearest admissible values."""
+        """Return the error message: the violated bounds and the nearest admissible values."""
         ratio = self.adaptation_ratio
         if ratio != 1.0 and _stable(rates, 1.0, T):
             nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))

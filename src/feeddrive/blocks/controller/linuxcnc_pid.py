@@ -27,8 +27,8 @@ class LinuxcncPid(Law):
 
     The two pids are a P-PI cascade if the first has Pgain = Kv and FF1 = velocity_feedforward, the second
     Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
-    With one encoder, one pid is equivalent to Kp, Kv, Tn if Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain =
-    Kp/c. Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
+    With one encoder, one pid is equivalent to both if Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
+    Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a control with this law needs no other limit.
     Parameters that change in a running loop change the force at once, as a `setp` does: a pid integrates the error, so
     that a new Igain rescales the whole accumulated integral, and a biquad keeps the delayed sums of its old

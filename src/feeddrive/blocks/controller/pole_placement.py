@@ -137,7 +137,7 @@ class PolePlacement(Law):
             )
 
     def _unstable_lag(self, bodies: TwoBodies) -> str:
-        """Return the error text: why the exact filter of the screw's set position cannot be used."""
+        """Return the error message: why the exact filter of the screw's set position cannot be used."""
         m12, c, k = bodies.m12, -bodies.c12, bodies.k
         if m12 > 0.0:
             pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)

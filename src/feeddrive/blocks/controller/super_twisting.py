@@ -189,7 +189,7 @@ class SuperTwisting(Law):
         """Return True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
 
         In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
-        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)], for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].
+        D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)]; for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].
         With q = (1 - y)/(1 + y) the inside of the unit circle becomes the half plane Re y < 0.
         """
         l = slower * self.tracking_rate * T  # noqa: E741
@@ -203,7 +203,7 @@ class SuperTwisting(Law):
         return is_stable([*outer[:3], outer[3] + 8.0, 8.0])
 
     def _refusal(self, T: float) -> str:
-        """Return the error text: how much slower the law must be."""
+        """Return the error message: how much slower the law must be."""
         share = largest_share(lambda slower: bool(self._stable(slower, T)))
         most = Quantity(share * self.tracking_rate, "1/s", bare=True)
         bounds = Text(f"tracking_rate = {Quantity(self.tracking_rate, '1/s'):6} (must be below {most})")

@@ -143,7 +143,7 @@ class HelicalCutter(Cutter):
 def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
     """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), each over `turn`.
 
-    The length is computed as the whole edge less the parts outside, not as a difference of its ends, which would lose
+    The length is computed as the whole edge minus the parts outside, not as a difference of its ends, which would lose
     all precision at a small lag.  A straight edge cuts with its whole length or not at all.
     """
     before, after = ops.maximum(0.0, begin - (tip - rest)), ops.maximum(0.0, tip - end)

@@ -69,7 +69,7 @@ class GpiObserver(Observer):
         Gy: Row
 
     class State(NamedTuple):
-        """z in m, with z_0 less the last reading; the last reading in m; commands that have not acted, newest first.
+        """z in m, with z_0 minus the last reading; the last reading in m; commands that have not acted, newest first.
 
         `brake` is the force in N that held the axis before the start; it is 0 from then on.
         """
@@ -154,8 +154,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the velocity in m/s, the disturbance in N and its derivatives: z_i omega_o^i, times mass for the
-        latter."""
+        """Keep the velocity z_1 omega_o, and the disturbance and its derivatives mass · z_i omega_o^i, i >= 2."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:
@@ -188,7 +187,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """Return the error text: by how much omega_o is too fast, and the nearest admissible values."""
+        """Return the error message: by how much omega_o is too fast, and the nearest admissible values."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T

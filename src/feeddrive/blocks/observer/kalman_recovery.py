@@ -58,8 +58,7 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute hold and gain from a normalized problem: position noise 1, and a random-walk force with steps of w =
-        ∛ρ."""
+        """Compute hold and gain from a normalized problem: position noise 1, and random-walk force steps w = ∛ρ."""
         # 1/√12: the standard deviation of a rounding to counts
         noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)

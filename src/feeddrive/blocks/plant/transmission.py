@@ -10,6 +10,5 @@ def radians_per_metre(lead: Number) -> Number:
 
 
 def reflected(inertia: Number, ratio: Number) -> Number:
-    """Return a rotary quantity referred to the table: J ratio² in kg for kg m², or N s/m for N m s/rad; ratio in
-    rad/m."""
+    """Return a rotary quantity referred to the table: J ratio² in kg for kg m², N s/m for N m s/rad; ratio in rad/m."""
     return inertia * ratio * ratio

@@ -15,8 +15,8 @@ _TINY = 1e-290
 def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Profile:
     """Return the shortest move of the boxcar family over a distance > 0 within `limits`, velocity first (SI).
 
-    If all limits are reached, the lengths are the usual ones, such as, for the snap-limited move, j/s, a/j, v/a and
-    distance/v.  In general they are chosen in ascending order, each as long as possible.  L₁ times the highest
+    If all limits are reached, the lengths are the usual ones (for the snap-limited move j/s, a/j, v/a and
+    distance/v).  In general they are chosen in ascending order, each as long as possible.  L₁ times the highest
     derivative is the peak of the next lower one, and so on.  Since ramps must not overlap, each length is at least the
     sum of the shorter ones, so that L₁ = x means at least (x, 2x, 4x) for the others:
 

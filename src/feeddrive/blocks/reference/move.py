@@ -14,7 +14,7 @@ from feeddrive.language.block import Number, choice, parameter
 
 
 class Move(Reference, ABC):
-    """A leg of a given distance between two dwells, and with `back` the same leg in reverse and a third dwell.
+    """A leg of a given distance between two dwells, and with `back` the same leg back and a third dwell.
 
         before | there | after                        or
         before | there | between | home | after

@@ -111,8 +111,7 @@ class Profile:
         return out[0], out[1], out[2], out[3], out[4]
 
     def check(self, kind: str, limits: Sequence[float]) -> None:
-        """Integrate piece by piece and raise StructureError if a limit (velocity first) is exceeded or the end is
-        missed.
+        """Integrate the pieces; raise StructureError for an exceeded limit (velocity first) or a wrong end position.
 
         Within a piece every derivative is monotone, so that its extremes are at the ends.
         """
