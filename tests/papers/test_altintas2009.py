@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,9 @@ from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.language.progress import Progress
-from feeddrive.papers.altintas2009 import altintas2009
+from feeddrive.papers.altintas2009 import altintas2009, shipped
 from feeddrive.papers.altintas2009.equations import cascade_recovered, lyapunov_weight, recovered
-from feeddrive.papers.altintas2009.recovery import swing
+from feeddrive.papers.altintas2009.recovery import by_frequency, swing
 from feeddrive.papers.altintas2009.testbed import (
     MASS,
     VISCOUS,
@@ -184,3 +185,18 @@ def test_the_cutting_force_is_interrupted_and_has_its_rms() -> None:
     force = milling(0.5).force
     assert np.sqrt(np.mean(force**2)) == pytest.approx(161.0, rel=1e-12)
     assert force[:50] == pytest.approx(force[50:100], abs=1e-6)  # 200 Hz: 5 ms, to rounding of the angle
+
+
+def test_the_stiffness_is_compared_over_the_whole_band_in_which_it_differs() -> None:
+    """From 27/16, the ratio at 0 Hz to half a unit of its second decimal, to 1 within 2 %, that of two equal masses."""
+    ratios = [claim.got for claim in by_frequency() if "stiffness of DADSC over" in claim.claim]
+    assert ratios[0] == pytest.approx(27 / 16, abs=0.005)
+    assert ratios[-1] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_shipped_blocks_are_stepped_at_the_sample_time_that_the_rule_states() -> None:
+    stated = re.search(r"T = ([\d.]+) ms", shipped.RULE)
+    assert stated
+    time, _, readings = shipped._signals()
+    np.testing.assert_allclose(np.diff(time), 1e-3 * float(stated[1]), rtol=1e-9)
+    assert readings.load.size == time.size

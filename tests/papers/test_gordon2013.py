@@ -12,6 +12,7 @@ from documented import claims_documented
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
+from feeddrive.papers.gordon2013.motion import _cut
 from feeddrive.papers.gordon2013.testbed import CASCADE, PLACED, cascade, placed
 from feeddrive.plot.drawing import drawn
 from heard import Heard
@@ -104,3 +105,11 @@ def test_pictures_are_drawn() -> None:
         assert drawn(shown.chart()).axes
         assert shown.alt
     assert np.all([shown.key.isalpha() for shown in experiment().pictures])
+
+
+@pytest.mark.parametrize("speed", [6000.0, 900.0])
+def test_the_cut_pushes_with_the_stated_mean_force(speed: float) -> None:
+    """23 N along the feed, as the rule of 2.f says, over whole turns of the spindle after the entry at 0.1 s."""
+    turns = 0.1 + 60.0 / speed * np.arange(1, 40_001) / 20_000
+    force = np.asarray(_cut(speed).at(turns))
+    assert abs(np.mean(force)) == pytest.approx(23.0, rel=1e-3)
