@@ -26,6 +26,7 @@ from feeddrive.evaluation.robustness import Design
 from feeddrive.figures.ranking import worst
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
 from feeddrive.tuning.candidates import PLAIN
 from feeddrive.version import __version__
 from slow_share import all_but
@@ -270,6 +271,13 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
     assert said == "3 whole tunings end up to 6 % apart"
     del goals[2]
     assert "1 of 3" in robustness.Tuning(candidate, rule).repeated(Progress()).unsettled
+
+
+def test_noise_is_stated_for_a_nanometer_of_the_readings() -> None:
+    """A gain of 0.395 N/nm from reading to force."""
+    rule = replace(RULES.rule(RULES.plants[QUICK]), noise=0.395e9)
+    assert f"at most {Quantity(0.395, 'N'):3} RMS of force per nm RMS of white noise" in rule.sentence
+    assert rule.limits().reading_noise == (1e-9, 1e-9)
 
 
 def test_a_law_is_named_by_its_kind_too() -> None:

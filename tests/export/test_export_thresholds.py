@@ -27,7 +27,7 @@ from feeddrive.export import c_bundle, cortex_m, linuxcnc_session, structured_te
 from feeddrive.export.c_bundle import write_c
 from feeddrive.export.c_code import SENTENCE, Body, comment, wrapped
 from feeddrive.export.cortex_m import EmulatorError, write_cortex_m
-from feeddrive.export.design import Answers, Trial, read_design, trial
+from feeddrive.export.design import Answers, Trial, _check_tables, read_design, trial
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.linuxcnc import limits, servo_period, settings
 from feeddrive.export.linuxcnc_pid import moves, stock_law
@@ -218,6 +218,17 @@ def test_more_samples_than_memory_holds_are_refused() -> None:
     """30 million rows of 8 inputs and 8 outputs are 4 GB."""
     with pytest.raises(ParameterError, match=r"samples = 30000000 .* must be"):
         VerifyRequest(directory=Path("out"), samples=30_000_000)
+
+
+@pytest.mark.parametrize(("numbers", "fits"), [(60_000, True), (70_000, False)])
+def test_a_table_of_half_a_megabyte_is_exported(numbers: int, fits: bool) -> None:
+    """In double precision, 8 bytes a number."""
+    layout: Any = SimpleNamespace(routine=SimpleNamespace(tables=[("law.table", None, np.zeros(numbers))]))
+    if fits:
+        _check_tables(layout)
+    else:
+        with pytest.raises(ParameterError, match=r"law\.table has 70000 numbers"):
+            _check_tables(layout)
 
 
 @pytest.mark.parametrize(("megabytes", "read"), [(8, True), (15, False)])

@@ -7,10 +7,11 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
+from importlib import import_module
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -38,8 +39,9 @@ from feeddrive.loop.simulate import Run, simulate
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn as draw_chart
-from feeddrive.report.laws import Entry, LawsContents, _judged, remark_sentences, result_sentences
-from feeddrive.report.laws_report import laws_report
+from feeddrive.report import machining_report as part_report
+from feeddrive.report.laws import Entry, LawsContents, _judged, remark_sentences, response_lines, result_sentences
+from feeddrive.report.laws_report import chosen, laws_report
 from feeddrive.report.laws_report import pictures as laws_pictures
 from feeddrive.report.page import THEME, html, svg
 from feeddrive.report.report import Picture, Report, Section, Verdict
@@ -481,3 +483,68 @@ def test_a_run_of_a_few_samples_has_no_picture_over_time(samples: int, shown: bo
     signals = {name: np.zeros(samples) for name in Signals._fields}
     law = Entry("short", "", Run("short", signals, 1e-3, samples), loop(False))
     assert ("error" in [picture.key for picture in laws_pictures(LawsContents("x", [law]))]) is shown
+
+
+# how much a report lists: a case on either side
+
+
+def test_a_mode_of_a_hundredth_is_seen_to_a_twentieth_of_its_peak() -> None:
+    """Midway between two lines a response of damping ζ is 1/√(1 + (δ/ζ)²) of its peak, δ half of their distance."""
+    lines = response_lines(Loop(sample_time=1e-4, control=Control(law=CascadePPI(Kv=20.0, Kp=1e3)), axis=AXIS))
+    half = 0.5 * np.max(np.diff(np.log(lines)))
+    assert 1.0 / np.hypot(1.0, half / 0.01) > 0.95
+
+
+def named(count: int) -> LawsContents:
+    """Laws of which each follows less well than the one before."""
+    laws: list[Any] = [SimpleNamespace(name=f"law {i}", rms=lambda _, i=i: float(i)) for i in range(count)]
+    return LawsContents("laws", laws)
+
+
+@pytest.mark.parametrize(("count", "shown"), [(6, 6), (8, 8), (12, 8)])
+def test_pictures_show_the_first_law_and_the_seven_best(count: int, shown: int) -> None:
+    assert [law.name for law in chosen(named(count)).entries] == [f"law {i}" for i in range(shown)]
+
+
+def test_of_eight_laws_each_curve_has_a_point_for_each_pixel_but_not_for_two(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report is 8.6 inches of 100 pixels wide; a curve alone has more than two points for each."""
+    module = import_module("feeddrive.report.laws_report")  # the package may have a function of this name
+    drawn: list[int] = []
+    monkeypatch.setattr(module, "_measured", lambda _, points: drawn.append(points) or ())
+    contents = named(8)
+    for law in contents.entries:
+        cast("Any", law).counted = lambda _: np.zeros(3)
+    for name in ("_open_loop", "_closed_loop"):
+        monkeypatch.setattr(module, name, lambda _: ())
+    assert not list(laws_pictures(contents))
+    assert 860 <= drawn[0] < 2 * 860
+
+
+def plan_of(stops: int) -> Any:
+    """A plan with stops, and with ten limits each of which is used for longer than the one before."""
+    rows = [SimpleNamespace(time=float(i), line=i, duration=0.1, position=()) for i in range(stops)]
+    limits = SimpleNamespace(letters=(), shown=(), rotary=())
+    seconds = {f"limit {i}": float(i) for i in range(10)}
+    return SimpleNamespace(
+        stops=rows, stop_count=stops, stop_reasons={"dwell": stops}, limits=limits, seconds=seconds, cycle_time=45.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("stops", "rows", "caption"), [(150, 150, "All of them."), (300, 200, "The first 200 of 300.")]
+)
+def test_two_hundred_stops_are_listed(stops: int, rows: int, caption: str) -> None:
+    table: Any = part_report._stops(plan_of(stops))[1]
+    assert (len(table.rows), str(table.title)) == (rows, caption)
+
+
+def test_the_six_limits_that_are_used_for_longest_are_listed() -> None:
+    assert [row[0] for row in part_report._causes(plan_of(1)).rows] == [f"limit {i}" for i in (9, 8, 7, 6, 5, 4)]
+
+
+def test_the_eight_worst_places_of_the_first_law_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = [SimpleNamespace(position=(), line=i, time=float(i)) for i in range(30)]
+    first: Any = SimpleNamespace(name="law 0", worst=lambda count: places[:count])
+    monkeypatch.setattr(part_report, "_place", lambda *_, **__: "")
+    monkeypatch.setattr(part_report, "_near", lambda *_: 0.0)
+    assert [row[1] for row in part_report._places([(named(1).entries[0], first)]).rows] == list(range(8))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -614,6 +615,23 @@ def test_a_ratio_with_15_percent_more_noise_than_stated_is_still_one() -> None:
     assert ratio_lines(np.arange(1.0, 300.0), noise=np.sqrt(1.15)) > 0
 
 
+def test_a_ratio_with_a_tenth_more_noise_than_stated_is_still_one() -> None:
+    """Alternating noise of 2.2 times the variance of a component, of 2 that both have: above the median of its χ²."""
+    assert ratio_lines(np.arange(1.0, 300.0), noise=np.sqrt(2.2)) > 0
+
+
+def test_noise_counts_as_curvature_with_a_fifth_of_its_size() -> None:
+    """Means of five lines differ by a fifth of what single lines do: 1.77 deviations of a component. A line is kept
+    each 0.035 of ln f, and each 0.12 of the curve.
+    """
+    random, deviation = np.random.default_rng(5), 0.02
+    f = np.exp(np.linspace(0.0, 0.7, 4001))
+    noise = deviation * (random.standard_normal(f.size) + 1j * random.standard_normal(f.size))
+    noisy: Any = SimpleNamespace(frequency=f, by_force=np.array([f, np.exp(noise) / f**2]), variance=np.ones((2, 1)))
+    lines = 0.7 / 0.035 + 4000 * np.sqrt(np.pi) * deviation / 5.0 / 0.12
+    assert OperatingPoint.sparse(noisy).size == pytest.approx(lines, rel=0.05)
+
+
 # what a tuning recommends
 
 
@@ -683,8 +701,8 @@ def test_lines_that_a_search_left_out_are_added_in_three_rounds() -> None:
 # steps of the search
 
 
-def downhill(slope: float, curvature: float, far: float) -> float:
-    """Where a search from 0 ends whose goal falls with x by `slope`, within 0 .. far."""
+def downhill(slope: float, curvature: float, far: float, size: float = 0.25) -> float:
+    """Where a search from 0 ends whose goal falls with x by `slope`, within 0 .. far, by a first step of a size."""
 
     def evaluation(x: np.ndarray) -> criteria.Evaluation:
         goal = -slope * x[0] + 0.5 * curvature * x[0] ** 2
@@ -692,7 +710,8 @@ def downhill(slope: float, curvature: float, far: float) -> float:
             True, np.array([goal]), np.array([[-slope + curvature * x[0]]]), np.array([[curvature]]), ()
         )
 
-    return float(Search(evaluation, np.zeros(1), np.full(1, far)).descend(np.zeros(1)).x[0])  # type: ignore[arg-type]
+    search = Search(evaluation, np.zeros(1), np.full(1, far))  # type: ignore[arg-type]
+    return float(search.descend(np.zeros(1), size).x[0])
 
 
 @pytest.mark.parametrize(("promised", "goes_on"), [(2.2e-5, False), (4.5e-5, True)])
@@ -705,3 +724,56 @@ def test_a_step_that_promises_less_than_3e_5_of_the_goal_is_not_made(promised: f
 def test_a_search_makes_60_steps_at_most(far: float, reached: bool) -> None:
     """The trust region grows from 0.25 to 0.6, so that it comes to 35."""
     assert bool(downhill(1.0, 0.0, far) > far - 1e-6) is reached
+
+
+@pytest.mark.parametrize(("far", "reached"), [(34.2, True), (34.4, False)])
+def test_after_a_step_that_gains_little_the_next_one_may_be_a_tenth(far: float, reached: bool) -> None:
+    """60 steps of 0.002, 0.1, 0.2 and 0.4, and then of 0.6: 34.3 of a logarithm."""
+    assert bool(downhill(0.045, 0.0, far, size=2e-3) > far - 1e-6) is reached
+
+
+def test_nine_tenths_of_the_tunables_of_a_trial_point_come_from_the_mutation() -> None:
+    """As Storn and Price have it; here each trial is better. Of 20,000 the share is known to 0.2 %."""
+    search = Search(None, np.full(50, -9.0), np.full(50, 9.0))  # type: ignore[arg-type]
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (400, 50))
+    search.look = lambda trial: np.zeros(len(trial))  # type: ignore[method-assign]
+    after, _ = search.evolve(points, np.ones(400), np.random.default_rng(2), 1)
+    assert np.mean(~np.isin(after, points)) == pytest.approx(0.9, abs=0.01)
+
+
+# the reserve for the noise
+
+
+@pytest.fixture
+def reserved(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """A tuning whose reserve costs a share of the goal; by the deviations of a round its bounds ask for others."""
+
+    def run(cost: float, wanted: Callable[[float], float] = lambda sure: sure) -> Any:
+        search = searching()
+        search.sure, search.criteria, search.report_to = 0.0, MagicMock(count=0), lambda *_: None
+        for name in ("require_good", "require_covered"):
+            monkeypatch.setattr(tune, name, lambda *_: None)
+        monkeypatch.setattr(tune, "Search", lambda *_: search)
+        monkeypatch.setattr(tune, "needed", lambda _bounds, sure, _confidence: wanted(sure))
+        one = tuner(points=[SimpleNamespace(sample_time=T)], noisy=True, confidence=0.95, starts=1)
+        one.criteria, one._too_costly = MagicMock(), MagicMock()
+        one._begin = lambda *_: np.zeros(1)
+        one._searched = lambda *_: ([ended(0.0)], "")
+        one._from_below = lambda *_: ended(np.log1p(cost) if search.sure else 0.0)
+        one._on_all_lines = lambda _control, _names, _search, end: end
+        one.best = one.tuned(Control(law=CascadePPI(Kv=20.0, Kp=1e4)), ("law.Kv",))
+        return one
+
+    return run
+
+
+@pytest.mark.parametrize(("cost", "refused"), [(0.4, False), (0.6, True)])
+def test_noise_that_costs_half_of_the_goal_is_a_reason_to_measure_again(
+    cost: float, refused: bool, reserved: Callable[..., Any]
+) -> None:
+    assert reserved(cost)._too_costly.called is refused
+
+
+def test_a_reserve_settles_that_halves_its_distance_in_each_round(reserved: Callable[..., Any]) -> None:
+    """From one deviation off, to twice the 0.03 by which it may still change."""
+    assert reserved(0.1, lambda sure: 0.5 * (sure + 2.645)).best.sure == pytest.approx(2.645, abs=0.06)
