@@ -56,7 +56,7 @@ class CANopen:
             ) from None
 
     def _check_alone(self) -> None:
-        """Raise BusError if another master sends SYNC: drives would answer both, and NMT would stop its drives."""
+        """Raise BusError if another master sends SYNC: drives would answer both, and be stopped by NMT."""
         heard = Event()
         self._network.subscribe(_SYNC, lambda *_: heard.set())
         if heard.wait(_LISTENING):
@@ -205,7 +205,7 @@ class CANopen:
 
 
 def packages() -> Any:
-    """Return the canopen package. Raises MissingExtraError without it."""
+    """Return the canopen package. Raises MissingExtraError if it is missing."""
     try:
         import canopen
     except ImportError as missing:

@@ -1,4 +1,4 @@
-"""A CiA 402 client that identifies and checks a drive, switches it on and off, and commands it in a cycle."""
+"""A CiA 402 client that identifies and checks a drive, switches it on and off, and commands it cyclically."""
 
 import contextlib
 import time
@@ -49,9 +49,9 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
 
 
 def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
-    """Compare the declared rated torque, counts and gear with the drive; return remarks on data missing in the drive.
+    """Compare the declared rated torque, counts and gear with the drive; return remarks on missing data.
 
-    Raises BusError, with both values, for a difference.
+    Raises BusError, with both values, if they differ.
     """
     key = "rated_torque" if scaling.rated_force is None else "rated_force"
     pairs = [(key, float(scaling.rated_milli), "rated_torque", 1e-3)]
@@ -174,7 +174,7 @@ class DriveClient:
     """
 
     def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Set up the client. If `paced` is False, each cycle starts on the previous answer, for virtual drives only."""
+        """Set up the client. If `paced` is False, each cycle starts on the previous answer; only for virtual drives."""
         self.transport, self.drive = transport, drive
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)

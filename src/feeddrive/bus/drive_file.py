@@ -5,7 +5,7 @@ interface = "eth1"              # canopen: socketcan:can0
 station = 1                     # position on the segment, or node number
 cycle_time_us = 250
 mode = "csp"                    # csv, cst
-axis = "x"                      # axis of a plan that it plays; optional
+axis = "x"                      # the axis of a plan that this drive plays; optional
 [scaling]
 counts_per_turn = 1048576
 lead_mm = 10
@@ -79,7 +79,7 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Raise ParameterError for limits below the resolution, too short a watchdog, or limits missing in cst."""
+        """Raise ParameterError for limits below the resolution, a too short watchdog, or limits missing in cst."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(

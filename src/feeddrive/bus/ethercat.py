@@ -125,7 +125,7 @@ class Segment:
         raise BusError(self._behind("OP", self.soem.OP_STATE))
 
     def _behind(self, name: str, wanted: int) -> str:
-        """Return an error text that names the first station not in the wanted state, and its present state."""
+        """Return an error text that names the first station not in the wanted state and its present state."""
         self.master.read_state()
         # the state may have been reached just after the timeout: then the first station is named
         late = [station for station in self.stations if station.slave.state != wanted] or self.stations
@@ -204,8 +204,8 @@ class EtherCAT:
         """Write mapping and assignment, and configure sync managers and FMMUs from the mapping reported by the drive.
 
         SOEM reads each mapping entry from the drive and silently omits entries whose answer is late.  Therefore sizes
-        are compared, the mapping is read back, and a faulty mapping is repeated from INIT on.  A mapping counts as
-        fixed only if it differs from the written one in two readings.
+        are compared, the mapping is read back, and a faulty mapping is repeated, starting from INIT.  A mapping counts
+        as fixed only if it differs from the written one in two readings.
         """
         self._sent, self._told = sent, told
         self.assign()
@@ -222,7 +222,7 @@ class EtherCAT:
             self.write(assigned, 0, bytes([len(layout.groups)]))
 
     def wrongly_mapped(self) -> tuple[str, bool]:
-        """Return the mapping fault, empty if none, and True if the drive holds another mapping than was written."""
+        """Return the mapping fault, or "", and True if the drive has a mapping other than the one written."""
         sent, told = self._sent, self._told
         sizes = len(self.slave.output), len(self.slave.input)
         held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
@@ -274,7 +274,7 @@ class EtherCAT:
         self._segment.put(self.station)
 
     def take(self, timeout: float) -> bytes | None:
-        """Return the inputs from the frame of this cycle; None if it was lost."""
+        """Return the inputs from the frame of this cycle; None if the frame was lost."""
         return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:

@@ -52,7 +52,7 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
     share  fraction of the excitation amplitude that is played
     ramp   fade-in and fade-out time of the excitation, s; 0 for a profile that already has ramps
 
-    Raises LogError for a file that is not a log, ParameterError for a profile that does not suit drive, mode or limits.
+    Raises LogError for a file that is not a log, ParameterError for one unsuitable for drive, mode or limits.
     """
     log = read_log(path)
     known = {"excitation", "set_position"} & set(log.channels)
@@ -342,7 +342,7 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
 
 
 def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Return the reason to abort: the first drive that no longer follows or that its watch stops; empty if none."""
+    """Return the reason to abort: the first drive that no longer follows or is stopped by its watch; else ""."""
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:

@@ -1,9 +1,9 @@
 """Passive sampling of a drive's actual values over its bus, without commanding the drive.
 
 Only inputs from the drive are mapped: no controlword, mode, target or limit is sent or written, and no watchdog is set,
-so that sampling neither enables nor moves a drive.  The drive is switched to OPERATIONAL (CANopen: its messages answer
-SYNC) or OP (EtherCAT) and, at the end, returned to the state described in the transport's `close`.  Like `play` and
-`listen`, sampling refuses a bus with another master.
+so that sampling neither enables nor moves a drive.  The drive is switched to OPERATIONAL (CANopen, where its messages
+answer SYNC) or OP (EtherCAT) and, at the end, returned to the state described in the transport's `close`.  Like `play`
+and `listen`, sampling refuses a bus with another master.
 """
 
 import multiprocessing

@@ -138,7 +138,7 @@ def _holder(name: bytes) -> str:
 
 
 def read_object(transport: Transport, name: str) -> int:
-    """Read an object, by name, as a number. Raises RefusedError, and BusError for too short a content."""
+    """Read an object, by name, as a number. Raises RefusedError, and BusError if the content is too short."""
     entry = OBJECTS[name]
     content = transport.read(entry.index, entry.subindex)
     if len(content) < entry.bits // 8:
@@ -164,7 +164,7 @@ def has_object(transport: Transport, name: str) -> bool:
 
 
 def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
-    """Write the PDO mapping from 0x1600 or 0x1A00 on: set the count to 0, write the entries, set the count."""
+    """Write the PDO mapping from 0x1600 or 0x1A00 onward: set the count to 0, write the entries, set the count."""
     for k, group in enumerate(layout.groups):
         transport.write(first + k, 0, b"\x00")
         for place, name in enumerate(group, start=1):
@@ -173,7 +173,7 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
 
 
 def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
-    """Return True if the PDO mapping from `first` on and its assignment `assigned` are read back as written."""
+    """Return True if the PDO mapping from `first` onward and its assignment are read back as written."""
 
     def read(index: int, subindex: int, size: int) -> int:
         return int.from_bytes(transport.read(index, subindex)[:size], "little")

@@ -33,7 +33,7 @@ _RECORD = ("reading_load", "reading_motor", "force", "trip")
 
 
 class Sample(NamedTuple):
-    """The last sample of a call: encoder readings (m), the force applied from then on (N), the guard's trip code."""
+    """The last sample of a call: encoder readings (m), the force applied afterwards (N), the guard's trip code."""
 
     position: float
     second: float
@@ -263,7 +263,7 @@ class Firmware:
 
     csp  the control of the machine file with the target position as setpoint; the velocity offset is its set velocity,
          and the set acceleration is 0: acceleration feedforward arrives as torque offset, after the force limit
-    csv  its velocity loop alone (a cascade with Kv = 0); for laws without a velocity loop the mode is not supported
+    csv  its velocity loop alone (a cascade with Kv = 0); not supported for laws without a velocity loop
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint by 0x6085
@@ -271,7 +271,7 @@ class Firmware:
     """
 
     def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
-        """Set up the firmware. Raises ParameterError if `cycle_time` (s) is no whole multiple of the sample time."""
+        """Set up the firmware. Raises ParameterError if `cycle_time` (s) is not a multiple of the sample time."""
         self.axis, self.scaling = axis, scaling
         self.T = float(axis.loop.sample_time)
         self.samples = round(cycle_time / self.T)

@@ -38,7 +38,7 @@ def serve_ethercat(
     """Serve drives on an interface until `stopped` returns True; several drives form a segment, in order.
 
     watchdog  real time without process data, s, after which an enabled drive enters the fault state; None: the time
-              that a master writes to the registers; the plant advances only with the frames
+              that a master writes to the registers, while the plant advances only with the frames
     lose      function of the cycle number that returns True to drop the first drive's answer, for client tests
 
     Raises ParameterError for a missing interface, BusError without access rights.

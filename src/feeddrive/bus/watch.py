@@ -25,20 +25,20 @@ before 3/4 of the remaining distance to E is used up:
 
     |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-A dead drive is thus detected before its target leads the last reading by E, if the target advances by 3 c to half of
-E - |L_j| per cycle and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
+A dead drive is thus detected before its target leads the last reading by E, if the target advances by 3 c to half of E
+- |L_j| per cycle and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
 more.  The criterion is travel, not time: a stuck axis stands still until the force of its loop exceeds friction, which
-takes a certain lead, so that dwell, creep and any slow setpoint cause no fault.  There is no false alarm for a drive
-whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per cycle: while it is
-within 2 c of a, L differs from its following error by less than that.  A drive with a larger lag at speed causes no
-false alarm either, since its target advances about as far as the axis itself before two counts are shown.
+takes a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is no false alarm for a drive whose
+following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per cycle: while it is within 2 c
+of a, L differs from its following error by less than that.  A drive with a larger lag at speed causes no false alarm
+either, since its target advances about as far as the axis itself before two counts are shown.
 
 csv.  No position is controlled, so the travel S commanded by the set velocity since cycle j replaces the lead:
 
     S = Σ w T,    |S| > max(3/4 E, 3 c)                                                 fault
 
-At standstill, S is the change of the axis's distance from Σ w T since the start, which may change sign: there is no
-false alarm for a drive whose distance never exceeds 3/8 E - c.
+At standstill, S is the change of the axis's distance from Σ w T since the start; this distance may change sign: there
+is no false alarm for a drive whose distance never exceeds 3/8 E - c.
 
 cst.  Dead time, current loop and filters delay and smooth the force.  If its response is complete within RESPONSE,
 10 ms or `lost_frames` + 2 cycles if that is longer, the acting force is a mean of the forces of that time and not less
@@ -46,8 +46,8 @@ than their minimum F-.  If all have the same sign and F- > B, an axis of a mass 
 
     sgn(F) x'' >= (F- - B)/M = a(t) > 0
 
-Integrated over a push of one sign that began τ ago, with q = ∫∫ a, the axis has moved by at least v0 τ + q.  The
-initial velocity v0 is unknown.  An axis that stayed within 3 c throughout had a v0 with
+Over a push of one sign that began τ ago, the axis has moved by at least v0 τ + q, with q = ∫∫ a.  The initial velocity
+v0 is unknown.  An axis that stayed within 3 c throughout had a v0 with
 
     -(3c + q(τ'))/τ' < v0 < (3c - q(τ'))/τ'    for all τ' <= τ
 

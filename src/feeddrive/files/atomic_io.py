@@ -1,9 +1,9 @@
 """Atomic file access: files and result directories are read or written completely or not at all.
 
-A file is written under a temporary name next to it, flushed to the disk and renamed; a directory of results is
-built under a temporary name and renamed at its end.  Any failure before that, Ctrl-C included, leaves no new file and
-the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but never a partial
-result under the final name.)
+A file is written under a temporary name in the same directory, flushed to the disk and renamed; a directory of results
+is built under a temporary name and renamed when it is complete.  Any failure before that, Ctrl-C included, leaves no
+new file and the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but never a
+partial result under the final name.)
 """
 
 import contextlib
@@ -38,7 +38,7 @@ _WHAT_TO_DO = {
 
 
 def refusal(path: str | Path, what: str, error: OSError) -> FileError:
-    """Return the FileError for an error of the operating system, with file, reason and remedy."""
+    """Return a FileError for an operating system error, with file, reason and remedy."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     advice = _WHAT_TO_DO.get(error.errno or 0)
     return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
@@ -54,7 +54,7 @@ def _check_name(path: str | Path) -> None:
 
 
 def read_whole(path: str | Path, most: int) -> bytes:
-    """Read the bytes of a regular file of at most `most` bytes.
+    """Read a regular file of at most `most` bytes.
 
     Raises FileError for a file that is missing, a directory, a device or pipe (which might never end), too large, or
     unreadable.
@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Translate the temporary path in an error to the final path; None if the error names no file."""
+    """Return the final path for the temporary path in an error, or None if the error names no file."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)
@@ -194,7 +194,7 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
 
 
 def files_of(directory: Path) -> list[str]:
-    """Return the sorted relative paths of all files in a directory tree, without the marker."""
+    """Return the sorted relative paths of all files in a directory tree, excluding the marker file of feeddrive."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)

@@ -45,7 +45,8 @@ class Column:
 
         value = number · factor, in `unit`
 
-    A factor without a unit converts to the SI unit of the role.  Without both, the unit is that of the file, or SI.
+    A factor without a unit converts to the SI unit of the role.  Without either, the unit is that of the file, or SI if
+    the file states none.
 
     Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", unit="mm", factor=-1.0)
     """
@@ -97,7 +98,7 @@ class Column:
         return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
 
     def scale(self, role: str) -> float | None:
-        """Return the factor from the numbers in the file to the unit of the role; None without a unit and a factor."""
+        """Return the factor from the numbers in the file to the unit of the role; None if the column has neither."""
         if role in OWN_UNIT or not self.unit:
             return self.factor
         size = units.factor(self.unit, ROLES[role])
@@ -168,7 +169,7 @@ Reader: TypeAlias = Callable[[str, bytes, frozenset[str] | None], Columns]
 
 
 def is_time(name: str) -> bool:
-    """Return True for a usual name of a time column: `t`, `time`, `time_ms`, `timestamp`."""
+    """Return True for a common name of a time column: `t`, `time`, `time_ms`, `timestamp`."""
     return _TIME.fullmatch(name.strip()) is not None
 
 
@@ -230,7 +231,8 @@ def factor_of(path: str, role: str, column: Column, unit: str) -> float:
 
 
 def check_sign(path: str, column: Column, unit: str, si: str) -> None:
-    """Raise LogError for a factor of ±1 without a unit if the file states another unit of the dimension of `si`.
+    """Raise LogError for a factor of ±1 without a unit if the file states a unit of the same dimension as `si`, but not
+    `si`.
 
     Such a factor is meant to invert the sign of a column in mm, not to declare its numbers as m.
     """
@@ -249,7 +251,7 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
 
 
 def unit_at_the_end(name: str, role: str) -> str:
-    """Return the suffix of a column name if it is a unit of the role, as in `x_cmd_mm`; else empty."""
+    """Return the unit suffix of a column name, as in `x_cmd_mm`, if it is valid for the role, else an empty string."""
     for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
             units.factor(name[start:], ROLES[role])
@@ -261,7 +263,7 @@ def unit_at_the_end(name: str, role: str) -> str:
 
 
 def check_size(name: str, columns: int, rows: int) -> None:
-    """Raise LogError if columns x rows exceeds the limit of numbers to read."""
+    """Raise LogError if a table of this size has more numbers than can be read."""
     if columns * rows > MOST_NUMBERS:
         raise LogError(
             f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "
@@ -270,7 +272,7 @@ def check_size(name: str, columns: int, rows: int) -> None:
 
 
 def most_unpacked(packed: int) -> int:
-    """Return the limit of the decompressed size, bytes: 100 times the compressed size, and at least 100 MB."""
+    """Return the limit of the decompressed size in bytes: 100 times the compressed size, but at least 100 MB."""
     return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
 
 
@@ -287,7 +289,8 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
 def arrow_numbers(column: Any) -> np.ndarray:
     """Return the numbers of a column of a pyarrow table, with NaN for empty cells.
 
-    pyarrow's `to_numpy` imports pandas, if installed, which takes longer than reading a log of 4,000 rows.
+    It avoids pyarrow's `to_numpy`, which imports pandas, if installed; that takes longer than reading a log of 4,000
+    rows.
     """
     # DLPack has neither missing values nor bits, in which Arrow stores booleans.
     if column.null_count or not column.num_chunks or str(column.type) == "bool":

@@ -17,7 +17,7 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive that recorded the logs: options of the command line take precedence over the machine file.
+    """The drive that recorded the logs. Command-line options take precedence over the machine file.
 
     force_constant  N at the table per unit of the command or current, from the command line
     lead, gear      lead of the screw, m, and motor revolutions per screw revolution
@@ -38,10 +38,11 @@ class Drive:
         return None if self.lead is None else lever(self.lead, self.gear)
 
     def per_unit(self, unit: str) -> tuple[float, bool] | None:
-        """Return the force per `unit` of command or current, N, and False, or the torque at the shaft, N m, and True.
+        """Return the force (N) per `unit` of command or current and False, or the shaft torque (N m) and True.
 
-        The force constant of the command line comes first, then the column's unit if it is a force or torque, then the
-        motor constant of the machine file, which is per unit of the drive.  None if none of them is available.
+        The force constant of the command line takes precedence, then the column's unit if it is one of force or torque,
+        then the motor constant of the machine file, which is per drive unit.  The result is None if none of them is
+        available.
         """
         if self.force_constant is not None:
             return self.force_constant, self.turns
@@ -55,7 +56,7 @@ class Drive:
         return None if motor is None else (float(motor.force_per_unit()), self.turns)
 
     def force_per_unit(self, unit: str) -> float | None:
-        """Return the force on the axis per `unit` of command, N, or N m for a rotary axis; None if it is unknown."""
+        """Return the force on the axis per `unit` of command in N (N m for a rotary axis); None if it is unknown."""
         size, is_torque = self.per_unit(unit) or (None, False)
         if size is None or is_torque == self.turns:
             return size
@@ -63,7 +64,7 @@ class Drive:
         return size / self.lever if is_torque and self.lever is not None else None
 
     def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:
-        """Convert a channel to the force along the table, N, and False, or to the torque of the shaft, N m, and True.
+        """Return a channel as the force (N) along the table and False, or as the shaft torque (N m) and True.
 
         Raises ParameterError, with the missing option, for a command or current in the drive's own unit.
         """
@@ -106,7 +107,7 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive from the options, completed by lead and gear of the screw in the machine file's loop."""
+    """Return the drive given by the options, with a missing lead or gear taken from the screw in the loop."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
@@ -115,5 +116,5 @@ def drive_with(
 
 
 def axis_name(loop: Loop | None, axis: str | None) -> str:
-    """Return the axis name: that of the machine file's loop, else the given one, else x."""
+    """Return the axis name: that of the machine file's loop, else `axis`, else x."""
     return axis or "x" if loop is None else loop.name

@@ -1,10 +1,11 @@
 """Reading and writing of measured frequency responses; the role of each column is derived from its name.
 
     f_Hz, re, im [, coherence] [, variance]        one response
-    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl               several, by the rest of the names
+    f_Hz, re_Gm, im_Gm, re_Gl, im_Gl               several, named by the rest of the header
     f_Hz, magnitude_dB, phase_deg [, coherence]    a magnitude in dB or as plain ratio, a phase in deg or rad
 
-A unit may be given in brackets or as a suffix of the name; a response has output over input (`re_rad_per_A`).
+A unit may be given in brackets or as a suffix of the name; the unit of a response is output over input
+(`re_rad_per_A`).
 """
 
 import hashlib
@@ -88,7 +89,7 @@ def named(column: str, unit: str) -> Named | None:
 
 
 def _kind(rest: str) -> tuple[str | None, str]:
-    """Split a name into the kind that it starts or ends with, None without one, and the rest of the name."""
+    """Split a name into the kind at its start or end (None if there is none) and the rest of the name."""
     for kind, words in _KINDS.items():
         for word in words:
             if rest.lower() == word or rest == f"|{word}|":
@@ -194,7 +195,7 @@ def responses_of(name: str, columns: Columns, frequency: str) -> list[Response]:
 
 
 def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
-    """Return the SI unit and the factor to it: m/N and 1e-6 for um/N. Raise LogError for an unknown unit."""
+    """Return the SI unit and the conversion factor: m/N and 1e-6 for um/N. Raise LogError for an unknown unit."""
     if not unit:
         return "", 1.0
     try:
@@ -247,7 +248,7 @@ def read_frf(
     output: str | None = None,
     unit: str | None = None,
 ) -> FRF:
-    """Read the frequency response in a file; if there are several, the one called `name`.
+    """Read the frequency response in a file, or the one called `name` if there are several.
 
     columns        names for the columns of a file without headers, or to replace its headers:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
@@ -286,11 +287,11 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
 
 
 def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
-    """Read controllers, filters and models of the mechanics in the XML of a SINUMERIK tuning tool (AST).
+    """Read controllers, filters and mechanical models from the XML of a SINUMERIK tuning tool (AST).
 
-    Returns numbers and texts by path in the file and by member, such as m_Kp, m_Tn, m_Kv.  The path "" holds all other
-    numbers and texts, so that members renamed in another version of the tool are still available.
-    Raises FileError or LogError (damaged, or unsupported format).
+    Returns numbers and strings by path in the file and by member, such as m_Kp, m_Tn, m_Kv.  The path "" holds all
+    others, so that members renamed in another version of the tool are still available.  Raises FileError or LogError
+    (damaged, or unsupported format).
     """
     file = _opened(path)
     if not ast_xml.is_xml(file.unpacked):
@@ -364,7 +365,7 @@ def _responses(where: str, table: Columns, stated: Mapping[str, str]) -> dict[st
 
 
 def _stated_unit(where: str, unit: str) -> tuple[str, float]:
-    """Return the SI unit for a line `# unit: um/N` and the factor to it; an unknown unit is left unchanged."""
+    """Return the SI unit and conversion factor for a line `# unit: um/N`; an unknown unit is left unchanged."""
     try:
         return in_si(where, "unit", unit)
     except LogError:
@@ -393,7 +394,7 @@ def _finite(where: str, table: Columns, column: str) -> np.ndarray:
 
 
 def _check_frequency(where: str, label: str, frequency: np.ndarray, table: Columns) -> slice:
-    """Return the frequency lines to use: all except a leading line at 0 Hz, impossible on a logarithmic axis."""
+    """Return the frequency lines to use: all except a leading one at 0 Hz, which a logarithmic axis cannot show."""
     _finite(where, table, label)
     if frequency.size == 0:
         raise LogError(f"{where}: holds no lines")
@@ -430,7 +431,7 @@ def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
-    """Return the complex values of a response, from real and imaginary part or from magnitude and phase."""
+    """Return the complex values of a response, from its real and imaginary parts or its magnitude and phase."""
     places = response.places
     if {"re", "im"} <= set(places):
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
@@ -456,7 +457,7 @@ def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _coherence(where: str, response: Response, table: Columns, kept: slice) -> np.ndarray | None:
-    """Return the coherence, clipped to 1 where rounding exceeds it; None without a column.
+    """Return the coherence, clipped to 1 where rounding exceeds it; None if there is no such column.
 
     Raises LogError for values outside 0 to 1.
     """
@@ -581,5 +582,5 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
 
 def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file, which identifies it as an input of a report. Raise FileError."""
+    """Return the SHA-256 of a file, which identifies it as an input of a report. Raises FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return a status text while content is missing, else an empty text."""
+        """Return a status message while content is missing, else an empty string."""
         ...
 
 
@@ -90,11 +90,11 @@ class GrowingFile:
         return self._head
 
     def waits(self) -> str:
-        """Return a message if the file does not exist; empty if it does."""
+        """Return a message if the file does not exist, else an empty string."""
         return "waits for the file: it is not there" if self._missing else ""
 
     def read(self) -> Grown:
-        """Read the new bytes; at first at most the last `FIRST` bytes of the file, from the start of a line."""
+        """Read the new bytes. The first call reads at most the last `FIRST` bytes, from the start of a line."""
         try:
             if self._inside is not None and not Path(os.path.realpath(self.path)).is_relative_to(
                 os.path.realpath(self._inside)
@@ -145,7 +145,7 @@ class GrowingFile:
 
 
 class Pipe:
-    """The rows received through a pipe, as from `halsampler -t | feeddrive studio --follow -`.
+    """The rows received through a pipe, as in `halsampler -t | feeddrive studio --follow -`.
 
     A thread reads them once and keeps the last `_MOST` bytes for all followers.
     """
@@ -178,7 +178,7 @@ class Pipe:
         self.ended = True
 
     def since(self, at: int) -> tuple[bytes, int, bool]:
-        """Return the bytes from offset `at` on, the offset of their end, and True if bytes at `at` were discarded."""
+        """Return the bytes from offset `at` onward, their end offset, and True if some were already discarded."""
         with self._lock:
             begin = max(at, self._begin)
             # A copy, since the thread goes on changing the buffer.
@@ -200,7 +200,7 @@ class PipeFollower:
         return self._pipe.first
 
     def waits(self) -> str:
-        """Return a message while no bytes have been received; empty afterwards."""
+        """Return a message while no bytes have been received, else an empty string."""
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:
@@ -216,7 +216,7 @@ class GrowingTable:
     sample_time  sample time of a table without a time column, s; None: time is counted in samples
     time_unit    unit of a time column that states none; None: s
 
-    Invalid lines are skipped and counted.  halsampler's `overrun` is a gap; its sample numbers are the clock.
+    Invalid lines are skipped and counted.  An `overrun` of halsampler is a gap; its sample numbers serve as the clock.
     """
 
     def __init__(
@@ -258,7 +258,7 @@ class GrowingTable:
         return rows
 
     def state(self) -> str:
-        """Return the state as a text: number of rows, time without new rows, and skipped lines."""
+        """Describe the state: number of rows, time without new rows, and skipped lines."""
         waiting = self._content.waits()
         if waiting:
             return waiting

@@ -35,7 +35,7 @@ def write_mat(path: str | Path, source: Handed) -> None:
         StateSpace   A, B, C, D, sample_time_s, states, inputs, outputs
         Run, Log     time_s, sample_time_s, a column for each signal, units.SIGNAL
 
-    Characters that MATLAB does not allow in a name become _.  Raises FileError; ParameterError for any other type.
+    Characters that MATLAB does not allow in a name become _.  Raises FileError, or ParameterError for any other type.
     """
     from scipy.io import savemat
 
@@ -52,7 +52,7 @@ def write_csv(path: str | Path, source: Handed) -> None:
         StateSpace   matrix, row, column, value; names and sample time in comments
         Run, Log     time and signals with their units in the headers
 
-    Raises FileError; ParameterError for any other type.
+    Raises FileError, or ParameterError for any other type.
     """
     if isinstance(source, FRF):
         write_frf(path, source)
@@ -151,11 +151,11 @@ def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float 
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """Read a compensation file in machine units, of which there are `units` per meter.
+    """Read a compensation file in machine units, with `units` of them per meter.
 
-    LinuxCNC accepts any increasing positions; here they must be evenly spaced, as written by `write_comp_file`.
-    Raises FileError, with the line, for a row without three numbers, positions that do not increase by a constant
-    spacing, and fewer than two rows; ParameterError for another type.
+    LinuxCNC accepts any increasing positions; this function requires evenly spaced ones, as written by
+    `write_comp_file`. Raises FileError, with the line, for a row without three numbers, positions that do not increase
+    by a constant spacing, and fewer than two rows, and ParameterError for another type.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")

@@ -2,20 +2,20 @@
 
 title = "softer or stiffer"
 machine = "my_mill.toml"           # in the directory of the job, or the name of a bundled one
-axis = "x"                         # needed if the machine has several
-seed = 0                           # of the noise
-rule = "equal gains"               # what makes the laws comparable; printed in the report
+axis = "x"                         # needed if the machine has several axes
+seed = 0                           # seed of the noise
+rule = "equal gains"               # why the laws are comparable; printed in the report
 [reference]                        # the motion: any reference block ...
 kind = "snap_limited_move"
 [log]                              # ... or a measured log, whose reference is replayed
 file = "run.csv"
-[program]                          # ... or a part program, planned, which moves all axes that it names
+[program]                          # ... or a part program, which is planned and moves all axes that it names
 file = "part.ngc"
 [load]                             # a force on the table
 kind = "step_force"
-[others.y.reference]               # of a coupled machine, or to run all axes: motion of another axis;
-kind = "linear_move"               # axes without one stand still; [others.y.load] is a force on the table
-[[law]]                            # rows of the comparison; today's control is always the first
+[others.y.reference]               # motion of another axis, if the machine is coupled or all axes run;
+kind = "linear_move"               # axes without one are at rest; [others.y.load] is a force on the table
+[[law]]                            # rows of the comparison; the present control is always the first
 name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
 """
@@ -44,14 +44,14 @@ from feeddrive.loop.machine import Machine, System
 
 
 class Other(Section):
-    """Motion and load of an axis other than that of the rows; without a reference it stands still."""
+    """The motion and load of an axis other than the compared one, which is at rest without a reference."""
 
     reference: Reference | None = part("its motion", default=None)
     load: Load | None = part("a force on its table", default=None)
 
 
 class ControlOfAxis(Section):
-    """The control of another axis in a row."""
+    """The control of another axis in a row of the comparison."""
 
     control: Control = part("all that runs on the controller")
 
@@ -130,7 +130,7 @@ class Job(Result):
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
-        """Tabulate the laws, one per row, today's first."""
+        """Tabulate the laws, one per row, starting with the present one."""
         work = self.reference.kind if self.reference is not None else "-"
         work = self.program.description if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work
@@ -147,7 +147,7 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """Read a job file, given by path or as the name of a bundled one, or return a Job; `log` replaces its log file.
+    """Read a job file, given by its path or a bundled name; a Job is returned. `log` replaces the log file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
@@ -230,7 +230,7 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """Return a flag by key prefix, True for sections that concern a rotary axis."""
+    """Return flags by key prefix, True for sections that concern a rotary axis."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
     # A job contains no axis of its own: which of its values are angles follows from the machine.
     turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
@@ -302,7 +302,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return the rows: the axis, or with a machine all its axes, under today's control and each law to compare."""
+    """Return the rows: the axis, or with a machine all its axes, under the present control and each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -330,7 +330,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """Return the loop with another control, whose guard and force limit default to those of today's control."""
+    """Return the loop with another control, whose guard and force limit default to the present ones."""
     # Safety functions and force limit belong to the drive: a law to be compared must not run without them by omission.
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
@@ -341,7 +341,7 @@ def _replaced(section: Section, place: str, control: Control, today: Loop) -> Lo
 
 
 def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
-    """Return the axes of a row that changes parameters of today's control."""
+    """Return the axes of a row that changes parameters of the present control."""
     places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
         places += [f"couplings.{i}" for i, coupling in enumerate(whole.couplings) if coupling.controls]

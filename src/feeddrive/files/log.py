@@ -22,9 +22,9 @@ from feeddrive.language.text import Text
 class Log(Result):
     """The channels of a log, all finite, on one clock. `log["position_load"]` is an array of shape (n,) in `units`.
 
-    `time` holds the recorded stamps, s; `sample_time` their common step, s, and `jitter` the largest deviation from it
-    as a fraction of it.  `constants` are scalars stored in the file besides the columns; `left_out` gives the reason
-    for every omitted column; `provenance` describes the source.
+    `time` holds the recorded time stamps, s, `sample_time` their common step, s, and `jitter` the largest relative
+    deviation from it.  `constants` are scalars stored in the file besides the columns; `left_out` gives the reason for
+    every omitted column; `provenance` describes the source.
     """
 
     name: str
@@ -147,7 +147,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _clipped(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal repeatedly reaches its extreme value at full slope and stays there; else empty."""
+    """Return a remark if the signal repeatedly hits its extreme value at full slope and stays there, else ""."""
     if np.unique(values).size < _LEVELS:
         return ""
     steps = np.abs(np.diff(values))
@@ -170,7 +170,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal changes only at every m-th sample, as from a slower task; else empty."""
+    """Return a remark if the signal changes only at every m-th sample, as from a slower task, else an empty string."""
     changes = np.flatnonzero(np.diff(values))
     # a few changes lie on a common grid by chance
     if changes.size < 20:
@@ -188,6 +188,6 @@ def _slow(name: str, values: np.ndarray) -> str:
 
 
 def _runs(true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return start and length of each run of True."""
+    """Return the start and the length of each run of True values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(np.int8), [0]])))
     return edges[::2], edges[1::2] - edges[::2]

@@ -1,11 +1,11 @@
-"""A machine file: axes with their physics and control, and the couplings between them.
+"""A machine file: axes with their physical models and controls, and the couplings between them.
 
 name = "my mill"
 sample_time_ms = 0.25
-[axis.x]                      # the physics; substeps, encoders, friction, forces
+[axis.x]                      # the physical model: substeps, encoders, friction, forces
 [axis.x.plant]
 kind = "two_mass"
-[axis.x.control]              # today's control: limit, guard, filters, feedforward
+[axis.x.control]              # the present control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
 [axis.x.limits]               # limits of planned motions: velocity to snap, travel
@@ -43,7 +43,7 @@ BUNDLED = Path(__file__).parent / "bundled"
 
 
 class AxisSection(Section):
-    """An axis: its physics, today's control, and what a planned motion keeps."""
+    """An axis: its physical model, its present control, and the limits of planned motions."""
 
     physics: Axis = part("the physics, whose keys stand here", inline=True)
     control: Control = part("today's control")
@@ -51,7 +51,7 @@ class AxisSection(Section):
 
 
 class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine files
-    """A machine: axes with their physics and today's control."""
+    """A machine: axes with their physical models and present controls."""
 
     name: str = text("name of the machine", default="")
     source: str = text("where the numbers come from", default="")
@@ -70,7 +70,7 @@ class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine 
 
 
 class LimitsOfAxis(Section):
-    """An axis in a file of limits."""
+    """An axis in a limits file."""
 
     limits: AxisLimits = part("limits of planned motions")
 
@@ -99,12 +99,12 @@ class MachineFile(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The user-defined texts in the file."""
+        """The user-defined strings in the file."""
         return self.name, self.source, self.remark
 
     @property
     def instead(self) -> str:
-        """The hint in the error of a call that needs a loop."""
+        """The hint in the error message of a call that needs a loop."""
         first = next(iter(self.loops))
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
@@ -129,9 +129,9 @@ class MachineFile(Result):
         return Table(f"{plain(self.name)}, {self.file.name}{between}", heads, rows)
 
     def loop(self, axis: str | None) -> Loop:
-        """Return the loop of an axis; the only one if none is named.
+        """Return the loop of an axis, by default that of the only axis.
 
-        Raises ParameterError for an unknown axis, and for a coupled one, whose motion alone would differ.
+        Raises ParameterError for an unknown axis, and for a coupled one, which moves differently without its couplings.
         """
         name = self.named(axis)
         if self.coupled(name):
@@ -183,7 +183,7 @@ def read_machine(
 
     values  values by key that replace those of the file
 
-    Raises FileError (the file) and ParameterError or StructureError (a key in it), all with file and line.
+    Raises FileError for an unreadable file, and ParameterError or StructureError for a key in it, with file and line.
     """
     if isinstance(path, MachineFile):
         return path
@@ -252,7 +252,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:
-    """Return the path if it exists or has a suffix, else the bundled file of that name. Raise FileError if missing."""
+    """Return the path if it exists or has a suffix, else the bundled file of that name, or raise FileError."""
     file = Path(path)
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
@@ -268,7 +268,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
     """Return, by axis letter, the limits for planning a part program from a machine, a limits file, or both.
 
     A limits file has sections [axis.x.limits] like a machine file; they replace those of the machine.  Machine axes
-    whose name is not an axis letter of part programs are omitted: x y z u v w, and a b c for rotary axes.  Raises
+    whose name is not an axis letter of part programs (x y z u v w, and a b c for rotary axes) are omitted.  Raises
     FileError or ParameterError.
     """
     stated: dict[str, AxisLimits] = {}
@@ -308,7 +308,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
 
 
 def _resolution(loop: Loop) -> float | None:
-    """Return the position resolution of an axis, m: of the load encoder, else of the motor encoder; None without."""
+    """Return the position resolution (m) of the load encoder, else of the motor encoder; None if neither has one."""
     # The load encoder first, since it measures the planned position itself.
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
         resolution = getattr(encoder, "resolution", None)

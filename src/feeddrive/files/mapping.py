@@ -7,11 +7,11 @@
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-A name states quantity, set or measured, motor or load, and axis.  It is split into words at punctuation, digits and
-capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit determines the quantity; otherwise the
-words do.  A guess is used only on the user's request.
+A name may state the quantity, whether it is set or measured, motor or load, and the axis.  It is split into words at
+punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit determines the
+quantity; otherwise the words do.  A guess is used only on the user's request.
 
-`Mapping` assigns roles to a log's columns, in one form for the page, a channels file, the command line and Python:
+`Mapping` assigns roles to a log's columns, in the same form for the page, a channels file, the command line and Python:
 
 mapping = Mapping({"position_load": Column(name="x", unit="mm"), "force": Column(name="f", factor=12.0)})
 log = read_log("run.csv", mapping)
@@ -139,7 +139,7 @@ class NameReading:
 
     @property
     def role_like(self) -> bool:
-        """True if the name may have a role."""
+        """True if a channel of this name may have a role."""
         return bool(self.quantity or self.exact)
 
 
@@ -194,7 +194,8 @@ def read_name(name: str, unit: str) -> NameReading:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter only if it matches the quantity.
+    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter counts only if it matches the
+    quantity.
 
     `u_in` is an input, not inches.
     """
@@ -314,7 +315,7 @@ class Guess(Result):
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
     """Guess the roles of the channels of a log that was read without a mapping.
 
-    axis  the axis of a log with several: `x`, or the number of a joint; default: the first one
+    axis  the axis of a log with several axes: `x`, or the number of a joint; default: the first one
 
     Raises ParameterError for an axis that no channel names.
     """
@@ -365,7 +366,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
 
 
 def _role(reading: NameReading) -> str:
-    """Return the role of a quantity: set value, or measured at the motor, at the load or at an unspecified place."""
+    """Return the role of a quantity that is set, or measured at the motor, at the load or at an unspecified place."""
     if reading.quantity not in _ROLES:
         return ""
     place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)
@@ -454,7 +455,7 @@ class Mapping(abc.Mapping[str, Column]):
     optional     columns by role that may be missing
     reasons      the reason for each assignment, by role
     axis         axis name used in the columns of a log with several axes; empty for a log of one axis
-    sample_time  of a log without a time column, or with rounded stamps, s
+    sample_time  sample time of a log without a time column or with rounded stamps, s
 
     Raises ParameterError for an invalid role, unit, factor or sample time.
     """
@@ -536,7 +537,7 @@ def entry(role: str, column: Column, reason: str = "") -> str:
 
 
 class ColumnSection(Section):
-    """A column of a log, and how its numbers become those of its role."""
+    """A column of a log, and the conversion of its numbers to those of its role."""
 
     shorthand: ClassVar[str] = "column"
     wanted: ClassVar[str] = (
@@ -585,7 +586,7 @@ class LogSection(Section):
 
 
 class ChannelsSection(Section, kind="channels"):
-    """The roles of a log's columns: a file that `feeddrive channels` writes, or a job with a log."""
+    """The roles of a log's columns, in a file written by `feeddrive channels` or in a job with a log."""
 
     is_open: ClassVar[bool] = True
 

@@ -20,18 +20,18 @@ or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
 [program]
 recorded = "log.csv.gz"
 columns = { x = "x_mm", y = "y_mm" }
-sample_time_ms = 1                 # of a log without a time column
+sample_time_ms = 1                 # sample time of a log without a time column
 average_ms = 4                     # length of each of four moving averages
 
 The cutting process: tools, depths and widths of cut and spindle speed.
 
-[process.tool.1]                   # of `T1 M6` in the program; a program without T uses the only one
+[process.tool.1]                   # tool of `T1 M6` in the program; a program without T uses the only tool
 kind = "mechanistic_cutter"
 teeth = 4
 
 Comments in the program set the engagement of the following lines, in mm, until the next such comment:
 
-(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down, without ae a slot
+(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down; a slot without ae
 (cut off)                          no cut
 
 or the job sets it for a range of lines, overriding any comment:
@@ -42,7 +42,7 @@ last_line = 20
 axial_depth_mm = 4
 radial_depth_mm = 0.3
 milling = "down"
-spindle_speed = 8000               # in place of S of the program
+spindle_speed = 8000               # replaces S of the program
 
 Traverses (G0) never cut.  Lines are numbered as in the file, also within a subroutine.
 """
@@ -145,7 +145,7 @@ class ProcessSection(Section):
 
 
 class Cut(NamedTuple):
-    """The cutting conditions from a start time: `tool` number, depths in m (0: no cut), side, spindle speed in rpm."""
+    """The cutting conditions from a start time onward: tool number, depths in m (0: no cut), side, speed in rpm."""
 
     begin: float
     line: int
@@ -163,7 +163,7 @@ _AIR = (0.0, None, "up")
 class Process:
     """The cutting process, defined by the section [process] and the comments of the program.
 
-    comments  first line with its depth, width and side, in order
+    comments  first line of each engagement with its depth, width and side, in order
     """
 
     program: str
@@ -173,7 +173,7 @@ class Process:
     spindle: SpindleOfLines
 
     def cuts(self, times: np.ndarray, line: np.ndarray, traverse: np.ndarray) -> tuple[Cut, ...]:
-        """Return the cuts over time, given for each sample its program line and a flag for traverses.
+        """Return the cuts over time, given the program line of each sample and a flag for traverses.
 
         Raises ProgramError at a line that cuts with a stopped spindle, an unknown tool or an impossible engagement.
         """
@@ -234,9 +234,9 @@ class Process:
             )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
-        """Return a milling cut between the axes for each active tool, its conditions as sections over time.
+        """Return a milling cut between the axes for each active tool, with its conditions as sections over time.
 
-        substep  in s
+        substep  substep of the machine, s
 
         Raises ParameterError for a machine without x and y.
         """
@@ -556,7 +556,7 @@ MOST = 4_000_000
 
 
 class ProgramSection(Section):
-    """A part program, planned, as the reference of all axes that it moves; or setpoints that were recorded."""
+    """A planned part program as the reference of all axes that it moves, or recorded setpoints."""
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
@@ -565,7 +565,7 @@ class ProgramSection(Section):
 
 
 class PartProgramSection(ProgramSection):
-    """A part program, planned, which moves all axes that it names."""
+    """A part program that is planned and moves all axes that it names."""
 
     file: str = file_name("the part program, beside the job or a bundled one", example='"part.ngc"')
     tools: str | None = file_name("table of tools", default=None)
@@ -576,7 +576,7 @@ class PartProgramSection(ProgramSection):
 
 
 class RecordedSection(ProgramSection):
-    """Setpoints of another planner, smoothed by four averages."""
+    """Setpoints of another planner, smoothed by four moving averages."""
 
     recorded: str = file_name("log of the setpoints, beside the job or a bundled one")
     columns: Mapping[str, str] = named("names of the columns by axis", least=1)
@@ -597,13 +597,13 @@ FILES = tuple(
 
 @dataclass(frozen=True, eq=False)
 class PlannedProgram:
-    """A part program as references of axes, by their names in the machine file.
+    """A part program as the references of its axes, by their names in the machine file.
 
     description  text for reports
-    file         file of the program; None for recorded setpoints, as are all following fields
+    file         file of the program; recorded setpoints have neither it nor the following fields
     planned      the result of the planner
     line         line of the program by sample, shape (samples,)
-    counted      True for samples in cut, or without a [process] for all samples at feed, shape (samples,)
+    counted      True for samples in cut or, without a [process], for all at feed rate, shape (samples,)
     cuts         cutting conditions over time, by the section [process]
     process      the cutting process of the section [process]
     """
@@ -618,7 +618,7 @@ class PlannedProgram:
     process: Process | None = None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
-        """Return the cuts as couplings of a machine with this substep, s. Raise ParameterError without x and y."""
+        """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError without x and y."""
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 

@@ -1,6 +1,6 @@
 """Reading of measured logs: the format is detected from the content; channels are in SI on one clock.
 
-The stamps must have one sample time, no gap and no backward step. Every error states its place and the remedy.
+The time stamps must have one sample time, no gap and no backward step. Every error states its place and the remedy.
 """
 
 import hashlib
@@ -114,7 +114,7 @@ class OpenedFile:
 
     @cached_property
     def unpacked(self) -> bytes:
-        """The content, decompressed if it is compressed by gzip."""
+        """The content, decompressed if it is compressed with gzip."""
         return unpacked(str(self), self.content)
 
     @cached_property
@@ -150,7 +150,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """Return the reader of a text: that of the recorder whose header it has, else that of CSV."""
+    """Return the reader of a text file: that of the recorder whose header it has, else the CSV reader."""
     for fits, reader in text_files.RECORDERS:
         if fits(content):
             return reader
@@ -188,7 +188,7 @@ def _expected(name: str) -> str:
 
 
 def unpacked(name: str, content: bytes) -> bytes:
-    """Return the content, decompressed if packed by gzip. Raise LogError if it is empty, damaged or too large."""
+    """Return the content, decompressed if compressed with gzip. Raise LogError if it is empty, damaged or too large."""
     if content[:2] == b"\x1f\x8b":
         content = _unpacked(name, content)
     if not content:
@@ -248,10 +248,10 @@ def read_log(
     name: str | None = None,
 ) -> Log:
     """Read a measured log: MATLAB (5 to 7.3), CSV of any kind, Parquet, numpy, EPOS Studio, halscope and halsampler;
-    also packed by gzip.
+    also compressed with gzip.
 
     mapping      role -> column, for the roles in `ROLES`; without it every numeric column is a channel in its own
-                 unit; a column with a usual name of time need not be mapped
+                 unit; a time column with a common name need not be mapped
     optional     role -> column, for columns that may be missing; may be part of a `Mapping`
     sample_time  s, for a file without a time column, or with rounded stamps; may be part of a `Mapping`
     name         the name of the log in errors; default: the name in the file, else the path
@@ -354,7 +354,7 @@ def _read_log(
 
 
 def _column(path: str, role: str, named: Named) -> Column:
-    """Return the Column for any of its short forms. Raise ParameterError as `Column.checked`."""
+    """Return the Column for any of its short forms. Raise ParameterError as `Column.checked` does."""
     match named:
         case Column():
             column = named
@@ -420,7 +420,7 @@ def _values(
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Convert stamps without a unit to s using a sampling rate in the file; return also how the unit was determined."""
+    """Convert stamps without a unit to s using a sampling rate in the file; also return how the unit was determined."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
@@ -472,7 +472,7 @@ _SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
 
 @dataclass(frozen=True)
 class Clock:
-    """The sample time in s, and the largest deviation of a step from it as a fraction of it."""
+    """The sample time (s), and the largest relative deviation of a step from it."""
 
     sample_time: float
     jitter: float
@@ -570,7 +570,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
 def time_units(step: float) -> list[tuple[str, float]]:
     """Return up to two units, likeliest first, that make the step a plausible servo sample time, and the step in s.
 
-    Near 1 ms is likely: whole milliseconds are the most common clock.
+    A step near 1 ms is the likeliest, since whole milliseconds are the most common sample times.
     """
     read = [(unit, step * units.factor(unit, "s")) for unit in ("s", "ms", "us", "ns")]
     inside = [candidate for candidate in read if _FASTEST <= candidate[1] <= _SLOWEST]
@@ -619,12 +619,12 @@ class LogRequest:
         )
 
     def named(self, role: str) -> Column | None:
-        """Return the column of a role, mandatory or optional; None if it has none."""
+        """Return the column of a role, mandatory or optional; None if no column has this role."""
         return self.mapping.get(role) or self.mapping.optional.get(role)
 
 
 def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
-    """Read the section [log] of a TOML file, a job or the output of `Guess.toml`: the roles of a log's columns.
+    """Read the roles of a log's columns from the section [log] of a job or of the output of `Guess.toml`.
 
     `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and remedy.
     """

@@ -1,7 +1,7 @@
 """Runs and logs as files: Parquet with units, sample time and provenance; CSV for other programs.
 
 Both preserve every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns
-of numbers can be read too.  Pages carry checksums, which are verified.
+of numbers can be read too.  The checksums of Parquet pages are verified.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 def summary_text(figures: Mapping[str, Any], *, rotary: bool = False, quoted: Sequence[str] = ()) -> str:
     """Return named figures as JSON; for a rotary axis, with keys and sentences in rotary units.
 
-    quoted  user-defined names and texts, which are left unchanged
+    quoted  user-defined names and strings, which are left unchanged
     """
     units = Units(rotary=rotary)
     return json.dumps(_in_units(figures, units, frozenset(quoted)), indent=2) + "\n"
@@ -57,7 +57,7 @@ def figure_key(key: str, units: Units) -> str:
 
 
 def plain(value: float | None) -> float | str | None:
-    """Return a figure in its JSON form: infinity becomes the text "infinite"."""
+    """Return a figure in its JSON form: infinity becomes the string "infinite"."""
     # JSON has no infinity.
     return "infinite" if value is not None and math.isinf(value) else value
 

@@ -3,8 +3,8 @@
     class LogSection(Section):
         \"\"\"A measured log, whose reference is replayed.\"\"\"
         file: str | None = file_name("name of the log, beside the job", default=None)
-        skip_samples: int = choice("samples at the start that do not count", least=0, default=0)
-        sample_time: Number | None = parameter("s", "of a log without a column of time", above=0, default=None)
+        skip_samples: int = choice("samples to skip at the start", least=0, default=0)
+        sample_time: Number | None = parameter("s", "sample time of a log without a time column", above=0, default=None)
 
 The reader below, the JSON Schema (`schema.py`) and the reference pages of the keys use the declarations.
 Sections have the fields of blocks (`language/block.py`): `parameter`, `choice`, `table`, `part`, and in addition
@@ -20,7 +20,7 @@ Tables of TOML become blocks or sections by these declarations:
     kind = "two_mass"            # selects the block of the family; not needed where only one block fits
     mass_load = 350.0            # a parameter in the unit of its declaration
     stiffness_N_per_um = 180     # or in another unit of the same dimension, appended to the key
-    [[axis.x.forces]]            # a part is a section, a tuple of parts a list of sections
+    [[axis.x.forces]]            # a part becomes a section, and a tuple of parts a list of sections
     kind = "cogging"
 
 Every error is one sentence: file and line, key, value, bound, unit, remedy.  `to_toml` is the inverse for blocks.
@@ -122,7 +122,7 @@ class Section(Declared):
     kind       name of the section in schema and documentation
     exactly    mutually exclusive alternatives, one of which is required; each is a tuple of fields, any of which counts
     needs      error sentence for a section with none or several of the alternatives
-    shorthand  field that is set if the section is given as a plain text
+    shorthand  field that is set if the section is given as a plain string
     wanted     accepted values of a section with a shorthand, for messages
     needs_kind True if the key `kind` is required, since another class of the family is the default
     inlined    field, and the section whose keys appear directly in this one if the field is absent
@@ -162,7 +162,7 @@ class Section(Declared):
 
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
-        """Return the error sentence if not exactly one alternative is among `names`; empty if the names are valid."""
+        """Return the error sentence unless exactly one alternative is among `names`, else an empty string."""
         first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
         there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
@@ -190,7 +190,7 @@ _ROW = 6  # numbers of a table on one line
 
 
 def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
-    """Return a block as the section `[key]`, as an entry `[[key]]` of a list, or without a key as a whole file.
+    """Return a block as the section `[key]`, as an entry `[[key]]` of a list or, without a key, as a whole file.
 
     rotary   True for a block of a rotary axis: comments name rad, N m and kg m2
 
@@ -457,7 +457,7 @@ def read_block(family: type[B], table: TomlTable) -> B:
 def read_section(
     section: type[S], table: TomlTable, *, besides: Iterable[str] = (), unit_of: UnitOf | None = None
 ) -> S:
-    """Read a section from a table; the family of the section chooses the class.
+    """Read a section from a table; the family of the section selects the class.
 
     besides   keys that are read elsewhere
     unit_of   function that returns, for a table, the unit of fields declared in `VARIED`
@@ -524,7 +524,7 @@ def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[s
 
 
 def _inline(kind: type[Declared]) -> str:
-    """Return the name of the section's inline part, whose keys are mixed with its own; empty if there is none."""
+    """Return the name of the section's inline part, whose keys are mixed with its own; it is empty if there is none."""
     if not issubclass(kind, Section):
         return ""
     return next((name for name, declaration in declarations(kind).items() if declaration.inline), "")

@@ -1,7 +1,7 @@
-"""TOML files with the line of every key, so that an error says `machine.toml:12: axis.x.plant.mass ...`.
+"""TOML files with the line of every key, so that an error begins with `machine.toml:12: axis.x.plant.mass`.
 
 The standard library reads the values.  A small scanner then finds the lines: it follows keys and brackets and skips the
-values; the scanner does not check, since tomllib has accepted the text before.  Text is UTF-8, at most 4 MB.
+values, without validation, since tomllib has already accepted the text.  Text is UTF-8, at most 4 MB.
 
 An edit replaces values and sections and keeps all comments, order and whitespace around them.
 
@@ -10,8 +10,8 @@ An edit replaces values and sections and keeps all comments, order and whitespac
     edit.replace(("axis", "x", "friction_load"), section)    # another kind of block; comments in it stay
     edit.text
 
-It uses the scanner that locates lines for error messages, so that no second TOML parser is needed: a library such as
-tomlkit would add 8000 lines for these three operations, and may accept texts that tomllib rejects.
+An edit uses the scanner that locates lines for error messages, so that no second TOML parser is needed: a library such
+as tomlkit would add 8000 lines for these three operations, and may accept texts that tomllib rejects.
 """
 
 from __future__ import annotations
@@ -242,8 +242,8 @@ Value: TypeAlias = Any
 class TomlTable:
     """A table in a TOML file, with the lines of its keys.
 
-    turning  by key prefix, True if the values below it belong to a rotary axis of another file, as the motion of a job
-             does; the longest matching prefix applies
+    turning  flags by key prefix, True if the values below it belong to a rotary axis of another file, as in the
+             motion of a job; the longest matching prefix applies
     """
 
     file: TomlFile
@@ -290,7 +290,7 @@ class TomlTable:
         return TomlTable(self.file, (*self.key, name), value, self.turning)
 
     def named(self, name: str) -> dict[str, TomlTable]:
-        """Return the tables `[name.NAME]` by NAME. Raise ParameterError if there is none."""
+        """Return the tables `[name.NAME]` by NAME. Raise ParameterError if there are none."""
         group = self.optional(name)
         if group is None or not group.values:
             raise self.error(f"there must be at least one section [{self.dotted(name)}.NAME]")
@@ -387,7 +387,7 @@ def _decoded(name: str, content: bytes) -> str:
 
 
 def parse_toml(text: str, name: str, *, quoting: bool = True) -> TomlFile:
-    """Parse a TOML text; `name` is the name of the file in messages. Raise FileError as `read_toml`."""
+    """Parse a TOML text; `name` is the name of the file in messages. Raise FileError as `read_toml` does."""
     deep = _TOO_DEEP.search(text)
     if deep is not None:
         raise FileError(f"{name}:{text.count(chr(10), 0, deep.start()) + 1}: a name of more than 64 parts")
@@ -517,7 +517,7 @@ class TomlEdit:
     def remove(self, key: Key) -> None:
         """Remove the sections [key] and [[key]] with their subtables; comments on separate lines are kept.
 
-        Raises FileError if the value is written inline, as `filters = [{ ... }]`.
+        Raises FileError if the value is written inline, as in `filters = [{ ... }]`.
         """
         places = self._sections(key)
         if not places and (self.has(key) or (isinstance(key[-1], int) and self.has(key[:-1]))):

@@ -62,7 +62,8 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
     """Return a mask of the samples in which the tool cuts a wall of the part (see `on_part`).
 
-    Without a [process] section, all samples at feed rate count.  A cut without such a sample counts as a whole.
+    Without a [process] section, all samples at feed rate are included.  A cut without such a sample is included
+    completely.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):
@@ -84,7 +85,7 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
-    """Return the spindle load of all cuts in a run, with the volume of chips; None without cuts."""
+    """Return the spindle load of all cuts in a run, with the chip volume; None if there are no cuts."""
     program = job.program
     cuts = [cut for cut in machine.couplings if isinstance(cut, MillingCut) and cut not in job.machine.couplings]
     if program is None or program.process is None or not cuts:
@@ -128,7 +129,7 @@ class Chatter(NamedTuple):
 
     cut        the first section of this kind
     growth     |µ|; None if it is unknown, for the reason in `why`
-    frequency  chatter frequency in Hz; None without chatter
+    frequency  chatter frequency in Hz; None if there is no chatter
     """
 
     law: str

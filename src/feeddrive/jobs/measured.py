@@ -54,7 +54,7 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
 
 
 def _per_unit(job: Job, log: Log, role: str) -> float:
-    """Return the force at the table in N per unit of a channel, whose unit is the drive's own or one of force or
+    """Return the force at the table in N per unit of a channel, whose unit is the drive's own or a unit of force or
     torque.
     """
     scale = drive_with(None, next(iter(job.loops.values())), None).force_per_unit(log.units.get(role, ""))
@@ -91,7 +91,7 @@ def of_channels(job: Job, log: Log) -> list[str]:
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the signals with the excitation placed before or behind the force limit, and a remark on the choice.
+    """Return the signals with the excitation placed before or after the force limit, and a remark on the choice.
 
     The position residual reveals the point of injection if the limit is active; otherwise both points are equivalent.
     """

@@ -80,7 +80,7 @@ class JobResult(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The user's own texts in the job file and the machine file."""
+        """The user-defined strings in the job file and the machine file."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
@@ -205,7 +205,7 @@ def numbers(row: Entry) -> dict[str, float | None]:
 
 @dataclass(frozen=True, eq=False)
 class LawRun(Case[Entry]):
-    """The case of one law of a job: its analysis, and its run over the job's motion or along its log.
+    """One law of a job: its analysis, and its run over the job's motion or along its log.
 
     law        name of its row in the job
     measured   signals of the log; None without a log with measured positions
@@ -352,7 +352,7 @@ def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progre
 
 
 def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
-    """Return half of the largest set speed, in m/s; 10 mm/s for a reference without motion."""
+    """Return half of the highest set speed, in m/s; 10 mm/s for a reference without motion."""
     if measured is not None:
         largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
     else:

@@ -9,11 +9,11 @@ The rows check that floats, arrays and symbols give bit-identical results, that 
 Python, that the Jacobian agrees with finite differences, that all values within the declared bounds give finite
 numbers, and more.
 
-One row changes the parameters of a block of a control live, in a steady state without following error.
-The axis follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.
-All outputs of the block are then constant and must remain so after a live change, unless the new parameters require
-another value: a larger share of a disturbance is a different force.  The required value is the output of the new block
-if it is started there; a compensation is started with its blended parts fully active.
+One row changes the parameters of a block of a control live, in a steady state without following error.  The axis
+follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.  All
+outputs of the block are then constant and must remain so after a live change, unless the new parameters require another
+value: compensating a larger share of a disturbance takes a different force.  The required value is the output of the
+new block when started in that state; a compensation is started with its blended parts fully active.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ RETUNED = (families.Law, families.Filter, families.Observer, families.Compensati
 
 
 def without_friction(new: Block, old: Block) -> Block:
-    """Return the new block with the old viscous friction: in motion, other friction requires another force."""
+    """Return the new block with the old viscous friction: in motion, different friction requires a different force."""
     pairs = zip(tree.leaves(new), tree.leaves(old), strict=True)
     values = (old if name.rpartition(".")[2].startswith("viscous") else new for (name, new), (_, old) in pairs)
     return tree.rebuild(new, values)
@@ -189,7 +189,7 @@ class Change(NamedTuple):
     """The outputs around a live change.
 
     before, after  outputs of the samples before and after the change
-    required       outputs of the new block if it is started there
+    required       outputs of the new block when started in that state
     settled        True if the state had settled before the change
     size           largest magnitude in that state
     """
@@ -204,9 +204,9 @@ class Change(NamedTuple):
 def _changed(
     old: Block, new: Block, at: Place, errors: Sequence[float], wrong: float = 0.0, pattern: int = 0
 ) -> Change:
-    """Run a live change; a nonzero `wrong` perturbs readings in their last digits and the state by this share.
+    """Run a live change; a nonzero `wrong` perturbs readings in their last digits and the state by this fraction.
 
-    Bit `pattern` of the index of a number in the state is the sign of its perturbation.
+    Bit number `pattern` of the index of a number in the state determines the sign of its perturbation.
     """
     held = Steady(old, at)
     states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
@@ -228,8 +228,8 @@ def _changed(
 def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
     """Return the change of the outputs due to rounding of readings and state and to rounding left in the outputs.
 
-    With a gain of 1e17 N/m, as of a predictive law over a short horizon, that is 100 N; with a filter that amplifies
-    high frequencies by 1e6 it is 0.1 N.
+    With a gain of 1e17 N/m, as in a predictive law with a short horizon, it is 100 N; with a filter that amplifies high
+    frequencies by 1e6 it is 0.1 N.
     """
     last = change.before[-1]
     size = np.abs(last) + _SMALL * _usual(last.size)
@@ -242,7 +242,7 @@ def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[fl
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """Return True if states at equal intervals lie on straight lines: other gains would show an unfinished transient.
+    """Return True if states at equal intervals lie on straight lines; other gains would expose an unfinished transient.
 
     After errors they must be equal to the last bit, as the state of an integrator is, unlike the slow end of an
     observer's transient.
@@ -287,7 +287,7 @@ def battery(*blocks: type[Block]) -> type[Rows]:
 
 
 def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
-    """Return the bits of numbers; all NaN count as equal."""
+    """Return the bits of numbers; all NaN values count as equal."""
     numbers = np.array([float(value) for value in values])
     # the sign and payload of a NaN differ between processors and compilers
     return [b"nan" if number != number else number.tobytes() for number in numbers]
@@ -322,7 +322,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """Return True if an output depends on the root or logarithm of a number that is 0 for these values."""
+    """Return True if an output depends on the square root or logarithm of a number that is 0 for these values."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())
@@ -332,7 +332,7 @@ def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], na
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
-    """Return the change of the outputs if all numbers change in their last digits: the noise of differences."""
+    """Return the change of the outputs if all numbers change in their last digits: the noise of finite differences."""
     rng, lanes = np.random.default_rng(0), 8
     steps: dict[str, np.ndarray] = {}
     for name in moved:
@@ -343,7 +343,7 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
 
 
 def check_slopes(exercise: Exercise) -> None:
-    """Compare tangents of the graph with central differences, where one-sided differences and other step sizes agree.
+    """Compare derivatives of the graph with central differences, where one-sided ones and other step sizes agree.
 
     Raises AssertionError with the output and its error.
     """
@@ -529,7 +529,7 @@ class Rows:
     @often
     @given(data=st.data())
     def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
-        """Check live changes at rest and at constant speed without following error, also with a charged integrator."""
+        """Check live changes at rest and at constant speed without following error, also with a nonzero integral."""
         x = _inputs(data)
         T, position, force = float(x.T), float(x.position), float(x.force)
         old = concrete(data.draw(blocks_of(goes_on, T)))

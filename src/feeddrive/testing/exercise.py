@@ -3,14 +3,14 @@
 An `Exercise` calls everything that runs in a step of a block's family as one pure function of some numbers.  It runs
 this function on floats or arrays, traces it on symbols, and compiles it, for the rows of the battery.
 
-The C text of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature, memory and bits
-are those of the native code:
+The C text of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature and memory
+layout are those of the native code, and the results are bit-identical:
 
     void name(int64_t count, int64_t first, const double *constants, const double *inputs, double *states,
               double *outputs, const double *const *tables)
 
 An operation that is used once is written inside the expression that uses it; all others have a name.  Of the C library
-only `fabs`, `floor` and `sqrt` are called, which IEEE 754 fixes to the bit, unless the plan uses "libm".
+only `fabs`, `floor` and `sqrt` are called, whose results IEEE 754 specifies exactly, unless the plan uses "libm".
 """
 
 import ctypes
@@ -334,7 +334,7 @@ def _law(block: Any, x: Inputs) -> Answers:
 
 
 def _retuned(block: Any, state: Any, prepared: Any, T: Any) -> Any:
-    """Return the state after a live change from the same block with all numbers a tenth smaller."""
+    """Return the state after a live change from the same block with all numbers 10 % smaller."""
     old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
     return block.retune(state, old, old.prepare(T), prepared)
 
@@ -504,5 +504,5 @@ class Exercise(NamedTuple):
 
 
 def flat(answers: Answers) -> list[Any]:
-    """Return all numbers except the cells of rings, which show in the values read from them."""
+    """Return all numbers except the cells of ring buffers, which show in the values read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

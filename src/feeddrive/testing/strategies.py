@@ -1,4 +1,4 @@
-"""Hypothesis strategies for any block with any values that its declarations admit.
+"""Hypothesis strategies for any block with any values that its declarations allow.
 
 Each strategy is built once, since Hypothesis takes longer to analyze a new strategy than to draw from it.
 """
@@ -92,7 +92,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 
 
 def _runs_at(block: Block, sample_time: float | None) -> bool:
-    """Return True if a block satisfies its rules at a sample time.
+    """Return True if a block satisfies its rules at this sample time.
 
     It does not raise the error of a violated rule, whose remedy would take long to compute.
     """
@@ -162,7 +162,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw other values for some leaves of a block: those that may differ between lanes and change live."""
+    """Draw new values for some of the leaves of a block that may differ between lanes and change live."""
     values = dict(tree.leaves(block))
     names = [name for name in values if draw(_EITHER)] or list(values)
     values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}

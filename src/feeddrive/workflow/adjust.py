@@ -55,9 +55,9 @@ class AdjustRequest(Request):
 
 
 def adjusting(before: Control, after: Control) -> Mapping[str, tuple[str, ...]] | None:
-    """Return the fields `set`, `add` and `remove` that turn one control into another; None if no request can.
+    """Return the fields `set`, `add` and `remove` that turn one control into another; None if no request can do so.
 
-    All three are empty for equal controls.
+    All three are empty for identical controls.
     """
     changes = difference(before, after)
     return None if changes is None else _written(changes)
@@ -146,7 +146,7 @@ def _values(control: Control, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _numbers(option: str, texts: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
-    """Parse NAME=VALUE texts into numbers by name. Raise ParameterError for an unknown, repeated or invalid one."""
+    """Parse NAME=VALUE strings into numbers by name. Raise ParameterError for an unknown, repeated or invalid one."""
     numbers = dict[str, float]()
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))

@@ -1,7 +1,7 @@
 """`feeddrive certify`: a stability certificate for a machine and its measured responses.
 
-A certificate is written only after the checker has accepted it, and read only if the checker accepts it.  A report is
-written next to it.
+A certificate is written, together with a report, only after the checker has accepted it, and read only if the checker
+accepts it.
 """
 
 from __future__ import annotations
@@ -122,9 +122,10 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned control at its operating points with its sentence, or None with the reason.
+    """Return the certificate of a tuned control at its operating points with a summary sentence, or None with the
+    reason.
 
-    With the text of a machine file, the control of that file is certified, whose parameters are rounded.
+    With the text of a machine file, the control in that file, with its rounded parameters, is certified.
     """
     of_file: dict[str, str] = {}
     try:
@@ -152,7 +153,7 @@ def source(machine: MachineFile) -> dict[str, str]:
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
-    """Return the plants to certify by name: the axis, as a model or with its measured responses, and those of `at`."""
+    """Return the plants to certify by name: the axis, as a model or with its measured responses, and those in `at`."""
     plants: dict[str, PlantLike] = {}
     if request.measured is None:
         if request.motor is not None or request.fit:
@@ -213,7 +214,7 @@ def write_certified(
 def certificate_report(
     certificate: Certificate, known: Mapping[str, str] | None = None, *, rotary: bool = False
 ) -> Report:
-    """Return the report of a certificate; `known`: facts on the certified loop."""
+    """Return the report of a certificate; `known` holds facts about the certified loop."""
     pictures = list(_pictures(certificate))
     name = certificate.document["machine"].get("name", "")
     title = f"{name[:1].upper()}{name[1:]}: a certified loop" if name else "A certified loop"
@@ -239,7 +240,7 @@ def certificate_report(
 
 
 def _words(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the facts on a certificate: claim, theorem, confidence, SHA-256 and the command that checks it."""
+    """Return the facts about a certificate: claim, theorem, confidence, SHA-256 and the command that checks it."""
     return [
         ("Claim", document["claim"]),
         ("Theorem", document["theorem"]),

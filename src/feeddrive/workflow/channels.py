@@ -1,4 +1,4 @@
-"""`feeddrive channels`, and the mapping of log columns to roles that all commands use.
+"""`feeddrive channels`, and the mapping of log columns to roles for all commands.
 
 The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
 
@@ -362,7 +362,7 @@ def check_response(
 
     The mass is the median over the lines of |F / (ω² x)|; responses that are not motion over force are not checked.
 
-    cure  returns the command line option for a unit of the response, as um/N
+    cure  returns the command line option for a unit of the response, such as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:
@@ -431,10 +431,10 @@ def mapped(
 ) -> Mapped:
     """Read a log with its columns assigned to the roles in `wanted`, as far as it has them.
 
-    named     role -> text from the command line; takes precedence over everything else
+    named     role -> string from the command line; takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
               guess is shown
-    unit      units for columns that have neither a stated nor a given one
+    unit      units for columns for which no unit is stated or given
     steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
@@ -467,7 +467,7 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the named roles, completed by guesses, which are shown, and the reasons for rejected likely columns."""
+    """Return the named roles, completed by displayed guesses, and the reasons why likely columns were rejected."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
@@ -501,9 +501,10 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log without a column of these roles, with the reasons for rejected columns or its roles.
+    """Return the error for a log without a column of these roles, with the reasons for rejections or the existing
+    roles.
 
-    what     the quantity, as `the force`
+    what     the quantity, such as `the force`
     options  the options that name a column for it
     """
     likely = {role: log.left_out[role] for role in roles if role in log.left_out}

@@ -85,7 +85,7 @@ class CircleRequest(Request):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredCircle(Result):
-    """The figures of a circular test, and the causes of its deviations."""
+    """The figures of a circular test, and the causes of its path deviations."""
 
     test: CircleTest
     causes: CircleCauses
@@ -95,13 +95,13 @@ class MeasuredCircle(Result):
 
 
 def measured_circle_report(measured: MeasuredCircle, note: str = "") -> Report:
-    """Return the report of a circular test; `note`: a line for the circle plot."""
+    """Return the report of a circular test; `note` is a line for the circle plot."""
     return circle_report(measured.test, measured.causes, note)
 
 
 @command(CircleRequest)
 def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
-    """Evaluate a circular test to ISO 230-4 and separate its causes: from logs of x and y, or on a simulated machine.
+    """Evaluate a circular test according to ISO 230-4, from logs of x and y or a simulation, and separate its causes.
 
     Raises LogError for a log without a full circle at constant feed, and ParameterError for incompatible circles.
     """
@@ -138,7 +138,7 @@ def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
 
 
 def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
-    """Return the machine if the only source is a machine; None for logs. Raise ParameterError for a mixture."""
+    """Return the machine if the only source is a machine; None for logs. Raise ParameterError if both are given."""
     first = sources[0]
     # a bundled machine is a bare name; a file without a suffix that exists is a log
     is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())

@@ -91,7 +91,7 @@ class _Seen:
 
 @command(CoggingRequest)
 def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
-    """Identify the cogging of a motor from slow runs: orders with errors, and the part that depends on direction.
+    """Identify the cogging of a motor from slow runs: orders with standard errors, and the direction-dependent part.
 
     Raises LogError for an unusable log, NotIdentifiableError for a log that does not cover a period.
     """
@@ -131,7 +131,7 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:
-    """Split logs of runs over the travel into passes of one direction each; no clock is needed."""
+    """Split logs of runs over the travel into passes in one direction each; no clock is needed."""
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(source) for source in request.logs]
     step, paths = _clock(files[0], request), [file.path for file in files]
@@ -155,14 +155,14 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
-    """Return the sample time, s: as given, None for that of the file, or any value for a file without a clock."""
+    """Return the given sample time (s), None for that of the file, or an arbitrary value for a file without a clock."""
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the measured positions and forces of maps of one turn; a force of 0 marks a position not measured."""
+    """Return the measured positions and forces of maps of one turn; a force of 0 marks an unmeasured position."""
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)
@@ -216,7 +216,7 @@ def _period(text: str | None, unit: str, drive: Drive) -> float:
 
 
 def _orders(text: str | None) -> tuple[int, ...] | None:
-    """Parse orders such as `1..60` or `7,14,28`; None if none are given. Raise ParameterError for an invalid text."""
+    """Parse orders such as `1..60` or `7,14,28`; None if none are given. Raise ParameterError for an invalid string."""
     if text is None:
         return None
     low, dots, high = text.partition("..")
@@ -253,7 +253,7 @@ def cogging_report(
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
-    """Return the report of a cogging fit; `known`: facts on the logs."""
+    """Return the report of a cogging fit; `known` holds facts about the logs."""
     first, *others = _pictures(fit, runs)
     judgment, told = verdict or advice(fit)
     return Report(

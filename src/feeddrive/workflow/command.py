@@ -1,6 +1,6 @@
 """A command: a function with a declared request, a protocol for progress and cancellation, and a printable outcome.
 
-The same object serves Python (`fd.tune("ball_screw", goal="stiffness")`, which returns the result) and the command line
+The same object serves Python, where `fd.tune("ball_screw", goal="stiffness")` returns the result, and the command line
 and the page, which show the outcome.  A command also accepts an object in place of the file from which it is read.
 
 `COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
@@ -181,7 +181,7 @@ class Request(Declared):
     """The base class of all requests. Subclasses become frozen dataclasses that validate their fields."""
 
     def __init_subclass__(cls, more: Mapping[str, tuple[str, Any]] | None = None, after: str = "") -> None:
-        """Create a request class. `more`: options (annotation and `option(...)`) to insert behind the field `after`."""
+        """Create a request class. `more` lists options (annotation and `option(...)`) to insert after field `after`."""
         if more:
             hints = dict(cls.__annotations__)
             place = list(hints).index(after) + 1
@@ -266,7 +266,7 @@ def stem(source: Any) -> str:
 
 
 def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
-    """Make the names of (name, word) pairs unique by appending its word, then a number, to a repeated name."""
+    """Make the names of (name, word) pairs unique by appending the word, then a number, to a repeated name."""
     unique = list[str]()
     for name, word in named:
         tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
@@ -284,7 +284,7 @@ def _literal(value: Any) -> str:
 
 
 def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
-    """Return the types of an annotation without None, and True if it is a tuple of them, such as `tuple[Path, ...]`."""
+    """Return the types of an annotation, except None, and True if it is a tuple of them, such as `tuple[Path, ...]`."""
     # `A | B` of classes is a UnionType, but a typing.Union as soon as one side is an alias or a type parameter
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
     kinds = tuple(kind for kind in kinds if kind is not type(None))
@@ -396,7 +396,7 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def report(self) -> Report:
-        """Return the report: that of `page`, or a general one made from the outcome. No file needs to be written."""
+        """Return the report: that of `page`, or a general one made from the outcome. No file is needed."""
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:
@@ -486,7 +486,7 @@ class Command(Generic[P, R, T]):
         return outcome.result
 
     def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Build the request. Raise ParameterError for an invalid field, in rad and N m for a rotary axis."""
+        """Build the request. Raise ParameterError for an invalid field, with rotary units for a rotary axis."""
         try:
             # bound first, so that a wrong name is reported in the words of the command and not by a TypeError of a
             # dataclass

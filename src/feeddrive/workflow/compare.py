@@ -50,10 +50,10 @@ class CompareRequest(EvaluationRequest):
 
 @command(CompareRequest)
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
-    """Compare all laws on one axis, tuned to equal robustness, with today's gains, and rank them by criterion.
+    """Compare all laws, tuned to equal robustness, and the present gains on one axis; rank them by criterion.
 
     Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law, and for `take` without an
-    output directory; UnstableError if no law can be run.
+    output directory, and UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)
     laws = [imported(Law, law) if ":" in law else law for law in request.law] or None
@@ -131,7 +131,7 @@ def screen(comparison: Comparison) -> Table:
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences on laws without a rank, a complete proof or tunable parameters, and on refused laws."""
+    """Return sentences about laws without a rank, a complete proof or tunable parameters, and about refused laws."""
     tuned = [competitor for competitor in comparison.competitors if competitor.tuned is not None]
     groups = {
         "Nothing to tune, so judged as it is": [

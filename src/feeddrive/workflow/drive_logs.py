@@ -76,7 +76,7 @@ def read_logs(
 ) -> tuple[list[Log], dict[str, Column], list[str]]:
     """Read all logs with the column roles of the first one; return logs, columns, and doubts about magnitudes.
 
-    Guessed roles are shown.  Raises LogError as `read_log`, and for a log that is implausible for a feed drive.
+    Guessed roles are shown.  Raises LogError as `read_log` does, and for a log that is implausible for a feed drive.
     """
     first = mapped(paths[0], named, channels, wanted, sample_time, progress, unit, steady=True)
     first.doubt.stop(progress)
@@ -96,7 +96,7 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the first of `roles` in the log, named ones first. Raise LogError if the log has none of them."""
+    """Return the first of `roles` in the log, preferring named ones. Raise LogError if the log has none of them."""
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
@@ -149,7 +149,7 @@ def column_texts(mapping: Mapping[str, Column]) -> str:
 
 
 def narrow(table: Table) -> Table:
-    """Return a table of estimates without its intervals, to fit a terminal of 80 columns; the report has them."""
+    """Return a table of estimates without its intervals, which only the report shows, to fit 80 columns."""
     if table.heads[-1] != "95 % interval":
         return table
     rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]

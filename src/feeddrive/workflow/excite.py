@@ -70,7 +70,7 @@ class ExciteRequest(Request):
 def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
     """Design a multisine and check travel, velocity and force by simulation; write its files on request.
 
-    Raises ParameterError for a band, a grid or a limit that cannot be kept.
+    Raises ParameterError for a band, a grid or a limit that cannot be satisfied.
     """
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
@@ -142,7 +142,7 @@ def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[Fre
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence on the lines with too much noise and its remedy; empty if there are none."""
+    """Return a sentence about the lines with too much noise and its remedy; empty if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:
@@ -154,7 +154,7 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
 
 
 def excitation_report(excitation: Excitation, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of an excitation with the expected measurement; `known`: facts on the machine."""
+    """Return the report of an excitation with the expected measurement; `known` holds facts about the machine."""
     estimate, model = rehearsed(excitation)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude

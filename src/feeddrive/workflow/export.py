@@ -17,7 +17,7 @@ from feeddrive.workflow.command import OUT, Outcome, Request, argument, command,
 
 
 def _those(has: Callable[[Target], Any]) -> str:
-    """List the targets for which `has` is true, as the beginning of a help text."""
+    """List the targets for which `has` is true, as the start of a help text."""
     return ", ".join(name for name, target in TARGETS.items() if has(target))
 
 
@@ -55,10 +55,11 @@ class ExportRequest(Request, more=_target_options(), after="together"):
 
 @command(ExportRequest)
 def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, ...]]:
-    """Write the control of an axis as code for a target; its results equal those of the simulation bit for bit.
+    """Write the control of an axis as code for a target, with results bit-identical to those of the simulation.
 
-    Without an axis, the controls of all axes of the file are written; with `plant`, all axes and their couplings as one
-    plant.  Without `out` the output goes to results/export_MACHINE_AXIS_TARGET.  Raises the errors of `write_export`.
+    Without an axis, the controls of all axes of the file are written; with `plant`, all axes and their couplings are
+    written as one plant.  Without `out` the output goes to results/export_MACHINE_AXIS_TARGET.  Raises the errors of
+    `write_export`.
     """
     progress.step(f"export for {request.target}")
     written = write_all(

@@ -123,7 +123,7 @@ def opened(
 ) -> LiveSource:
     """Open a source by its name: `-` for the pipe, a drive file for its drive, else a table still being written.
 
-    inside  a folder that a file must not leave
+    inside  a folder that must contain a followed file
 
     Raises FileError and ParameterError for an invalid drive file. A missing table is accepted if its folder exists:
     the source then waits for it.
@@ -167,7 +167,8 @@ def window_log(
     stated    units of channels whose source states none
     channels  channels to keep; None: all
 
-    Raises LogError for gaps and a non-uniform clock, with their position; ParameterError for a source without a clock.
+    Raises LogError for gaps and a non-uniform clock, with their position, and ParameterError for a source without a
+    clock.
     """
     if shown.clock != "s":
         raise ParameterError(_NO_CLOCK.format(name=name))

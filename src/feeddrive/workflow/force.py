@@ -50,7 +50,7 @@ class ForceRequest(Request):
     out: Path | None = option("File for the lines (TOML), as --channels takes it", short="-o", default=None)
 
     def check(self) -> None:
-        """Raise ParameterError for an unknown signal, and for constants that exclude each other."""
+        """Raise ParameterError for an unknown signal, and for mutually exclusive constants."""
         if self.signal not in SIGNALS:
             raise ParameterError(f"signal = '{self.signal}' must be one of {', '.join(SIGNALS)}")
         if self.torque_constant is not None and self.motor_constant is not None:
@@ -61,7 +61,7 @@ class ForceRequest(Request):
 class ForceScale(Result):
     """The conversion factor from a column to the force at the table in N, or the torque at the motor in N m.
 
-    steps   the conversions: name, value for 1 of the signal, and unit
+    steps   the conversions: name, value for a signal of 1, and unit
     """
 
     column: str
@@ -167,7 +167,7 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
 
 
 def _remarks(request: ForceRequest, result: ForceScale) -> list[str]:
-    """Return remarks on assumptions behind the factor."""
+    """Return remarks on the assumptions behind the factor."""
     remarks: list[str] = []
     if any("constant" in step for step, _, _ in result.steps) and not request.amplitude:
         remarks.append(

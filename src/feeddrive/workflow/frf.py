@@ -267,7 +267,7 @@ def _references(log: Log, told: Sequence[str]) -> list[str]:
 
 
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
-    """Return sentences on missing information: the units of input and output, and a reference."""
+    """Return sentences about missing information: the units of input and output, and a reference."""
     missing: list[str] = []
     for role, names in columns.items():
         missing += [
@@ -335,7 +335,7 @@ def estimate_report(estimate: FrequencyEstimate) -> Report:
 def estimates_report(
     estimates: Sequence[FrequencyEstimate], known: Mapping[str, str] | None = None, verdict: Advice | None = None
 ) -> Report:
-    """Return the report of one or several responses, with a section for each; `known`: facts on the measurement."""
+    """Return the report of one or several responses, one section each; `known` holds facts about the measurement."""
     verdict = _advice(estimates) if verdict is None else verdict
     heads = [estimate.frf.output for estimate in estimates]  # the user's column names
     keys = [f"response{'abcdefghijkl'[k]}" for k in range(len(estimates))]
@@ -379,7 +379,7 @@ def _picture(key: str, estimate: FrequencyEstimate) -> Picture:
 
 
 def sentences(estimate: FrequencyEstimate) -> list[str]:
-    """Return sentences on the quality of an estimate: its standard deviation, and the lines with poor coherence."""
+    """Return sentences about the quality of an estimate: its standard deviation, and the lines with poor coherence."""
     frf = estimate.frf
     assert frf.coherence is not None
     assert frf.variance is not None

@@ -150,7 +150,7 @@ def friction_report(
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
-    """Return the report of a friction curve; `texts`: remarks, `known`: facts on the logs."""
+    """Return the report of a friction curve with remarks (`texts`) and facts about the logs (`known`)."""
     first, *others = _pictures(curve)
     judgment, told = verdict or advice(curve)
     noted = remarks(curve, None) if texts is None else texts
@@ -360,7 +360,7 @@ def _against(curve: FrictionCurve) -> str:
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
-    """Return why a parameter is undetermined by the runs, and its name; both empty if all are determined."""
+    """Return why the runs leave a parameter undetermined, and its name; both are empty if all are determined."""
     unknown = [
         estimate
         for estimate in curve.estimates

@@ -120,7 +120,7 @@ def _silent(chosen: Mapping[str, FRF]) -> list[str]:
 
 
 def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
-    """Return the responses by role: those named, also from separate files, or else those with usual names."""
+    """Return the responses by role: the named ones, also from separate files, or else those with usual names."""
     named: dict[str, FRF] = {}
     for role, name in (("motor", request.motor), ("load", request.load)):
         if name is None:
@@ -187,7 +187,7 @@ def _fit(
 
 
 def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
-    """Parse texts such as `mass_motor=85` and `stiffness_N_per_um=150` into SI values by name. Raise ParameterError."""
+    """Parse strings such as `mass_motor=85` and `stiffness_N_per_um=150` into SI values. Raise ParameterError."""
     of_all = [plant] if plant is not None else []
     # the values do not matter: only names and units of the parameters are read
     usual = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
@@ -215,7 +215,7 @@ def fit_report(
     known: Mapping[str, str] | None = None,
     verdict: Advice | None = None,
 ) -> Report:
-    """Return the report of a model of frequency responses; `known`: facts on the measurement."""
+    """Return the report of a model of frequency responses; `known` holds facts about the measurement."""
     fit = result if isinstance(result, ModalFit) else result.fit
     first, *others = _pictures(fit)
     texts = list(fit.remarks if remarks is None else remarks)

@@ -397,7 +397,7 @@ class SetpathRequest(Request):
 
 @command(SetpathRequest)
 def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedReference]:
-    """Modify a set path offline, by the linear model of the loop, so that the table follows the desired path.
+    """Modify a set path offline, using the linear model of the loop, so that the table follows the desired path.
 
     Both paths are simulated on the axis of the file, friction included.
     """

@@ -151,7 +151,7 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True if a file contains no axes, as a job does, or if a bundled name is that of a job only."""
+    """Return True if a file contains no axes, like a job, or if a bundled name is only that of a job."""
     try:
         # machines first: a bundled name may be that of a machine and of a job
         place = find_bundled(path, "machines")
@@ -245,7 +245,7 @@ def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, known: Mapping[str,
 
 
 def lobes_report(result: Lobes, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of stability limits; `known`: facts on the cut."""
+    """Return the report of stability limits; `known` holds facts about the cut."""
     assert result.own is not None
     own, shown = result.own.table(), result.table()
     drawn = Picture(

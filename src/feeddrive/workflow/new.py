@@ -56,7 +56,7 @@ class NewRequest(Request):
 
 @command(NewRequest)
 def new(request: NewRequest, progress: Progress) -> Outcome[Path]:
-    """Create a package for a user-defined law: its file, a test with the battery, a machine file, an entry point.
+    """Create a package for a user-defined law: its file, a test using the battery, a machine file and an entry point.
 
     The result is the directory. Raises FileError if it exists and is not empty: an existing law is never replaced.
     """

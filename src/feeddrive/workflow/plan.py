@@ -1,4 +1,4 @@
-"""`feeddrive plan`: setpoints of a part program that provably keep the limits of a machine.
+"""`feeddrive plan`: setpoints of a part program that provably satisfy the limits of a machine.
 
 The output files are written by `files/part_program.py`.
 """
@@ -124,7 +124,7 @@ def _differing(machine: MachineFile, letters: str) -> list[str]:
 
 
 def _into(writer: SetpointWriter) -> Take:
-    """Return a function that passes proven samples and stops to the writer, and drops all others."""
+    """Return a function that passes proven samples and stops to the writer and discards all others."""
 
     def write(samples: Samples, stops: Sequence[Standstill]) -> None:
         # samples that violate a limit must never reach a machine
@@ -168,7 +168,7 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
-    """Yield the moves, with the tolerance in every continuous path mode for which the program states none."""
+    """Yield the moves, adding the tolerance to every continuous path mode for which the program states none."""
     begun = False
     for move in moves:
         if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:

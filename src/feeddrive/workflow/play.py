@@ -93,7 +93,7 @@ def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     """Play an excitation on a drive over EtherCAT or CANopen within limits, and log the motion of the axis.
 
     All profiles are read and checked before the bus is opened.  The user must confirm unless `yes` is set.  The log of
-    an aborted motion is kept too; the reason for the abort is the error of the outcome.
+    an aborted motion is also kept; the reason for the abort is the error of the outcome.
     """
     if request.plan is not None:
         return _play_plan(request, request.plan, progress)
@@ -186,7 +186,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
 def _play(
     progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
-    """Play a profile. The bus is opened for each profile anew, so that no drive waits while a log is written."""
+    """Play a profile. The bus is reopened for each profile, so that no drive waits while a log is written."""
     played: Played | None = None
     try:
         with _named(file), _client(file, unpaced) as client:

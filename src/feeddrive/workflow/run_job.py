@@ -149,7 +149,7 @@ def program_of(result: JobResult) -> Path | None:
 
 
 def repeatable(result: JobResult) -> str:
-    """Return the text of the job with the copies of machine and part program, and absolute paths otherwise."""
+    """Return the text of the job, referring to the copied machine and part program, otherwise to absolute paths."""
     job = result.job
     edit, folder, program = TomlEdit(job.file.text, job.file.name), Path(job.file.name).parent, program_of(result)
     if edit.has(("machine",)):
@@ -167,7 +167,7 @@ def repeatable(result: JobResult) -> str:
 
 
 def summary(result: JobResult) -> dict[str, Any]:
-    """Return all figures as plain numbers for JSON; a figure that does not occur is None."""
+    """Return all figures as plain numbers for JSON; a figure that does not apply is None."""
     job = result.job
     figures: dict[str, Any] = {
         "title": job.title,

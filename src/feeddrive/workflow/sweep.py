@@ -1,7 +1,7 @@
 """`feeddrive sweep`: run all variants of a study, on the cores of this machine or on a Dask cluster.
 
 manifest.json                 the study as given, digest, version of feeddrive
-rows/chunk_00000000.parquet   a row per variant: varied values, figures in SI, the reason if it has none
+rows/chunk_00000000.parquet   a row per variant: varied values, and figures in SI or the reason why it has none
 report.html                   yield, worst cases, main factors, bands and the Pareto front; summary.json: the same in SI
 worst/variant_00000012.toml   the worst machine for a figure, as a job to run again
 """
@@ -78,7 +78,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Yield sentences on the first variants without figures, with their reasons."""
+    """Yield sentences about the first variants without figures, with the reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

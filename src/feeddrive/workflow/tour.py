@@ -1,6 +1,6 @@
 """`feeddrive tour`: the log of the first tour, from an axis that differs from its machine file.
 
-tour.csv   the log a drive would record: set position, both encoders, force, every sample
+tour.csv   the log a drive would record: set position, both encoders and force at every sample
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ class TourRequest(Request):
 
 @command(TourRequest)
 def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
-    """Simulate the log of the first tour: the bundled ball screw with workpiece, more friction, noise and quantization.
+    """Simulate the log of the first tour: the bundled ball screw with a workpiece, more friction, noise and
+    quantization.
 
     The control is that of the machine file. The result is the run.
     """
@@ -84,7 +85,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """Return the loop that is measured in the tour: the bundled axis with its changes, under today's control."""
+    """Return the loop that is measured in the tour: the bundled axis with its changes, under the present control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}
@@ -97,7 +98,7 @@ def axis() -> Loop:
 
 
 def strokes(sample_time: float) -> np.ndarray:
-    """Return the set positions of three strokes, there and back, each slower than the previous one, m."""
+    """Return the set positions (m) of three back-and-forth strokes, each slower than the previous one."""
     moves = [
         SnapLimitedMove(
             distance=distance,

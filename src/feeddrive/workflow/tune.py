@@ -47,7 +47,7 @@ _ALONE = {
 
 
 def _limit_options() -> dict[str, tuple[str, Any]]:
-    """Return the options for the limits in the catalogue of figures, by name."""
+    """Return the options for the limits in the catalog of figures, by name."""
     options: dict[str, tuple[str, Any]] = {}
     for figure in limitable():
         limit = figure.limit
@@ -68,7 +68,7 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
 
 
 class TuneRequest(Request, more=_limit_options(), after="recipe"):
-    """The axis or its measured response, the goal of the tuning, and the limits to keep.
+    """The axis or its measured response, the goal of the tuning, and the limits to satisfy.
 
     Limits are in SI here: compliance in m/N, measurement noise in m. On the command line they are in um/N and nm.
     """
@@ -176,7 +176,7 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune gains and filters of an axis within limits; write machine file, certificate and report on request.
 
-    The result is a `Tuned`, for a study a `Robust`.
+    The result is a `Tuned`, or for a study a `Robust`.
 
     If the tuned loop violates a limit or a proof fails, no machine file is written and the outcome has a bad judgment.
     """
@@ -325,7 +325,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return the loop of the machine file under the old and the new control, each if stable at every point."""
+    """Return the loop of the machine file under the old and the new control, each only if stable at every point."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

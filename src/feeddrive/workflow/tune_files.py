@@ -41,7 +41,7 @@ from feeddrive.workflow.certify import write_certificate
 
 
 def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe]) -> dict[str, Any]:
-    """Return all figures as plain numbers for JSON; a figure that does not occur is None.
+    """Return all figures as plain numbers for JSON; a figure that does not apply is None.
 
     remarks  remarks on the tuning
     rules    tuning rules for comparison
@@ -112,7 +112,7 @@ class Story:
 def write_tuned(
     tuned: Tuned, machine: str | None, axis: str, out: str | Path, story: Story, certificate: Certificate | None
 ) -> Path:
-    """Write report and summary and, if the tuning holds, control, machine file and certificate into a directory.
+    """Write report, summary and, if the tuning is valid, control, machine file and certificate into a directory.
 
     Return the path of the report. Raise FileError if `out` cannot be written.
     """
@@ -164,7 +164,7 @@ def _active_limits(tuned: Tuned) -> Remarks:
 
 
 def tables(tuned: Tuned, story: Story) -> list[Table]:
-    """Tabulate old and new: parameters, figures at each point, tuning rules, the cascade loop by loop, the proof."""
+    """Tabulate old and new parameters, figures at each point, tuning rules, the cascade loop by loop, and the proof."""
     rows: list[Sequence[Cell]] = []
     for name, value in tuned.tunables.items():
         started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit
@@ -204,7 +204,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Tabulate today's control, every tuning rule and the new control by the worst figures of all operating points."""
+    """Tabulate the present control, all tuning rules and the new control by their worst figures at all points."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
@@ -250,7 +250,7 @@ _LONG = 10.0  # periods of the slowest crossover to show
 
 
 def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
-    """Return the picture of old and new in the time domain; without one, an empty list and the reason."""
+    """Return the time-domain picture of the old and new control, or an empty list and the reason."""
     crossovers = [c for _, figures in _rows(tuned, story.today) if (c := figures.margins.crossover)]
     if not story.loops or not crossovers:
         return [], "not simulated: no axis is known; give a machine file with --baseline"
@@ -352,9 +352,9 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with another control of one axis.
 
-    A law of the same kind is edited parameter by parameter; for another kind the section is replaced, likewise for a
-    prefilter.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of blocks,
-    retained blocks are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
+    A law of the same kind is edited parameter by parameter; for another kind the section is replaced.  Prefilters are
+    treated likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
+    blocks, retained blocks are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
@@ -408,6 +408,6 @@ def _numbers(edit: TomlEdit, key: tuple[str | int, ...], old: Block, new: Block)
 
 
 def _scale(written: str, name: str | int, unit: str) -> float:
-    """Return the factor from the unit in a file's key to the declared unit: 1000 for Kp_kN_s_per_m, 1 for Kp."""
+    """Return the factor from the unit in a file's key to the declared unit: 1000 for Kp_kN_s_per_m and 1 for Kp."""
     stated = written.removeprefix(f"{name}_")
     return 1.0 if stated == written else units.factor(stated, unit)

@@ -63,7 +63,7 @@ class Sources:
 
     source, at   the axis to tune, and the same axis at other positions and loads
     axis         axis name in machine files with several axes
-    motor        responses of the motor encoder: files or names; `none` if there is one encoder
+    motor        responses of the motor encoder: files or names; `none` if there is only one encoder
     disturbance, disturbance_motor  responses of load and motor to a force on the table
     unit, sample_time, delay        data of the responses that the files do not state
     """
@@ -109,10 +109,10 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 
 
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
-    """Return the initial control of a search: today's, another law on the same axis, or a P-PI by robust margins.
+    """Return the initial control of a search: the present one, another law, or a P-PI with robust margins.
 
-    If today's law is requested by name and has no integral action, it is started with one where possible. The text
-    names the tuning rule that replaces a missing control; else it is empty.
+    If the present law is requested by name and has no integral action, integral action is added where possible. The
+    text names the tuning rule that replaces a missing control; else it is empty.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -216,7 +216,7 @@ def point_of(
 def _roles(
     measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
 ) -> tuple[FRF, FRF | None]:
-    """Return the responses of load and motor from one or two files; None for the motor if there is one encoder."""
+    """Return the responses of load and motor from one or two files; None for the motor if there is only one encoder."""
     by_output = {frf.output: key for key, frf in responses.items()}
     names = {**by_output, **{key: key for key in responses}}
     if measurement.motor is None and len(responses) > 1:
@@ -252,7 +252,7 @@ def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
 
 
 def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
-    """Convert a response to m/N; for a rotary axis to rad/(N m), which is stored under the same unit m/N.
+    """Convert a response to m/N; for a rotary axis to rad/(N m), which is also labeled m/N.
 
     A velocity or acceleration is integrated.  Raises ParameterError for a response in a unit of another kind.
     """
@@ -358,7 +358,7 @@ def _on_the_table(
 
 
 def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
-    """Return the measurements at all positions. A motor file belongs to one position, a motor name to all of them."""
+    """Return the measurements at all positions. A motor file is for one position, a motor name for all of them."""
     # a file has a suffix, the name of a response in a file has none
     named = [motor for motor in motors if motor == _NONE or not Path(motor).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):

@@ -1,8 +1,9 @@
-"""`feeddrive tune --study`: one controller for all machines of a study, tuned law by law, proven on fresh machines.
+"""`feeddrive tune --study`: one controller for all machines of a study, tuned law by law, proven on newly drawn
+machines.
 
-report.html    the result, the spread of figures over fresh machines, the machines that decide
+report.html    the result, the spread of figures over newly drawn machines, the machines that limit the tuning
 summary.json   the same figures as numbers
-machine.toml   the study's machine file with the new control, if it holds and is better
+machine.toml   the study's machine file with the new control, if it is valid and better
 control.toml   the new control alone
 """
 
@@ -35,8 +36,8 @@ EVERY = "every"  # in place of a law name: all laws that can control the axis
 class Laws:
     """The laws tuned on the same machines by name, best first, and the reasons why others were refused.
 
-    The best law meets the specification on most fresh machines; ties go to the smaller 95 % quantile of the rope-snap
-    error.
+    The best law meets the specification on the largest number of newly drawn machines; ties go to the smaller 95 %
+    quantile of the rope-snap error.
     """
 
     tuned: Mapping[str, Robust]
@@ -48,7 +49,7 @@ class Laws:
         return next(iter(self.tuned.values()))
 
     def table(self) -> Table:
-        """Tabulate the laws, with today's control in the last row."""
+        """Tabulate the laws, with the present control in the last row."""
         rows = [
             [name, *_cells(robust.after), "no" if robust.unsettled else "yes"] for name, robust in self.tuned.items()
         ]
@@ -68,9 +69,9 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """Tune one law (default: today's), or with `every` all laws of the catalogue that can control the axis.
+    """Tune one law (default: the present one), or with `every` all laws of the catalog that can control the axis.
 
-    Raises UnstableError if none of them keeps the limits.
+    Raises UnstableError if none of them satisfies the limits.
     """
     refused: dict[str, str] = {}
     starts: dict[str, Control] = {}
@@ -106,7 +107,7 @@ def _first(refused: Mapping[str, str]) -> str:
 
 
 def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Mapping[str, str]) -> Outcome[Any]:
-    """Tune for a study and return the outcome of the command; `again`: facts on how to repeat it."""
+    """Tune for a study and return the outcome of the command; `again` states how to repeat it."""
     laws = tune_laws(tuner, law)
     best = laws.best
     text = _machine(best)
@@ -138,7 +139,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
 
 
 def _machine(best: Robust) -> str | None:
-    """Return the text of the machine file with the new control; None if it does not hold or is not better."""
+    """Return the text of the machine file with the new control; None if it is invalid or not better."""
     # the bases differ in the choices of the study only: the first one stands for the machine file
     base = next(best.study.bases())
     if not best.tuned.holds or not best.better:
@@ -202,7 +203,7 @@ def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, st
     """Return the report of one control for the machines of a study.
 
     laws   all laws that were tuned on these machines, of which this is the best; None: only this one
-    known  facts on the command
+    known  facts about the command
     """
     laws = laws or Laws({best.tuned.control.law.kind: best}, {})
     values, *_, proof = tables(best.tuned, Story(best.study.title, {}))

@@ -8,8 +8,8 @@ published by MathWorks (MAT-File Format, chapter 1): elements consist of a tag (
 bytes; an array is an element of elements: flags, dimensions, name, numbers; an element may be compressed by zlib.
 
 `scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it decompresses
-without a memory limit, and it builds objects.  Here every length is checked before it is used, and objects, functions,
-cells, texts and sparse or complex arrays are left out.
+without a memory limit, and it creates objects.  Here every length is checked before it is used, and objects, functions,
+cells, strings and sparse or complex arrays are left out.
 
 MATLAB 7.3 (save -v7.3) is HDF5 and requires h5py (the extra `matlab`).  External links and external storage are not
 followed.  A single damaged bit can make HDF5's C library exhaust the memory or crash.  A separate process therefore

@@ -9,12 +9,12 @@ The tag of an element is its class; the attribute `name` is its member name:
           <NumericArray name="m_ValueVector" elementtype="complex"><raw name="m_pNumberArray"><![CDATA[...]]></raw> ...
           <NumericArray name="m_FrequencyVector" elementtype="double"> ...
 
-Numbers are encoded in base 85: five characters are a 32-bit word, the most significant first, a point is a zero word,
-and two words are a big-endian IEEE 754 double; complex numbers alternate between real and imaginary part.  An array
+Numbers are encoded in base 85: five characters are a 32-bit word, the most significant first, a period is a zero word,
+and two words are a big-endian IEEE 754 double; complex numbers alternate between real and imaginary parts.  An array
 with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
-Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document types and
-entities are refused before they are read; depth, number of elements and bytes are bounded.
+Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document type
+declarations and entities are refused before they are read; depth, number of elements and bytes are bounded.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class _Element:
 
     @property
     def member(self) -> str:
-        """The member name of the element in its parent; for a list item its class."""
+        """The member name of the element in its parent, or the class of a list item."""
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
@@ -82,7 +82,7 @@ class _Element:
         return next((child for child in self.children if child.member == name), None)
 
     def scalars(self) -> dict[str, float | str]:
-        """Return the numbers and texts that are direct children of the element."""
+        """Return the numbers and strings that are direct children of the element."""
         scalars: dict[str, float | str] = {}
         for child in self.children:
             text = child.text().strip()
@@ -95,7 +95,7 @@ class _Element:
         return scalars
 
     def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], _Element]]:
-        """Yield the element and all its descendants with their paths; the depth was bounded by the parser."""
+        """Yield the element and all its descendants with their paths. The parser has already bounded the depth."""
         yield path, self
         counts: dict[str, int] = {}
         for child in self.children:
@@ -105,7 +105,7 @@ class _Element:
 
 
 def is_xml(content: bytes) -> bool:
-    """Return True for a text that begins like XML."""
+    """Return True for content that begins like XML."""
     return re.match(rb"(\xef\xbb\xbf)?\s*<(\?xml|[A-Za-z_])", content) is not None
 
 
@@ -158,7 +158,7 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield for each response with numbers a table of f, re, im, coherence, and its input and output.
+    """Yield, for each response with numbers, a table of f, re, im and coherence, and its input and output.
 
     A response is named by its list, its position in the list, and its member: `speed_plant_1_plant`.  The coherence of
     a plant has its own frequency vector: lines of the plant without a coherence are left out; if these are more than
@@ -192,7 +192,7 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
-    """Return controllers, filters and mechanical models by path, and separately all other numbers and texts.
+    """Return controllers, filters and mechanical models by path, and separately all other numbers and strings.
 
     The numbers are unconverted; the file does not state units, which are presumably SI.
     """

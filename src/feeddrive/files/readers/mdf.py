@@ -24,7 +24,7 @@ _MOST_LINKS = 100_000
 
 
 class DamagedError(Exception):
-    """The exception for a linked block that is of the wrong kind or not completely in the file."""
+    """The exception for a linked block that is of the wrong kind or incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +40,11 @@ class Block:
         return self.links[place] if place < len(self.links) else 0
 
     def numbers(self, layout: str, at: int = 0) -> tuple[int, ...]:
-        """Unpack little-endian numbers from byte `at` on. Raise DamagedError if the block is too short."""
+        """Unpack little-endian numbers from byte `at` onward. Raise DamagedError if the block is too short."""
         return self._unpacked(layout, at)
 
     def floats(self, count: int, at: int) -> tuple[float, ...]:
-        """Unpack `count` doubles from byte `at` on. Raise DamagedError if the block is too short."""
+        """Unpack `count` doubles from byte `at` onward. Raise DamagedError if the block is too short."""
         return self._unpacked(f"{count}d", at)
 
     def _unpacked(self, layout: str, at: int) -> tuple[int, ...]:
@@ -82,7 +82,7 @@ class Blocks:
             address = block.link(0)
 
     def text(self, address: int) -> str:
-        """Return the text of a text block or of the TX element of a metadata block; empty without one."""
+        """Return the text of a text block or of the TX element of a metadata block, else an empty string."""
         if not address:
             return ""
         block = self.at(address, b"##TX", b"##MD")
@@ -160,7 +160,7 @@ _FLOATS = {16: "f2", 32: "f4", 64: "f8"}
 
 @dataclass(frozen=True, eq=False)
 class _Channel:
-    """The name, unit and block of a channel, and the reason if it is not read."""
+    """The name, unit and block of a channel, and the reason why it is not read, if any."""
 
     label: str
     unit: str

@@ -1,9 +1,8 @@
 """Text with columns: CSV, and the files of maxon EPOS Studio, LinuxCNC's halscope and halsampler, TwinCAT Scope View.
 
-CSV has any separator, decimal point or comma, with or without headers, units and a preamble.
-The layout is detected from the first lines: most of them are rows of numbers, and the lines above are headers and
-preamble.  A text without headers, with one comma in each line and no other separator, has two columns and no decimal
-comma.
+CSV may have any separator, a decimal point or comma, and headers, units and a preamble or none.  The layout is detected
+from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A text without
+headers, with one comma in each line and no other separator, has two columns and no decimal comma.
 
 Comment lines (#, %, //) and empty lines are skipped; text columns are left out; any other line that is not a row of
 numbers is an error with its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read in chunks:
@@ -32,7 +31,7 @@ LinuxCNC has two layouts of halscope, and one of halsampler:
 
     17 0.000000 1.250000 0                 halsampler: no names, a sample number only with its option -t
 
-halsampler prints six decimals: positions in mm are then exact to a nanometer, small signals in SI are coarse.  It
+halsampler prints six decimals: positions in mm are then exact to a nanometer, but small signals in SI are coarse.  It
 writes `overrun` where samples were lost.
 
 TwinCAT Scope View (3.4 and its documentation) has a header with one entry for each channel, then alternating times and
@@ -47,7 +46,7 @@ values:
     EOF                                        optional
 
 A time column may be shared by the channels that follow it.  A log contains the channels of one clock, that of most of
-the wanted channels; the others are left out with their sample time.  A FILETIME as a float is exact to 3 us, which the
+the wanted channels; the others are left out with their sample time.  As a float, a FILETIME is exact to 3 us, which the
 stated sample time compensates.
 """
 
@@ -141,7 +140,7 @@ def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
 
 
 def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
-    """Return the commonest mask of numeric cells in the second half of the lines; empty if no two of several agree."""
+    """Return the commonest mask of numeric cells in the second half of the lines; it is empty if no two agree."""
     half = lines[len(lines) // 2 :]
     usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
     return usual if count >= min(2, len(half)) else ()
@@ -154,7 +153,7 @@ def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[
 
 
 def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
-    """Return the line where the numbers begin: the first of two regular rows, or partly numeric rows above them."""
+    """Return the line where the numbers begin: the first of two regular rows, or of partly numeric rows above them."""
     fits = [_mask(line, separator, decimal) == mask for _, line in rows]
     start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
     while start > 0:
@@ -251,7 +250,7 @@ class Text:
 
 
 def text_of(content: bytes) -> Text:
-    """Detect the encoding of a text: UTF-8, UTF-16 by its byte order mark, else that of old Windows programs (µ, °)."""
+    """Detect the encoding of a text: UTF-8, UTF-16 by its byte order mark, else Windows-1252 (µ, °)."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", "replace").encode("utf-8", "replace")
     if b"\n" not in content:
@@ -338,7 +337,7 @@ def _numbers(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> n
 
 
 def plain_numbers(plain: str, layout: CsvLayout, chosen: list[int]) -> np.ndarray | None:
-    """Parse text of rows only, with decimal points and no quotes, into the chosen columns; None if a row is invalid."""
+    """Parse a text of rows, with decimal points and no quotes, into the chosen columns; None if a row is invalid."""
     numbers = _numbers_by_arrow(plain, layout, chosen) if layout.separator else None
     return _numbers_by_loadtxt(plain, layout, chosen) if numbers is None else numbers
 
@@ -470,7 +469,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """Cut a header line to its first cells; the last one ends at a comma."""
+    """Truncate a header line to its first cells, and the last of them at a comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -533,7 +532,7 @@ def _names_between(name: str, body: bytes) -> list[str]:
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, are the clock.
 
-    `overrun` before the first line means no loss within the log; elsewhere it is an error with its line.
+    An `overrun` before the first line means no loss within the log; elsewhere it is an error that states its line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
@@ -553,7 +552,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
 
 
 def counts_samples(numbers: np.ndarray) -> bool:
-    """Return True for sample numbers: increasing whole numbers, most of them by one."""
+    """Return True for sample numbers: whole numbers that increase, mostly by one."""
     steps = np.diff(numbers)
     return bool(
         steps.size >= 2 and np.all(numbers == np.floor(numbers)) and np.all(steps >= 1) and np.median(steps) == 1.0
@@ -686,7 +685,7 @@ def _one_clock(
 def _twincat_numbers(
     name: str, text: Text, first: int, separator: str, decimal: str, places: list[int], width: int
 ) -> tuple[Mapping[int, np.ndarray], np.ndarray]:
-    """Return the columns at some places, and the line number of each row; rows without a value there are skipped."""
+    """Return the columns at the given indices, and the line number of each row, skipping rows without a value there."""
     columns: list[list[float]] = [[] for _ in places]
     lines: list[int] = []
     blocks: list[np.ndarray] = []

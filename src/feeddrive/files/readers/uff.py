@@ -24,7 +24,7 @@ _UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N", 17: "s", 18: "Hz"}  # 
 
 
 def sets_of(name: str, content: bytes) -> list[Mapping[str, Any]]:
-    """Return all datasets 58 of a universal file. Raise LogError if damaged, MissingExtraError without pyuff."""
+    """Return all datasets 58 of a universal file. Raise LogError if it is damaged, MissingExtraError without pyuff."""
     try:
         import pyuff
     except ImportError:
@@ -82,7 +82,7 @@ def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield for each frequency response a table of f, re, im, coherence, and its input and output."""
+    """Yield, for each frequency response, a table of f, re, im and coherence, and its input and output."""
     sets = sets_of(name, content)
     responses = [dataset for dataset in sets if dataset["func_type"] == _FRF]
     if not responses:
@@ -110,7 +110,7 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def _end(dataset: Mapping[str, Any], end: str) -> str:
-    """Return node and direction of the input or output of a dataset, as 12+Z."""
+    """Return node and direction of the input or output of a dataset, such as 12+Z."""
     direction = int(dataset.get(f"{end}_dir", 0))
     sign = "-" if direction < 0 else "+"
     return f"{int(dataset.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
