@@ -56,7 +56,7 @@ class CANopen:
             ) from None
 
     def _check_alone(self) -> None:
-        """Raise BusError if another master sends SYNC: drives would answer both, and be stopped by NMT."""
+        """Raise BusError if another master sends SYNC: drives would answer both and be stopped by NMT."""
         heard = Event()
         self._network.subscribe(_SYNC, lambda *_: heard.set())
         if heard.wait(_LISTENING):
@@ -178,7 +178,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return, as text for an error message, whether the node still answers."""
+        """Return a string for an error message that states whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)

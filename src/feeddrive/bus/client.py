@@ -466,7 +466,7 @@ class DriveClient:
         return f"{self.transport.where}: fault 0x{code:04X}" + (f", {meaning}" if meaning else "")
 
     def trouble(self) -> str:
-        """Return the reason why the drive no longer follows its setpoints; empty if it does."""
+        """Return the reason why the drive no longer follows its setpoints, or an empty string if it does."""
         if self.lost_in_row >= self.drive.lost_frames:
             return f"{self.lost_in_row} frames in a row were lost: {self.transport.state()}"
         if self.state is PowerState.ENABLED:

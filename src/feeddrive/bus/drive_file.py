@@ -79,7 +79,7 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Raise ParameterError for limits below the resolution, a too short watchdog, or limits missing in cst."""
+        """Raise ParameterError for limits below the resolution, too short a watchdog, or limits missing in cst."""
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -130,7 +130,7 @@ class DriveFile(Section):
 
     @property
     def name(self) -> str:
-        """The name of the file from which the section was read; empty if it was not read from a file."""
+        """The name of the file from which the section was read, or an empty string."""
         return "" if self.read_from is None else self.read_from.file.name
 
 

@@ -278,7 +278,7 @@ class EtherCAT:
         return bytes(self.slave.input) if self._segment.took(self.station, timeout) else None
 
     def state(self) -> str:
-        """Return the AL state and the AL status code as text."""
+        """Return the AL state and the AL status code as a string."""
         names = {1: "INIT", 2: "PRE-OP", 3: "BOOT", 4: "SAFE-OP", 8: "OP"}
         self._segment.master.read_state()
         state = self.slave.state

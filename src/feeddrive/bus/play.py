@@ -426,7 +426,7 @@ class _Rows:
         self._state = self._watch.begin(self._answer(client.told))
 
     def watched(self, sent: _Sent, late: bool) -> str:
-        """Add the completed cycle; return the reason if the watch aborts the motion, else an empty text."""
+        """Add the completed cycle; return the reason if the watch aborts the motion, else an empty string."""
         told = self.client.answer
         self.add(sent.target.position, sent.excitation, told)
         answer = None if told is None else self._answer(told)

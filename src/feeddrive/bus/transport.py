@@ -83,7 +83,7 @@ class Transport(Protocol):
         ...
 
     def state(self) -> str:
-        """Return the bus state of the station as text, for the error message after lost frames."""
+        """Return the bus state of the station as a string for the error message after lost frames."""
         ...
 
     def close(self) -> None:
@@ -127,7 +127,7 @@ class Claim:
 
 
 def _holder(name: bytes) -> str:
-    """Return ` (process 123)` for the process that holds the lock; empty if the system does not report it."""
+    """Return ` (process 123)` for the process that holds the lock, or "" if the system does not report it."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
         asking.settimeout(0.1)
         asking.connect(name)
@@ -246,7 +246,7 @@ class Pace:
         return late
 
     def lateness(self) -> Lateness | None:
-        """Return the lateness statistics since `begin`; None without a cycle time."""
+        """Return the lateness statistics since `begin`; None if there is no cycle time."""
         if not self._late:
             return None
         median, often, most = np.quantile(self._late, [0.5, 0.99, 1.0]).tolist()

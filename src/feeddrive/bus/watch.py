@@ -25,8 +25,8 @@ before 3/4 of the remaining distance to E is used up:
 
     |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-A dead drive is thus detected before its target leads the last reading by E, if the target advances by 3 c to half of E
-- |L_j| per cycle and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
+A dead drive is thus detected before its target leads the last reading by E, if in each cycle the target advances by 3 c
+to half of E - |L_j| and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
 more.  The criterion is travel, not time: a stuck axis stands still until the force of its loop exceeds friction, which
 takes a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is no false alarm for a drive whose
 following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per cycle: while it is within 2 c

@@ -231,8 +231,7 @@ def factor_of(path: str, role: str, column: Column, unit: str) -> float:
 
 
 def check_sign(path: str, column: Column, unit: str, si: str) -> None:
-    """Raise LogError for a factor of ±1 without a unit if the file states a unit of the same dimension as `si`, but not
-    `si`.
+    """Raise LogError for a factor of ±1 without a unit if the file states a unit of the same dimension other than `si`.
 
     Such a factor is meant to invert the sign of a column in mm, not to declare its numbers as m.
     """

@@ -147,7 +147,7 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """Read a job file, given by its path or a bundled name; a Job is returned. `log` replaces the log file.
+    """Read a job file, given by its path or a bundled name, or accept a Job; `log` replaces the log file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """

@@ -153,7 +153,7 @@ class MachineFile(Result):
         return axis
 
     def coupled(self, axis: str) -> str:
-        """Return a clause that describes the coupling of an axis; empty if it has none."""
+        """Return a clause that describes the coupling of an axis, or an empty string."""
         for i, coupling in enumerate(self.couplings):
             if axis in coupling.axes():
                 others = ", ".join(name for name in coupling.axes() if name != axis) or "the structure"

@@ -194,8 +194,7 @@ def read_name(name: str, unit: str) -> NameReading:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter counts only if it matches the
-    quantity.
+    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter must match the quantity.
 
     `u_in` is an input, not inches.
     """

@@ -122,7 +122,7 @@ def read_parquet(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 def _metadata(stored: Mapping[bytes, bytes]) -> dict[str, Any]:
-    """Return the metadata written by feeddrive; empty for a file from another program."""
+    """Return the metadata written by feeddrive, or an empty dict for a file from another program."""
     metadata = json.loads(stored[_KEY]) if _KEY in stored else {}
     # A foreign entry under our key is damage, which the caller reports.
     if not isinstance(metadata, dict):

@@ -127,11 +127,11 @@ class JobResult(Result):
 
     @property
     def parts(self) -> dict[str, PartRun]:
-        """The figures along a part program by law; empty without a program."""
+        """The figures along a part program by law, or an empty dict without a program."""
         return {row.name: row.part for row in self.rows if row.part is not None}
 
     def others(self) -> Table | None:
-        """Return a table of the errors and forces of the other axes of a job in which several axes move; else None."""
+        """Return a table of the errors and forces of the other axes of a job in which several axes move, or None."""
         rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
@@ -208,7 +208,7 @@ class LawRun(Case[Entry]):
     """One law of a job: its analysis, and its run over the job's motion or along its log.
 
     law        name of its row in the job
-    measured   signals of the log; None without a log with measured positions
+    measured   signals of the log; None if there is no log with measured positions
     velocity   speed of the linear model, m/s
     observers  disturbance observers along the run, for a job that cuts
     """
@@ -319,7 +319,7 @@ def _skipped(job: Job) -> int:
 
 
 def _matched(job: Job) -> list[str]:
-    """Return remarks on the contour error due to mismatched axes; empty if they match."""
+    """Return remarks on the contour error due to mismatched axes, or no remarks if they match."""
     machine = next(iter(job.machines.values()), None)
     if machine is None or job.program is None or len(job.program.references) < 2:
         return []
@@ -430,7 +430,7 @@ def _ratio(a: float | None, b: float | None) -> str:
 
 
 def _couplings(job: Job) -> dict[str, str]:
-    """Return the report's entries on couplings and other axes; empty for a job with a single axis."""
+    """Return the report's entries on couplings and other axes; there are none for a job with a single axis."""
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}

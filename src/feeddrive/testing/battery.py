@@ -106,7 +106,7 @@ class Steady:
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples, without rings: the values read from them show them."""
+        """Return the numbers of the state after some samples, omitting ring buffers, whose content shows when read."""
         self.outputs(count, errors)
         return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
 

@@ -122,8 +122,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned control at its operating points with a summary sentence, or None with the
-    reason.
+    """Return the certificate of a tuned control at its operating points with a sentence, or None with the reason.
 
     With the text of a machine file, the control in that file, with its rounded parameters, is certified.
     """

@@ -79,7 +79,7 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about the magnitudes of a log, as a sentence; empty if they are plausible for a feed drive.
+    """A doubt about the magnitudes of a log, as a sentence, which is empty if they are plausible for a feed drive.
 
     told      True if the units were given by the user, so that the command continues; otherwise it must stop
     readings  the two likeliest interpretations side by side, if other units make the log plausible
@@ -152,7 +152,7 @@ def with_units(file: OpenedFile, mapping: abc.Mapping[str, Column], texts: Seque
 
 
 def stated(file: OpenedFile, column: str, role: str) -> str:
-    """Return the unit of a column from its header or the end of its name; empty if none is stated."""
+    """Return the unit of a column from its header or the end of its name, or an empty string."""
     return file.columns.units.get(column, "") or unit_at_the_end(column, role)
 
 
@@ -429,7 +429,7 @@ def mapped(
     *,
     steady: bool = False,
 ) -> Mapped:
-    """Read a log with its columns assigned to the roles in `wanted`, as far as it has them.
+    """Read a log with its columns assigned to those roles in `wanted` that it has.
 
     named     role -> string from the command line; takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
@@ -501,8 +501,7 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log without a column of these roles, with the reasons for rejections or the existing
-    roles.
+    """Return the error for a log without a column of these roles, with rejected columns and reasons, or its roles.
 
     what     the quantity, such as `the force`
     options  the options that name a column for it

@@ -19,8 +19,7 @@ class CheckRequest(Request):
 
 @command(CheckRequest)
 def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic. The result is True if it is proven; otherwise the last line gives the
-    reason.
+    """Check a certificate in exact arithmetic. The result is True if it is proven, else the last line gives the reason.
 
     Raises FileError for a missing file.
     """

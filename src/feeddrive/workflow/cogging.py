@@ -270,7 +270,7 @@ def cogging_report(
 
 
 def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
-    """Return the reason why the harmonics must not be written to a machine file; empty if they may."""
+    """Return why the harmonics must not be written to a machine file; the string is empty if they may be."""
     if fit.coulomb is None:
         return "one direction cannot tell cogging from friction that varies along the travel"
     if not _cogging(fit):
@@ -316,7 +316,7 @@ def _rms(squares: float, unit: str) -> Text:
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """Return the text of the machine file with the cogging added, comments kept; without a file, the section alone."""
+    """Return the text of the machine file with the cogging added (comments are kept), or the section without a file."""
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:

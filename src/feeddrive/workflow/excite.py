@@ -142,7 +142,7 @@ def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[Fre
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence about the lines with too much noise and its remedy; empty if there are none."""
+    """Return a sentence about lines with too much noise and the remedy, or an empty string if there are none."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:

@@ -56,7 +56,7 @@ class FollowRequest(Request):
         return Path("results") / f"window_{'pipe' if str(self.source) == PIPE else self.source.stem}.parquet"
 
     def trigger(self) -> Trigger | None:
-        """Return the requested trigger; None without a trigger channel."""
+        """Return the requested trigger; None if no trigger channel is given."""
         if self.channel is None:
             return None
         return Trigger(self.channel, self.level, self.edge, self.hysteresis, self.hold)

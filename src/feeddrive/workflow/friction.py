@@ -219,7 +219,7 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
 
 
 def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
-    """Return the reason why the curve must not be written to a machine file; empty if it may."""
+    """Return why the curve must not be written to a machine file; the string is empty if it may be."""
     if curve.frame is SHAFT:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
@@ -252,7 +252,7 @@ def advice(curve: FrictionCurve) -> Advice:
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
-    """Return the text of the machine file with the friction, comments kept; without a file, the sections alone."""
+    """Return the machine file's text with the friction added (comments are kept), or the sections without a file."""
     # a new constant force must be significant; one that the file already has is updated in any case
     gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:

@@ -277,7 +277,7 @@ def tables(result: AxisFits | ModalFit) -> list[Table]:
 
 
 def told_by(fit: PlantFit | ModalFit) -> str:
-    """Return the reason why the fit must not be written to a machine file; empty if it may."""
+    """Return why the fit must not be written to a machine file; the string is empty if it may be."""
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:

@@ -116,7 +116,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:
-    """Return remarks on axes with different tracking dynamics; empty if a law has no linear model."""
+    """Return remarks on axes with different tracking dynamics, or no remarks if a law has no linear model."""
     names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()

@@ -44,8 +44,7 @@ class TourRequest(Request):
 
 @command(TourRequest)
 def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
-    """Simulate the log of the first tour: the bundled ball screw with a workpiece, more friction, noise and
-    quantization.
+    """Simulate the log of the first tour: the ball screw with a workpiece, more friction, noise and quantization.
 
     The control is that of the machine file. The result is the run.
     """

@@ -97,7 +97,7 @@ class Story:
 
     today   the name of the old control in each comparison
     rotary  True for a rotary axis
-    loops   the stable loops of the machine file under the old and the new control, by name; empty without an axis
+    loops   the stable loops of the machine file under the old and the new control, by name; none without an axis
     """
 
     what: str

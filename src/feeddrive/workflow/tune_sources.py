@@ -44,7 +44,7 @@ _APART = 0.25  # relative difference of motor and load beyond which one encoder 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses at one position and load: of load and motor (file, name or none), and to a hammer at the table."""
+    """The responses at one position and load: of load and motor (file, name or none), and to a hammer on the table."""
 
     load: FrfLike
     motor: str | None = None
@@ -111,8 +111,8 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Return the initial control of a search: the present one, another law, or a P-PI with robust margins.
 
-    If the present law is requested by name and has no integral action, integral action is added where possible. The
-    text names the tuning rule that replaces a missing control; else it is empty.
+    If the present law is requested by name and has no integral action, it is replaced by an initial one that has it
+    where possible. The text names the tuning rule that replaces a missing control; else it is empty.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):

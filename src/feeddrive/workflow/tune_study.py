@@ -1,5 +1,4 @@
-"""`feeddrive tune --study`: one controller for all machines of a study, tuned law by law, proven on newly drawn
-machines.
+"""`feeddrive tune --study`: one controller for all machines of a study, proven on newly drawn machines.
 
 report.html    the result, the spread of figures over newly drawn machines, the machines that limit the tuning
 summary.json   the same figures as numbers
