@@ -107,7 +107,7 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive given by the options, with a missing lead or gear taken from the screw in the loop."""
+    """Return the drive given by the options, with a missing lead, and its gear, taken from the screw in the loop."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear
