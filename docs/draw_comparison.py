@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 from feeddrive.comparison.compare import Comparison, compare_laws
-from feeddrive.comparison.report import figure
 from feeddrive.evaluation import Engine, Folder
 from feeddrive.figures.ranking import CRITERIA
 from feeddrive.files.machine import read_machine
@@ -39,7 +38,7 @@ def markdown(found: Comparison) -> str:
         cells += [f"{1e-9 * each.figures['noise_gain_N_per_m']:.3g}", each.held_by]
         for criterion in CRITERIA:
             value = each.figures.get(criterion.key)
-            cells.append("–" if value is None else str(Text(figure(value, criterion))))
+            cells.append("–" if value is None else str(Text(criterion.bare(value))))
         cells.append(each.unplaced or str(found.places(CRITERIA[0])[found.competitors.index(each)]))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

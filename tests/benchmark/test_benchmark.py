@@ -14,16 +14,17 @@ from feeddrive import cli
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, score
-from feeddrive.benchmark.designs import Designs, laws_of, search, searched
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, laws_of, score
+from feeddrive.benchmark.designs import Designs, search
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
 from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.comparison.competitor import ROBUST, Competitor, robust_peak
+from feeddrive.comparison.competitor import Competitor
+from feeddrive.comparison.lineup import Lineup
 from feeddrive.evaluation import robustness
 from feeddrive.evaluation.engine import Engine
 from feeddrive.evaluation.robustness import Design
-from feeddrive.figures.ranking import worst
+from feeddrive.figures.ranking import ROBUST, robust_peak, worst
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -57,11 +58,11 @@ def test_seeds_are_those_of_one_use_each() -> None:
 @pytest.mark.parametrize("name", RULES.plants)
 def test_a_plant_has_a_source_and_stands_under_its_own_control(name: str) -> None:
     plant = RULES.plants[name]
-    assert plant.job.machine.source
-    assert plant.job.title
+    assert RULES.jobs[name].machine.source
+    assert RULES.jobs[name].title
     assert plant.duty.cut is not None
-    for _, model in plant.loops(plant.loop.control):
-        assert stability(model, velocity=RULES.rule(plant).velocity).stable
+    for _, model in plant.loops(plant.loop):
+        assert stability(model, velocity=plant.rule.velocity).stable
 
 
 def test_the_plants_are_those_of_the_field() -> None:
@@ -171,12 +172,12 @@ def test_a_law_of_ones_own_is_searched_and_put_into_the_table(
 def test_the_rule_is_kept_at_every_position() -> None:
     plant = RULES.plants["screw_long"]
     known = Designs(folder() / "designs", plant.name, RULES.version)
-    for each in searched(plant):
+    for each in Lineup.of(plant.model).searched:
         design = known.design(each.name)
         if design is None or design.refused:
             continue
-        for _, model in plant.loops(design.control(each)):
-            both = loop_model(model, velocity=RULES.rule(plant).velocity)
+        for _, model in plant.loops(replace(each.loop, control=design.control(each))):
+            both = loop_model(model, velocity=plant.rule.velocity)
             found = margins(both.loop_gain(both.lines(400)))
             assert found.sensitivity_peak <= 2.0 * 1.001, each.name
             assert (found.delay_margin_samples or math.inf) >= 2.0 * 0.999, each.name
@@ -194,7 +195,7 @@ def test_the_table_is_there_for_papers(tmp_path: Path) -> None:
     assert text.count("&") == 11 * (1 + len(found.laws)) - 1 - len(found.laws)
     assert text.startswith("% feeddrive benchmark of feed-drive control laws, rules 1 (sha256 ")
     assert f"| {PLAIN} | 1/1 | 1.00 |" in markdown(found)
-    assert summary(found)["rows"][0]["figures"][ROBUST] > 2.0
+    assert summary(found)["rows"][0]["figures"][ROBUST.key] > 2.0
 
 
 def stale(name: str) -> list[str]:
@@ -202,11 +203,11 @@ def stale(name: str) -> list[str]:
     plant = RULES.plants[name]
     known = Designs(folder() / "designs", name, RULES.version)
     said: list[str] = []
-    for each in searched(plant):
+    for each in Lineup.of(plant.model).searched:
         design = known.design(each.name)
         if design is not None and not design.refused:
             loop = replace(each.loop, control=design.control(each))
-            moved = design.stale(loop, RULES.rule(plant))
+            moved = design.stale(loop, plant.rule)
             said += [f"{each.name}: {moved}: search it again"] if moved else []
     return said
 
@@ -220,13 +221,13 @@ def test_stored_designs_belong_to_the_present_code(name: str) -> None:
 
 def test_a_design_whose_figures_have_moved_is_stale() -> None:
     plant = RULES.plants[QUICK]
-    candidate = searched(plant)[0]
+    candidate = Lineup.of(plant.model).searched[0]
     design = Designs(folder() / "designs", QUICK, RULES.version).design(PLAIN)
     assert design is not None
     loop = replace(candidate.loop, control=design.control(candidate))
-    assert design.stale(loop, RULES.rule(plant)) == ""
+    assert design.stale(loop, plant.rule) == ""
     other = replace(design, figures={**design.figures, "sensitivity_peak": 1.9})
-    assert "sensitivity_peak was 1.9" in other.stale(loop, RULES.rule(plant))
+    assert "sensitivity_peak was 1.9" in other.stale(loop, plant.rule)
 
 
 def test_a_design_is_kept_to_the_last_bit(tmp_path: Path) -> None:
@@ -250,8 +251,8 @@ def test_a_search_goes_on_where_it_was_stopped(tmp_path: Path, monkeypatch: pyte
 
 def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyPatch) -> None:
     plant = RULES.plants[QUICK]
-    rule = replace(RULES.rule(plant), repeats=3, starts=1)
-    candidate = searched(plant)[0]
+    rule = replace(plant.rule, repeats=3, starts=1)
+    candidate = Lineup.of(plant.model).searched[0]
     tune, limits = robustness.tune_control, rule.limits()
     one = tune(candidate.loop, limits=limits, filters="kept", starts=1, velocity=rule.velocity)
     goals = {0: 1.0, 1: 1.04, 2: 1.0}

@@ -55,7 +55,7 @@ def test_a_machine_of_ones_own(run) -> None:
     assert out.strip().splitlines()[-1].startswith("Report: ")
     laws = json.loads(Path("d/summary.json").read_text(encoding="utf-8"))["laws"]
     # a P velocity loop never comes back from a force
-    assert laws["today's gains"]["rope_snap_ISE_root_m_per_N"] == "infinite"
+    assert laws["today's gains"]["figures"]["rope_snap_ISE_root_m_per_N"] == "infinite"
     assert laws["P-PI"]["tunables"]["axis.x.control.law.Tn"] > 0.0
     assert "integral" in laws["P-PI"]["remark"]
 

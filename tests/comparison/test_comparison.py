@@ -23,7 +23,8 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
-from feeddrive.comparison.compare import FIXED, PLAIN, TODAY, Comparison, _wanted, advice, compare_laws, name_of
+from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws
+from feeddrive.comparison.lineup import FIXED, Lineup
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.evaluation.engine import Engine
@@ -35,8 +36,8 @@ from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import Refusal, candidates
-from feeddrive.workflow.compare import in_short, screen
+from feeddrive.tuning.candidates import PLAIN, Refusal, candidates
+from feeddrive.workflow.compare import in_short
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -147,9 +148,11 @@ def test_unstable_gains_are_a_first_row_that_says_so(tmp_path: Path) -> None:
     assert not stability(machine.loop("x")).stable
     found = compare_laws(machine, reference=SHORT, starts=1, laws=())
     first = found.competitors[0]
-    assert "unstable" in first.unfit
+    assert first.kind == "unfit"
+    assert "unstable" in first.reason
     assert "tracking_error_rms_m" not in first.figures
     assert "unstable" in found.remarks[0]
+    assert all(found.places(criterion)[0] is None for criterion in CRITERIA)
     assert found[PLAIN].figures["rope_snap_ISE_root_m_per_N"] == pytest.approx(0.9e-9, rel=0.03)
     assert "unstable" in write_comparison(found, tmp_path / "out").read_text(encoding="utf-8")
 
@@ -161,14 +164,18 @@ def test_a_law_that_nobody_knows_is_refused() -> None:
 
 def test_a_law_is_named_by_its_kind_too() -> None:
     loop = read_machine("linear_motor").loop(None)
-    rows, refused = _wanted(loop, ["active_disturbance_rejection", "pole_placement"])
-    assert {row.name for row in rows} == {PLAIN, *(f"GPI, {n} Taylor state{'s' * (n > 1)}" for n in (5, 3, 1))}
-    assert [row.name for row in refused] == ["pole placement"]
-    assert name_of("cascade_ppi", loop) == name_of(PLAIN, loop) == PLAIN
+    lineup = Lineup.of(loop)
+    chosen = lineup.only(lineup.names(["active_disturbance_rejection", "pole_placement"]))
+    assert {row.name for row in chosen.possible} == {
+        PLAIN,
+        *(f"GPI, {n} Taylor state{'s' * (n > 1)}" for n in (5, 3, 1)),
+    }
+    assert [row.name for row in chosen.refused] == ["pole placement"]
+    assert lineup.fitting("cascade_ppi") == lineup.fitting(PLAIN) == PLAIN
     with pytest.raises(ParameterError, match="'pole placement' cannot control this axis: pole placement needs"):
-        name_of("pole_placement", loop)
+        lineup.fitting("pole_placement")
     with pytest.raises(ParameterError, match="linuxcnc_pid has no start values"):
-        name_of("linuxcnc_pid", loop)
+        lineup.fitting("linuxcnc_pid")
 
 
 def test_processes_side_by_side_give_the_same(found: Comparison) -> None:
@@ -386,7 +393,7 @@ def test_the_learned_compensator_learns_the_friction_of_the_axis() -> None:
 def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:
     """A table and sentences of at most 40 lines of 100 columns; what is worse than P-PI comes first, two digits."""
     console = Console(width=100, file=io.StringIO(), force_terminal=False)
-    for each in (screen(found), f"- rule: {found.rule}", *in_short(found), advice(found).sentence):
+    for each in (found.table(), f"- rule: {found.rule}", *in_short(found), advice(found).sentence):
         show(console, each)
     lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert len(lines) <= 40 - (19 - len(found.competitors))  # a machine on which all laws work has 19 rows
@@ -404,7 +411,7 @@ def test_the_screen_of_a_comparison_is_one_screen(found: Comparison) -> None:
 def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:
     found = compare_laws(with_law(read_machine("linear_motor"), Kp=1.2e5), reference=SHORT, starts=1, laws=())
     first = found.competitors[0]
-    assert "Ms" in first.outside
+    assert "Ms" in first.reason
     assert found.ranking().rows[0][1].startswith("outside of the rule")
     assert all(found.places(criterion)[0] is None for criterion in CRITERIA)
 
@@ -412,7 +419,7 @@ def test_what_breaks_the_rule_is_shown_and_not_placed() -> None:
 def test_stiffness_at_10_and_100_Hz_stands_beside_the_rope_snap_everywhere(found: Comparison) -> None:
     keys = ("rope_snap_ISE_root_m_per_N", "stiffness_10_Hz_N_per_m", "stiffness_100_Hz_N_per_m")
     assert tuple(criterion.key for criterion in CRITERIA[:3]) == keys
-    assert {"snap ISE^½ nm √s/N", "10 Hz N/um", "100 Hz N/um"} <= set(found.table().heads)
+    assert {"snap nm √s/N", "at 10 Hz N/um", "at 100 Hz N/um"} <= set(found.table().heads)
     assert set(keys) <= set(figures_csv(found).splitlines()[0].split(","))
     for each in found.competitors:
         frequency = np.array([10.0])

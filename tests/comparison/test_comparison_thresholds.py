@@ -11,8 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.comparison import compare
-from feeddrive.comparison.compare import PLAIN, advice
+from feeddrive.comparison.compare import advice, noisy
 from feeddrive.comparison.competitor import Competitor
 from feeddrive.evaluation.robustness import Rule
 from feeddrive.figures import of_loops
@@ -21,7 +20,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.loop.loop import Loop
 from feeddrive.plot import laws
 from feeddrive.tuning import candidates
-from feeddrive.tuning.candidates import Candidate
+from feeddrive.tuning.candidates import PLAIN, Candidate
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def loop() -> Loop:
 def test_a_force_noise_of_two_percent_of_the_limit_is_named(loop: Loop, share: float, remarks: int) -> None:
     limited = replace(loop, control=replace(loop.control, force_limit=1000.0))
     row = Competitor("law", limited, {of_loops.FORCE_NOISE.key: 1000.0 * share})
-    assert len(compare._noisy((row,))) == remarks
+    assert len(noisy(SimpleNamespace(competitors=(row,)))) == remarks  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("worse", "more"), [(3, ""), (4, ""), (6, ", and 2 more.")])

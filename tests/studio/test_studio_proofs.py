@@ -18,7 +18,8 @@ from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
-from feeddrive.workflow.compare import TAKEN, CompareRequest, names
+from feeddrive.tuning.candidates import candidates
+from feeddrive.workflow.compare import TAKEN, CompareRequest
 
 WANTED = ["P-PI", "P-PI + compensator", "P-PI + recovery"]
 
@@ -62,7 +63,7 @@ def compared(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 def test_the_page_lists_the_laws_of_the_axis_and_keeps_the_choice(session: Session, bench: Bench) -> None:
     shown = asked(session, "compare.show")
-    assert [each["name"] for each in shown["laws"]] == names(bench.needed_loop())
+    assert [each["name"] for each in shown["laws"]] == [law.name for law in candidates(bench.needed_loop())[0]]
     assert all(each["wanted"] for each in shown["laws"])
     assert all(each["reason"] for each in shown["refused"])
     said = asked(session, "compare.choose", laws=["P-PI + recovery"])

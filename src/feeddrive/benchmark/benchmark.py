@@ -10,28 +10,26 @@ neither summed nor weighted: stiffness, tracking and computing effort are separa
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from feeddrive.benchmark.designs import Designs, laws_of
-from feeddrive.benchmark.rules import Plant, Rules, folder, read_rules
-from feeddrive.comparison.competitor import ROBUST, AtWork, Competitor, at_work
-from feeddrive.evaluation.engine import Engine
-from feeddrive.evaluation.robustness import Design
+from feeddrive.benchmark.designs import Designs
+from feeddrive.benchmark.rules import Rules, read_rules
+from feeddrive.comparison.competitor import AtWork, Competitor, Plant, laws_table
+from feeddrive.comparison.lineup import Lineup, Trial, judged
+from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
+from feeddrive.figures.ranking import ROBUST
 from feeddrive.files.run_files import versions
-from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, capitalized
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates
+from feeddrive.tuning.candidates import PLAIN, Candidate
 from feeddrive.tuning.recipes import RECIPES
-from feeddrive.tuning.tune import own_tunables
 
 FIGURES = (
     of_loops.ROPE_SNAP,
@@ -47,91 +45,26 @@ _DRAWN = 5  # number of figures in the picture, starting with the first
 _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
-class Trial(NamedTuple):
-    """A law on a plant, which is evaluated with its stored design unless it is refused.
-
-    design  None for a law without tunables, and for a recipe
-    """
-
-    plant: Plant
-    work: AtWork | Refusal
-    design: Design | None = None
-
-    @property
-    def law(self) -> str:
-        """The name of the law."""
-        return self.work.name if isinstance(self.work, Refusal) else self.work.candidate.name
-
-    def row(self, law: Competitor | Refusal) -> Competitor:
-        """Return the row of the evaluated law, with the reason why it is not ranked."""
-        plant, design = self.plant, self.design
-        recipe = isinstance(self.work, AtWork) and bool(self.work.recipe)
-        if isinstance(law, Refusal):
-            why = law.reason if law is self.work else Text(f"refused: {law.reason}")
-            return Competitor(law.name, plant.model, unplaced=why, plant=plant.name, recipe=recipe)
-        reasons = [Text(f"unfit: {law.unfit}") if law.unfit else ""]
-        if design is not None:
-            moved = design.moved(law.figures) if design.law == law.name and len(plant.places) == 1 else ""
-            reasons.append(f"stale: {moved}: --retune searches it anew" if moved else "")
-            reasons.append(f"not settled: {design.unsettled}" if design.unsettled else "")
-        reasons.append(Text(f"outside of the rule: {law.outside}") if law.outside else "")
-        unplaced = next(filter(None, reasons), "")
-        return replace(law, unplaced=unplaced, design=design, plant=plant.name, recipe=recipe)
-
-
-def trials(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
-    """Return the laws of a plant, P-PI first, then the refused ones, then the recipes if no laws are named.
+def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
+    """Return the trials on a plant, P-PI first, then the refused laws, then the recipes if no laws are named.
 
     Raises FileError for a damaged design.
     """
-    possible, refused = candidates(plant.model)
-    tuned = {candidate.name: _tuned(candidate, designs) for candidate in possible if not candidate.like}
-    plain, rule = tuned[PLAIN], rules.rule(plant)
-    if isinstance(plain, tuple):
-        rule = rules.rule(plant, rule.figures(plain[0].loop)[of_loops.NOISE_GAIN.key])
-    case = partial(
-        AtWork,
-        duty=plant.duty,
-        rule=rule,
-        seeds=tuple(rules.seed(plant, f"run {run}", own) for run in range(rules.seeds)),
-        lesson=rules.seed(plant, "learning", own),
-        places=tuple((place.axis, place.model) for place in plant.places),
-        varied=rules.varied,
-        plant=plant.name,
-    )
-    listed: list[Trial] = []
-    for candidate in possible:
-        base = tuned[candidate.like or candidate.name]
-        if isinstance(base, str):
-            listed.append(Trial(plant, Refusal(candidate.name, base)))
-            continue
-        simulated = replace(candidate, loop=replace(candidate.loop, axis=plant.loop.axis))
-        ready = simulated.tuned(base[0].loop.control)
-        listed.append(Trial(plant, case(ready, candidate.remark), base[1]))
-    listed += [Trial(plant, Refusal(law.name, Text(f"refused: {law.reason}"))) for law in refused]
+    lineup, plant = Lineup.of(plant.model), rules.seeded(plant, own)
+    tunings = {law.name: design for law in lineup.searched if (design := designs.outcome(law.name)) is not None}
+    plain = next(lineup.trials(tunings, plant)).law
+    if isinstance(plain, AtWork):
+        # the rule of all laws: the tuned P-PI sets the bound of the noise
+        noise = plant.rule.figures(plain.candidate.loop)[of_loops.NOISE_GAIN.key]
+        plant = replace(plant, rule=replace(plant.rule, noise=rules.noise_ratio * noise))
+    listed = list(lineup.trials(tunings, plant))
     if laws:
-        return [trial for trial in listed if trial.law in (PLAIN, *laws)]
-    start = next(candidate for candidate in possible if candidate.name == PLAIN).loop.control
+        return [trial for trial in listed if trial.name in (PLAIN, *laws)]
+    start = lineup.possible[0].loop
     for recipe in RECIPES:
-        loop = replace(plant.loop, control=start)
-        law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", loop)
-        listed.append(Trial(plant, case(law, "", recipe=recipe)))
+        law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", start)
+        listed.append(Trial(AtWork(law, plant, recipe)))
     return listed
-
-
-def _tuned(candidate: Candidate, designs: Designs) -> tuple[Candidate, Design | None] | str:
-    """Return a candidate with the tunables of its design, and the design; or the reason why there is none."""
-    if not own_tunables(candidate.loop.control):
-        return candidate, None
-    design = designs.design(candidate.name)
-    if design is None:
-        return "not searched: --retune searches it"
-    if design.refused:
-        return f"refused: {design.refused}"
-    try:
-        return candidate.tuned(design.control(candidate)), design
-    except FeeddriveError as error:
-        return f"stale: {error}"
 
 
 @dataclass(frozen=True)
@@ -181,6 +114,7 @@ class Benchmark(Result):
         """Return the row of a law on a plant; None if there is none."""
         return next((row for row in self.rows if (row.plant, row.name) == (plant, law)), None)
 
+    # recipes are shown for what they are: gains without a search, which need not keep the rule
     def counted(self, law: str) -> list[Competitor]:
         """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
         rows = [row for row in self.rows if row.name == law]
@@ -193,6 +127,7 @@ class Benchmark(Result):
             plain = self.row(row.plant, PLAIN)
             ours = row.figures.get(criterion.key)
             theirs = None if plain is None or plain.unplaced else plain.figures.get(criterion.key)
+            # where P-PI never settles there is nothing to divide by
             if ours and theirs and math.isfinite(theirs):
                 ratios[row.plant] = ours if math.isinf(ours) else _times_better(criterion, ours, theirs)
         return ratios
@@ -206,7 +141,7 @@ class Benchmark(Result):
 
     def robust(self, law: str) -> float | None:
         """Return the largest Ms over all plants with masses or stiffnesses perturbed by the share in the rules."""
-        peaks = (row.figures.get(ROBUST) for row in self.counted(law))
+        peaks = (row.figures.get(ROBUST.key) for row in self.counted(law))
         return max((peak for peak in peaks if peak is not None), default=None)
 
     def table(self) -> Table:
@@ -229,6 +164,11 @@ class Benchmark(Result):
             rows.append([law, f"{count}/{len(self.plants)}", *scores, robust])
         varied = Column(Text(f"Ms ±{Quantity(self.rules.varied, 'share'):6}"), form=".2f")
         return Table(title, ["law", "plants", *HEADS, varied], rows)
+
+    def on(self, plant: str) -> Table:
+        """Return a table of all figures on one plant."""
+        rows = [row for row in self.rows if row.plant == plant and row.figures.get(FIGURES[0].key)]
+        return laws_table(f"{plant}: figures", rows, (*FIGURES, ROBUST))
 
     def winners(self) -> Table:
         """Return a table of the best tuned law per plant and figure, with its improvement factor over P-PI."""
@@ -280,7 +220,7 @@ def _frame(benchmark: Benchmark) -> Any:
     from feeddrive.plot import frames
 
     names = [f"{row.plant}: {row.name}" for row in benchmark.rows]
-    keys = [*(figure.key for figure in FIGURES), ROBUST]
+    keys = [figure.key for figure in (*FIGURES, ROBUST)]
     return frames.laws(names, [row.figures for row in benchmark.rows], keys, "row")
 
 
@@ -308,15 +248,21 @@ def score(
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
     laws = laws_of(chosen, laws)
-    first, *also = (*designs, folder(rules.version) / "designs")
+    first, *also = (*designs, rules.designs)
     listed = [
         trial
         for plant in chosen
-        for trial in trials(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
+        for trial in on_plant(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
     ]
-    evaluated = at_work([trial.work for trial in listed], engine or Engine(), progress)
-    rows = tuple(trial.row(law) for trial, law in zip(listed, evaluated, strict=True))
-    return Benchmark(rules, tuple(plant.name for plant in chosen), rows, own, versions())
+    rows = judged(listed, engine or Engine(), Bar(progress or Progress(), len(listed)))
+    return Benchmark(rules, tuple(plant.name for plant in chosen), tuple(rows), own, versions())
+
+
+def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
+    lineups = [Lineup.of(plant.model) for plant in plants] if laws else []
+    possible = tuple(law for lineup in lineups for law in lineup.possible)
+    return Lineup(possible, tuple(law for lineup in lineups for law in lineup.refused)).names(laws)
 
 
 def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:

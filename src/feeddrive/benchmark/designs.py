@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from feeddrive.benchmark.rules import Plant, Rules, folder
-from feeddrive.blocks.catalogue import members, shipped
-from feeddrive.blocks.families import Law
+from feeddrive.benchmark.rules import Rules
+from feeddrive.comparison.competitor import Plant
+from feeddrive.comparison.lineup import Lineup
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.robustness import Design, Tuning, tuned_all
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
-from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates, names_of
-from feeddrive.tuning.tune import Tuned, own_tunables
+from feeddrive.tuning.candidates import Refusal
+from feeddrive.tuning.tune import Tuned
 
 _LARGEST = 1_000_000  # bytes, largest size of a file
 
@@ -31,6 +31,7 @@ class Designs:
 
     def design(self, law: str) -> Design | None:
         """Return the design of a law; None if there is none. Raises FileError if the file is not a valid design."""
+        # a user's design comes before that of the package
         paths = (self._path(law, place) for place in (self.folder, *self.also))
         path = next((path for path in paths if path.is_file()), None)
         if path is None:
@@ -40,6 +41,11 @@ class Designs:
         except (ValueError, KeyError, TypeError, AttributeError):
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
         return design if (design.plant, design.rules) == (self.plant, self.rules) else None
+
+    def outcome(self, law: str) -> Design | Refusal | None:
+        """Return the design of a law, or the reason why its search found none."""
+        design = self.design(law)
+        return Refusal(law, design.refused) if design is not None and design.refused else design
 
     def write(self, design: Design) -> None:
         """Write a design atomically. Raises FileError if the directory cannot be written."""
@@ -59,6 +65,7 @@ class Designs:
                 case.candidate.tuned(design.control(case.candidate)).loop, case.rule
             ):
                 return None
+        # the law has other tunables than when its design was stored: it is searched anew
         except FeeddriveError:
             return None
         return case.as_designed(design, progress)
@@ -69,31 +76,6 @@ class Designs:
 
     def _path(self, law: str, place: Path) -> Path:
         return place / self.plant / (re.sub(r"[^a-z0-9]+", "_", law.lower()).strip("_") + ".json")
-
-
-def searched(plant: Plant, laws: Sequence[str] = ()) -> list[Candidate]:
-    """Return the laws to be tuned on a plant, P-PI included; `laws` restricts the selection; default: all."""
-    possible, _ = candidates(plant.model)
-    wanted = {PLAIN, *laws, *(law.like for law in possible if law.name in laws)} if laws else None
-    return [
-        law
-        for law in possible
-        if not law.like and own_tunables(law.loop.control) and (wanted is None or law.name in wanted)
-    ]
-
-
-def own_laws(plant: Plant, laws: Sequence[str] = ()) -> tuple[str, ...]:
-    """Return the names of the selected laws that are not shipped with feeddrive."""
-    own = set(members(Law).values()) - set(shipped()[Law].values())
-    names = (law.name for law in candidates(plant.model)[0] if type(law.loop.control.law) in own)
-    return tuple(name for name in names if not laws or name in laws)
-
-
-def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
-    rows = [candidates(plant.model) for plant in plants] if laws else []
-    possible, refused = [law for row in rows for law in row[0]], [law for row in rows for law in row[1]]
-    return tuple(dict.fromkeys(name for law in laws for name in names_of(law, possible, refused)))
 
 
 def search(
@@ -116,8 +98,8 @@ def search(
     """
     engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:
-        laws_here = searched(plant, laws)
-        also = (folder(rules.version) / "designs",) if stored else ()
-        designs = Designs(keep, plant.name, rules.version, also)
-        bar = Bar(progress, Tuning.stages * len(laws_here))
-        tuned_all(laws_here, rules.rule(plant), replace(engine, store=designs), bar)
+        lineup = Lineup.of(plant.model)
+        searched = (lineup.only(laws) if laws else lineup).searched
+        designs = Designs(keep, plant.name, rules.version, (rules.designs,) if stored else ())
+        bar = Bar(progress, Tuning.stages * len(searched))
+        tuned_all(searched, plant.rule, replace(engine, store=designs), bar)

@@ -1,22 +1,18 @@
 """The benchmark results for readers: report page, CSV, JSON, and Markdown and LaTeX tables for papers."""
 
-import math
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
-from feeddrive.comparison.competitor import ROBUST
-from feeddrive.files.run_files import figures_text, plain, summary_text
+from feeddrive.files.run_files import figures_text, summary_text
 from feeddrive.language.quantity import DRAWN, Quantity, Units
-from feeddrive.language.table import Cell, Column, Table
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.report.page import write_page
 from feeddrive.report.report import Facts, Picture, Report, Section, Verdict, facts
 
 CITE = "feeddrive benchmark of feed-drive control laws"
-_LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½": r"\textonehalf{}", "^": ""})
 
 
 def write_benchmark(benchmark: Benchmark, out: str | Path) -> Path:
@@ -68,8 +64,8 @@ def benchmark_report(benchmark: Benchmark) -> Report:
         ("Versions", ", ".join(f"{name} {value}" for name, value in benchmark.versions.items())),
     ]
     # units by plant: the page has linear and rotary axes
-    grids = [plant_table(benchmark, name).grid(_units(benchmark, name)) for name in benchmark.plants]
-    described = Facts((name, rules.plants[name].description) for name in benchmark.plants)
+    grids = [benchmark.on(name).grid(_units(benchmark, name)) for name in benchmark.plants]
+    described = Facts((name, rules.described(name)) for name in benchmark.plants)
     unplaced = Facts((f"{law}, {where}", why) for law, where, why in reasons(benchmark).marked().rows)
     return Report(
         f"Control laws on {count} plant{'s' if count > 1 else ''}",
@@ -100,18 +96,6 @@ def reasons(benchmark: Benchmark) -> Table:
     return Table("Laws without a place, and why", ["law", "plants", "reason"], rows, sentences=2)
 
 
-def plant_table(benchmark: Benchmark, plant: str) -> Table:
-    """Return a table of all figures on one plant."""
-    rows: list[list[Cell]] = []
-    for row in benchmark.rows:
-        if row.plant == plant and row.figures.get(FIGURES[0].key):
-            values = (row.figures.get(key) for key in (*(figure.key for figure in FIGURES), ROBUST))
-            cells = ("never" if value is not None and math.isinf(value) else value for value in values)
-            rows.append([row.name, *cells, row.unplaced.partition(":")[0]])
-    columns = ["law", *(figure.column() for figure in FIGURES), Column("Ms varied", form="3"), ""]
-    return Table(f"{plant}: figures", columns, rows)
-
-
 def summary(benchmark: Benchmark) -> dict[str, Any]:
     """Return all results as plain numbers in SI units; infinity is the text "infinite"."""
     return {
@@ -124,20 +108,7 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
             law: {figure.key: vars(benchmark.score(law, figure)) for figure in FIGURES}
             for law in (*benchmark.laws, *benchmark.recipes)
         },
-        "rows": [
-            {
-                "plant": row.plant,
-                "law": row.name,
-                "recipe": row.recipe,
-                "unplaced": row.unplaced or None,
-                "remark": row.remark or None,
-                "spread": None if row.design is None else row.design.spread,
-                "held": [] if row.design is None else list(row.design.held),
-                "tunables": {} if row.design is None else dict(row.design.tunables),
-                "figures": {key: plain(value) for key, value in row.figures.items()},
-            }
-            for row in benchmark.rows
-        ],
+        "rows": [{"plant": row.plant, "law": row.name, "recipe": row.recipe} | row.record() for row in benchmark.rows],
     }
 
 
@@ -154,22 +125,9 @@ def figures_csv(benchmark: Benchmark) -> str:
 def markdown(benchmark: Benchmark) -> str:
     """Return the score tables in Markdown."""
     tables = [*benchmark.tables(), benchmark.winners()]
-    return "\n\n".join([*map(_markdown, tables), f"{citation(benchmark)}."]) + "\n"
-
-
-def _markdown(table: Table) -> str:
-    grid = table.grid()
-    rows = [grid.heads, ["---", *["--:"] * (len(grid.heads) - 1)], *grid.rows]
-    return "\n".join([f"{grid.title}.", "", *(f"| {' | '.join(row)} |" for row in rows)])
+    return "\n\n".join([*(table.grid().markdown() for table in tables), f"{citation(benchmark)}."]) + "\n"
 
 
 def latex(benchmark: Benchmark) -> str:
-    """Return the score table as a LaTeX tabular (booktabs), with the citation in a comment."""
-    grid = benchmark.table().grid()
-
-    def line(cells: Iterable[object]) -> str:
-        return " & ".join(str(cell).translate(_LATEX) for cell in cells) + r" \\"
-
-    head = [f"% {citation(benchmark)}", rf"\begin{{tabular}}{{l{'r' * (len(grid.heads) - 1)}}}", r"\toprule"]
-    rows = [line(grid.heads), r"\midrule", *map(line, grid.rows), r"\bottomrule", r"\end{tabular}"]
-    return "\n".join([*head, *rows]) + "\n"
+    """Return the score table as a LaTeX tabular, with the citation in a comment."""
+    return f"% {citation(benchmark)}\n{benchmark.table().grid().latex()}\n"

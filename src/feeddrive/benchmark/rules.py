@@ -2,14 +2,17 @@
 version.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Reference
+from feeddrive.comparison.competitor import Place, Plant
 from feeddrive.evaluation.duty import Duty
 from feeddrive.evaluation.robustness import Rule
 from feeddrive.files.job import Job, read_job
@@ -19,51 +22,9 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 VERSION = 1  # of the present rules
-
-
-@dataclass(frozen=True)
-class Place:
-    """An axis at one position: `axis` as simulated, and `model` as used for tuning, without forces that cannot be
-    linearized there.
-    """
-
-    name: str
-    axis: Axis
-    model: Axis
-
-
-@dataclass(frozen=True, eq=False)
-class Plant:
-    """A benchmark axis with its task; `places` are its positions, the nominal one first.
-
-    job      the job of its name, with the machine, the move and the cut
-    loop     the axis with the control of its machine file; all laws keep its filters, force limit and guard
-    """
-
-    name: str
-    job: Job
-    loop: Loop
-    duty: Duty
-    places: tuple[Place, ...]
-
-    @property
-    def description(self) -> str:
-        """The title of the job, the source of the numbers, and the remark on them."""
-        return f"{self.job.title}. {self.job.machine.source}. {self.job.machine.remark}"
-
-    @property
-    def model(self) -> Loop:
-        """The loop used for tuning, at the nominal position."""
-        return replace(self.loop, axis=self.places[0].model)
-
-    def loops(self, control: Control) -> list[tuple[Loop, Loop]]:
-        """Return the simulated loop and its tuning model with a given control, at each position."""
-        loop = replace(self.loop, control=control)
-        return [(replace(loop, axis=place.axis), replace(loop, axis=place.model)) for place in self.places]
 
 
 class PositionSection(Section):
@@ -84,17 +45,27 @@ class PlantSection(Section):
     )
     position: tuple[PositionSection, ...] = part("further positions, at which all bounds hold too", default=())
 
-    def plant(self, folder: Path, noise: float) -> Plant:
-        """Return the plant of a job in a folder, with noise in the readings in counts."""
-        job = read_job(folder / f"{self.job}.toml")
+    def plant(self, job: Job, rules: Rules) -> Plant:
+        """Return the plant of its job, with the noise of the rules in the readings."""
         if job.axis is None or not isinstance(job.reference, Reference):
             raise self.error("a plant of the benchmark is one axis with a reference")
-        loop = _noisy(job.machine.loop(job.axis), noise)
+        loop = _noisy(job.machine.loop(job.axis), float(rules.noise))
         axes = {"nominal": loop.axis}
         axes |= {position.name: tree.vary(loop.axis, dict(position.set)) for position in self.position}
         duty = Duty(job.reference, float(self.force), float(self.near), cut=job.load)
-        return Plant(self.job, job, loop, duty, tuple(self._place(name, axis) for name, axis in axes.items()))
+        places = tuple(self._place(name, axis) for name, axis in axes.items())
+        rule = Rule(
+            rules.sensitivity_peak,
+            rules.delay_margin_samples,
+            rules.noise_ratio,
+            duty.sliding(loop),
+            rules.starts,
+            repeats=rules.repeats,
+            also=tuple(place.model for place in places[1:]),
+        )
+        return rules.seeded(Plant(self.job, loop, duty, rule, places, varied=rules.varied))
 
+    # backlash is not linear at standstill: the model for margins leaves it out, the runs have it
     def _place(self, name: str, axis: Axis) -> Place:
         linear = tuple(force for force in axis.forces if force.kind not in self.without)
         return Place(name, axis, replace(axis, forces=linear))
@@ -115,23 +86,30 @@ class Rules(Section):
     plant: tuple[PlantSection, ...] = part("the plants", default=())
 
     @cached_property
+    def jobs(self) -> Mapping[str, Job]:
+        """The jobs of the plants, with the machine, the move and the cut, by name."""
+        plants = folder(self.version) / "plants"
+        return {section.job: read_job(plants / f"{section.job}.toml") for section in self.plant}
+
+    def described(self, plant: str) -> str:
+        """Return the title of the job of a plant, the source of the numbers, and the remark on them."""
+        job = self.jobs[plant]
+        return f"{job.title}. {job.machine.source}. {job.machine.remark}"
+
+    @cached_property
     def plants(self) -> Mapping[str, Plant]:
         """The plants, by name."""
-        plants = (section.plant(folder(self.version) / "plants", self.noise) for section in self.plant)
-        return {plant.name: plant for plant in plants}
+        return {section.job: section.plant(self.jobs[section.job], self) for section in self.plant}
 
-    def rule(self, plant: Plant, noise: float | None = None) -> Rule:
-        """Return the rule for all laws on a plant; `noise` is the noise gain of P-PI in N/m, once known."""
-        return Rule(
-            self.sensitivity_peak,
-            self.delay_margin_samples,
-            self.noise_ratio,
-            plant.duty.sliding(plant.loop),
-            self.starts,
-            None if noise is None else self.noise_ratio * noise,
-            self.repeats,
-            tuple(place.model for place in plant.places[1:]),
-        )
+    @property
+    def designs(self) -> Path:
+        """The folder of the designs that are stored in the package."""
+        return folder(self.version) / "designs"
+
+    def seeded(self, plant: Plant, own: int = 0) -> Plant:
+        """Return a plant with the seeds of a user's number; 0 for those of the rules."""
+        seeds = tuple(self.seed(plant, f"run {run}", own) for run in range(self.seeds))
+        return replace(plant, seeds=seeds, lesson=self.seed(plant, "learning", own))
 
     def seed(self, plant: Plant, use: str, own: int = 0) -> int:
         """Return a seed hashed from rules, plant and use, so that no two searches or learning trials share a noise
@@ -144,7 +122,8 @@ class Rules(Section):
 
     def digest(self) -> str:
         """Return the SHA-256 of all files of the rules and machines; tables with the same digest are comparable."""
-        texts = [file.text for plant in self.plants.values() for file in (plant.job.file, plant.job.machine.file)]
+        # the files as they are, comments included: a change of any of them is another version
+        texts = [file.text for job in self.jobs.values() for file in (job.file, job.machine.file)]
         return hashlib.sha256("\0".join([repr(self.numbers()), *texts]).encode()).hexdigest()
 
     def numbers(self) -> dict[str, Any]:

@@ -3,19 +3,20 @@ motions and loads.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.comparison.competitor import AtWork, Competitor, at_work
+from feeddrive.comparison.competitor import OUTSIDE, REFUSED, UNFIT, UNSETTLED, AtWork, Competitor, Place, Plant
+from feeddrive.comparison.lineup import Lineup, Trial, judged
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.robustness import Rule, Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.ranking import CRITERIA, beats, ranks
+from feeddrive.figures.ranking import CRITERIA, losses, ranks
 from feeddrive.files.job import Job
 from feeddrive.files.machine import MachineFile
 from feeddrive.files.run_files import versions
@@ -23,34 +24,38 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import Result, Table, chart_of, frame_of
-from feeddrive.language.text import Text, joined
-from feeddrive.loop.loop import Loop
+from feeddrive.language.table import Column, Result, Table, chart_of, frame_of
+from feeddrive.language.text import Text, joined, marked
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates, names_of
-from feeddrive.tuning.tune import Tuned, own_tunables, two_digits
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
+from feeddrive.tuning.tune import two_digits
 
 TODAY = "today's gains"
-FIXED = "it has nothing to tune and is judged as it is"
-_SHOWN = (
-    of_loops.SENSITIVITY_PEAK,
-    of_loops.DELAY_MARGIN,
-    of_loops.NOISE_GAIN,
-    of_loops.ROPE_SNAP,
-    *of_loops.STIFFNESS_AT,
-    of_runs.TRACKING_RMS,
-    of_runs.SNAP_SETTLING,
-    of_loops.FORCE_NOISE,
-    of_loops.EFFORT,
-)
-"""The figures of the short table."""
-_NOISY = 0.02  # share of the force limit above which force noise gets a remark
+_SHOWN = {
+    "Ms": of_loops.SENSITIVITY_PEAK,
+    "delay": of_loops.DELAY_MARGIN,
+    "snap": of_loops.ROPE_SNAP,
+    "at 10 Hz": of_loops.STIFFNESS_AT[0],
+    "at 100 Hz": of_loops.STIFFNESS_AT[1],
+    "track RMS": of_runs.TRACKING_RMS,
+    "settled": of_runs.SNAP_SETTLING,
+    "noise": of_loops.FORCE_NOISE,
+}
+"""The figures of the short table, under heads that leave it within 100 columns of a terminal."""
+_HEADS = {
+    UNFIT: "Without figures, unstable or out of bounds",
+    UNSETTLED: "Not settled, so not ranked (more --starts may find better gains)",
+    OUTSIDE: "Outside of the rule, so not ranked",
+}
+"""The heads of the lists of laws that are not ranked, by the kind of reason."""
+# share of the force limit above which force noise gets a remark: it is heard, and heats the motor at standstill
+_NOISY = 0.02
 _NAMED = 4  # number of criteria in which a law is worse that are named in the advice, the worst first
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
-    """The result of a comparison: all competitors, the present control first, the refused laws, and the remarks.
+    """The result of a comparison: all competitors, the present control first, and the refused laws.
 
     `velocity` in m/s is the speed at which margins and stiffness are taken: the axis must be sliding.
     """
@@ -63,7 +68,6 @@ class Comparison(Result):
     rule: str
     competitors: tuple[Competitor, ...]
     refusals: tuple[Refusal, ...]
-    remarks: tuple[str, ...]
     versions: Mapping[str, str]
 
     def __getitem__(self, name: str) -> Competitor:
@@ -97,13 +101,19 @@ class Comparison(Result):
         """The title, with machine and axis."""
         return f"{self.machine.name}, axis {self.axis}: all laws at equal robustness"
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that a reader must know of the laws, as sentences."""
+        return (*standings(self), *against_plain(self), *noisy(self))
+
     def table(self) -> Table:
-        """Return a table of robustness and the most important figures per law."""
+        """Return a table of robustness and the deciding figures per law; * marks those that are not ranked."""
         rows = [
-            [law.name, *(law.figures.get(figure.key) for figure in _SHOWN), law.unplaced.partition(":")[0]]
+            [f"{law.name}{' *' if law.unplaced else ''}", *(law.figures.get(figure.key) for figure in _SHOWN.values())]
             for law in self.competitors
         ]
-        return Table(self.title, ["law", *(figure.column(figure.short) for figure in _SHOWN), ""], rows)
+        columns = [replace(figure.column(head), form="2") for head, figure in _SHOWN.items()]
+        return Table(f"{self.title}; * not ranked", [Column("law"), *columns], rows)
 
     def ranking(self) -> Table:
         """Return a table of the rank of each law by each criterion."""
@@ -175,115 +185,68 @@ def compare_laws(
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     duty = duty_of(loop, reference, force)
-    possible, refused = _wanted(loop, laws)
+    lineup = Lineup.of(loop, [law for law in laws or () if not isinstance(law, str)])
+    if laws is not None:
+        lineup = lineup.only(lineup.names(laws))
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
     rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, duty.sliding(loop), starts)
-    stability(loop, velocity=rule.velocity)  # an error of the present control ends the comparison before the searches
-    searched = [candidate for candidate in possible if not candidate.like and own_tunables(candidate.loop.control)]
-    bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(possible) + 1)
+    # an error of the present control ends the comparison here, before searches that take minutes
+    stability(loop, velocity=rule.velocity)
+    searched = lineup.searched
+    bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(lineup.possible) + len(lineup.refused) + 1)
     tunings, rule = tuned_all(searched, rule, engine, bar)
-    refusals = [*refused, *(tuned for tuned in tunings.values() if isinstance(tuned, Refusal))]
-    work: list[AtWork | Refusal] = []
-    tuned_as: dict[str, Tuned] = {}
-    for candidate in (Candidate(TODAY, loop, "as in the machine file"), *possible):
-        tuned, remark = tunings.get(candidate.like or candidate.name), candidate.remark
-        if isinstance(tuned, Refusal):
-            bar.step(candidate.name)
-            if candidate.like:
-                work.append(Refusal(candidate.name, f"'{tuned.name}', whose gains it takes, cannot control it"))
-            continue
-        if tuned is not None:
-            tuned_as[candidate.name] = tuned
-        elif candidate.name != TODAY:
-            remark = joined("; ", filter(None, (remark, FIXED)))
-        ready = candidate if tuned is None else candidate.tuned(tuned.control)
-        work.append(AtWork(ready, remark, duty, rule, (seed,), seed))
-    rows = at_work(work, engine, bar)
-    refusals += [row for row in rows if isinstance(row, Refusal)]
-    competitors = tuple(_ranked(row, tuned_as.get(row.name)) for row in rows if isinstance(row, Competitor))
-    if all(competitor.move is None for competitor in competitors):
-        reasons = joined("; ", [f"{competitor.name}: {competitor.unfit}" for competitor in competitors])
+    plant = Plant("", loop, duty, rule, (Place(name, loop.axis, loop.axis),), (seed,), seed)
+    # today's gains are judged first and as they are: all other rows are read against them
+    today = Trial(AtWork(Candidate(TODAY, loop, "as in the machine file"), plant))
+    rows = judged([today, *lineup.trials(tunings, plant)], engine, bar)
+    competitors = tuple(row for row in rows if row.kind != REFUSED)
+    refusals = tuple(Refusal(row.name, row.reason) for row in rows if row.kind == REFUSED)
+    if all(competitor.runs is None for competitor in competitors):
+        reasons = joined("; ", [f"{competitor.name}: {competitor.reason}" for competitor in competitors])
         raise UnstableError(f"{machine.file.name}: axis '{name}': no law can be run on it: {reasons}")
-    remarks = tuple(remark for part in _REMARKS for remark in part(competitors))
-    return Comparison(
-        machine, name, duty, rule.velocity, seed, rule.sentence, competitors, tuple(refusals), remarks, versions()
-    )
+    return Comparison(machine, name, duty, rule.velocity, seed, rule.sentence, competitors, refusals, versions())
 
 
-def _ranked(row: Competitor, tuned: Tuned | None) -> Competitor:
-    """Return a row with its tuning, and why it is not ranked."""
-    outside = Text(f"outside of the rule: {row.outside}") if row.outside else ""
-    return replace(row, tuned=tuned, unplaced=outside if tuned is None or tuned.settled else "not settled")
-
-
-def _wanted(loop: Loop, laws: Sequence[str | type[Law]] | None) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Select the laws by name; plain P-PI, and any law whose gains another one takes over, are always included."""
-    own = tuple(law for law in laws or () if not isinstance(law, str))
-    possible, refused = candidates(loop, own)
-    if laws is None:
-        return possible, refused
-    wanted = {name for law in laws for name in names_of(law, possible, refused)}
-    wanted |= {PLAIN, *(candidate.like for candidate in possible if candidate.name in wanted)}
-    return (
-        tuple(candidate for candidate in possible if candidate.name in wanted),
-        tuple(refusal for refusal in refused if refusal.name in wanted),
-    )
-
-
-def name_of(law: str, loop: Loop, own: Sequence[type[Law]] = ()) -> str:
-    """Return the name of the first row for a law, by name or kind. Raises ParameterError for an unknown or refused
-    law.
-    """
-    possible, refused = candidates(loop, own)
-    name = names_of(law, possible, refused)[0]
-    reason = next((row.reason for row in refused if row.name == name), "")
-    if reason:
-        raise ParameterError(f"'{name}' cannot control this axis: {reason}")
-    return name
-
-
-def _outside(rows: tuple[Competitor, ...]) -> list[str]:
-    """Return remarks on the rows that are not at equal robustness, the present gains first."""
-    today = rows[0]
-    remarks: list[str] = []
-    if today.unfit:
-        remarks.append(Text(f"'{today.name}': {today.unfit}; the row stays without figures."))
-    elif today.figures.get(of_loops.SENSITIVITY_PEAK.key) is None:
+def standings(comparison: Comparison) -> list[str]:
+    """Return sentences on the laws that are not ranked or not proven, and on the present gains, with the reasons."""
+    laws, today = comparison.competitors, comparison.competitors[0]
+    groups = {head: {law.name: law.reason for law in laws if law.kind == kind} for kind, head in _HEADS.items()}
+    groups["Nothing to tune, so judged as it is"] = {law.name: Text() for law in laws[1:] if law.tuned is None}
+    groups["Not proven in every point"] = {law.name: law.unproven for law in laws if law.unproven}
+    sentences: list[str] = []
+    if not today.unplaced:
+        sentences.append(f"'{today.name}' keep the rule.")
+    elif today.kind == OUTSIDE and today.figures.get(of_loops.SENSITIVITY_PEAK.key) is None:
         period = today.loop.control.law.period()
-        remarks.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
-    elif not today.outside:
-        remarks.append(f"'{today.name}' keep the rule.")
-    return remarks + [
+        sentences.append(f"'{today.name}' repeats itself every {period} samples: it has no margins.")
+    return [*sentences, *(Text(f"{head}: {_by_reason(reasons)}.") for head, reasons in groups.items() if reasons)]
+
+
+def _by_reason(reasons: Mapping[str, str]) -> Text:
+    """Return the names of laws, those with the same reason together and followed by it in brackets."""
+    named = dict[str, list[str]]()
+    for law, reason in reasons.items():
+        named.setdefault(marked(reason), []).append(law)
+    return joined("; ", (", ".join(laws) + (f" ({reason})" if reason else "") for reason, laws in named.items()))
+
+
+def against_plain(comparison: Comparison) -> list[str]:
+    """Return sentences on the criteria by which each law is worse or better than plain P-PI under the same rule."""
+
+    def listed(changes: Iterable[tuple[Figure, float, float]]) -> str:
+        return joined(", ", (f"{criterion.title} ({_ratio(a, b)})" for criterion, a, b in changes)) or "nothing"
+
+    laws = [law for law in comparison.competitors[1:] if law.kind != UNFIT]
+    plain = next((law.figures for law in laws if law.name == PLAIN), {})
+    return [
         Text(
-            f"'{row.name}': outside of the rule ({row.outside}): the figures are not at equal robustness, and not "
-            "ranked."
+            f"'{law.name}' loses to P-PI in {listed(losses(law.figures, plain))}; wins in "
+            f"{listed((criterion, ours, theirs) for criterion, theirs, ours in losses(plain, law.figures))}."
         )
-        for row in rows
-        if row.outside and not row.unfit
+        for law in laws
+        if plain and law.name != PLAIN
     ]
-
-
-def _against(rows: tuple[Competitor, ...]) -> list[str]:
-    """Return remarks on the criteria by which each law is worse or better than plain P-PI under the same rule."""
-    plain = next((row for row in rows if row.name == PLAIN and not row.unfit), None)
-    remarks: list[str] = []
-    for row in rows[1:]:
-        if plain is None or row is plain or row.unfit:
-            continue
-        won = [(criterion, ours, theirs) for criterion, theirs, ours in losses(plain, row)]
-        lost, won = (
-            joined(", ", [f"{criterion.title} ({_ratio(ours, theirs)})" for criterion, ours, theirs in some])
-            for some in (losses(row, plain), won)
-        )
-        remarks.append(Text(f"'{row.name}' loses to P-PI in {lost or 'nothing'}; wins in {won or 'nothing'}."))
-    return remarks
-
-
-def losses(ours: Competitor, other: Competitor) -> list[tuple[Figure, float, float]]:
-    """Return the criteria by which a law is worse than another one, with the values of both."""
-    both = ((criterion, ours.figures.get(criterion.key), other.figures.get(criterion.key)) for criterion in CRITERIA)
-    return [(c, a, b) for c, a, b in both if a is not None and b is not None and beats(c, b, a)]
 
 
 def _ratio(a: float, b: float) -> str:
@@ -292,42 +255,20 @@ def _ratio(a: float, b: float) -> str:
     return f"× {number(a / b, 3)}" if b else f"{number(a, 3)} against 0"
 
 
-def _noisy(rows: tuple[Competitor, ...]) -> list[str]:
-    """Return remarks on competitors whose force noise is too large for practical use, independent of their margins."""
-    remarks: list[str] = []
-    for row in rows:
-        limit, noise = row.loop.control.force_limit, row.figures.get(of_loops.FORCE_NOISE.key)
+def noisy(comparison: Comparison) -> list[str]:
+    """Return sentences on laws whose force noise is too large for practical use, independent of their margins."""
+    sentences: list[str] = []
+    for law in comparison.competitors:
+        limit, noise = law.loop.control.force_limit, law.figures.get(of_loops.FORCE_NOISE.key)
         if limit is not None and noise is not None and noise > _NOISY * limit:
-            remarks.append(
+            sentences.append(
                 Text(
-                    f"'{row.name}': counts and noise of the encoders alone make {Quantity(noise, 'N'):3} RMS of force, "
+                    f"'{law.name}': counts and noise of the encoders alone make {Quantity(noise, 'N'):3} RMS of force, "
                     f"{Quantity(noise / limit, 'share'):3} of the limit: a finer encoder, a low-pass or lower gains "
                     "come first."
                 )
             )
-    return remarks
-
-
-def _unproven(rows: tuple[Competitor, ...]) -> list[str]:
-    """Return remarks on the lines of each tuning's proof that do not hold, and on searches that did not settle."""
-    remarks: list[str] = []
-    for row in rows:
-        if row.tuned is None:
-            continue
-        open_lines = [f"{line.what} ({line.text})" for line in row.tuned.proof if line.holds is not True]
-        if open_lines:
-            remarks.append(Text(f"'{row.name}': not proven: {joined('; ', open_lines)}."))
-        if not row.settled:
-            remarks.append(
-                Text(
-                    f"'{row.name}' is not settled, and not ranked: {row.tuned.unsettled}; more starts (--starts) may "
-                    "find a better setting."
-                )
-            )
-    return remarks
-
-
-_REMARKS: tuple[Callable[[tuple[Competitor, ...]], list[str]], ...] = (_outside, _against, _noisy, _unproven)
+    return sentences
 
 
 def advice(comparison: Comparison) -> Advice:
@@ -345,8 +286,9 @@ def advice(comparison: Comparison) -> Advice:
     other = PLAIN if best != PLAIN else TODAY
     if other not in snaps:
         return Advice(Judgment.RANKED, f"{least}.")
+    # ratios of figures with and without "higher is better" are comparable by the size of their logarithm
     worse = list[tuple[float, str]]()
-    for criterion, ours, theirs in losses(comparison[best], comparison[other]):
+    for criterion, ours, theirs in losses(comparison[best].figures, comparison[other].figures):
         ratio = ours / theirs if theirs else math.inf
         text = f"{criterion.title} {_times(ratio)} times" if math.isfinite(ratio) else f"{criterion.title} never"
         worse.append((abs(math.log(ratio)) if 0.0 < ratio < math.inf else math.inf, text))

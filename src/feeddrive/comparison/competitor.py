@@ -1,4 +1,4 @@
-"""One law on one axis: the case of its evaluation, and the row that comes of it in a comparison or the benchmark."""
+"""One law on one plant: the axis and its work, the case that computes the law on it, and the row that shows it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,40 +7,81 @@ from itertools import product
 from typing import Any, ClassVar
 
 from feeddrive.analysis.loop_model import LoopModel, loop_model
-from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
 from feeddrive.evaluation.case import Case
-from feeddrive.evaluation.duty import Duty
-from feeddrive.evaluation.engine import Bar, Engine
+from feeddrive.evaluation.duty import Duty, DutyRuns
 from feeddrive.evaluation.robustness import Design, Rule
-from feeddrive.figures.of_loops import SENSITIVITY_PEAK
-from feeddrive.figures.ranking import Values, effort_of, linear, worst
-from feeddrive.language import tree
+from feeddrive.figures.figure import Figure
+from feeddrive.figures.ranking import ROBUST, Values, effort_of, linear, robust_peak, worst
+from feeddrive.files.run_files import plain
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
+from feeddrive.language.table import Cell, Table
 from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.linearize import MOST
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import Run
-from feeddrive.tuning.candidates import Candidate, Refusal
+from feeddrive.tuning.candidates import Candidate
 from feeddrive.tuning.recipes import RECIPES
 from feeddrive.tuning.tune import Tuned
 
-ROBUST = f"{SENSITIVITY_PEAK.key}_varied"  # key of the largest Ms with wrong masses or stiffnesses
-# units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
-_WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
+REFUSED, UNFIT, STALE = "refused", "unfit", "stale"
+UNSETTLED, UNSEARCHED, OUTSIDE = "not settled", "not searched", "outside of the rule"
+
+
+@dataclass(frozen=True)
+class Place:
+    """An axis at one position: `axis` as simulated, and `model` as used for tuning, without forces that cannot be
+    linearized there.
+    """
+
+    name: str
+    axis: Axis
+    model: Axis
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """An axis with the work by which all laws are judged on it, and the rule that they keep.
+
+    name     in the benchmark, whose rows are stored; empty in a comparison, whose rows have runs, too large for a store
+    loop     the axis with its present control; all laws keep its filters, force limit and guard
+    places   positions of the axis, the nominal one first
+    seeds    of the noise in the runs, whose worst figures count
+    lesson   seed of the noise in the trials in which a law learns
+    varied   error of masses and stiffnesses for the robust Ms, as a share; None: it is not computed
+    """
+
+    name: str
+    loop: Loop
+    duty: Duty
+    rule: Rule
+    places: tuple[Place, ...]
+    seeds: tuple[int, ...] = ()
+    lesson: int = 0
+    varied: float | None = None
+
+    @property
+    def model(self) -> Loop:
+        """The loop used for tuning, at the nominal position."""
+        return replace(self.loop, axis=self.places[0].model)
+
+    def loops(self, loop: Loop) -> list[tuple[Loop, Loop]]:
+        """Return a loop at each position, as simulated and as linearized."""
+        return [(replace(loop, axis=place.axis), replace(loop, axis=place.model)) for place in self.places]
+
+    def label(self, law: str) -> str:
+        """Return the name of the work of a law, for progress and files."""
+        return f"{self.name}: {law}" if self.name else f"{law}: the work"
 
 
 @dataclass(frozen=True, eq=False)
 class Competitor:
     """A law on one axis: its loop, its figures in SI units, the reason why it is not ranked, and its runs.
 
-    unplaced  empty for a ranked law
-    unfit     reason why there are no figures: the loop is unstable or the motion left its bounds
-    outside   the bounds of the rule that it exceeds, as the present gains or an untuned compensation may
-    tuned     its tuning in a comparison; None for a law that was not tuned
-    design    its stored design in the benchmark; None for a law without tunables and for a recipe
+    unplaced  empty for a ranked law, else the kind and the reason. "unfit": the loop is unstable or the motion left its
+              bounds; "outside of the rule": the bounds that it exceeds, as the present gains may
+    tuned     its search, or its stored design; None for a law that was not tuned and for a recipe
     plant     of the benchmark, where a row has no runs, and the loop before it learned or took the gains of a recipe
     recipe    True for gains from a tuning recipe: the row is shown separately and may violate the rule
     """
@@ -50,161 +91,145 @@ class Competitor:
     figures: Values = field(default_factory=dict[str, float | None])
     unplaced: str = ""
     remark: str = ""
-    unfit: str = ""
-    outside: str = ""
-    tuned: Tuned | None = None
-    design: Design | None = None
+    tuned: Tuned | Design | None = None
     plant: str = ""
     recipe: bool = False
-    move: Run | None = None
-    snap: Run | None = None
-    step: Run | None = None
+    runs: DutyRuns | None = None
     model: LoopModel | None = None
 
     @property
+    def kind(self) -> str:
+        """The kind of reason why the law is not ranked, in a few words; empty if it is."""
+        return self.unplaced.partition(":")[0]
+
+    @property
+    def reason(self) -> Text:
+        """The reason without its kind."""
+        return Text(marked(self.unplaced).partition(": ")[2])
+
+    @property
     def held_by(self) -> str:
-        """The active constraints of its tuning."""
-        if self.tuned is None:
+        """The active constraints of its search."""
+        if not isinstance(self.tuned, Tuned):
             return "not tuned"
         return ", ".join(dict.fromkeys(bound.what for bound in self.tuned.held)) or "none"
 
     @property
-    def settled(self) -> bool:
-        """True if the law can be ranked: it was not tuned, or independent searches ended within 5 % of its best."""
-        return self.tuned is None or self.tuned.settled
+    def unproven(self) -> Text:
+        """The lines of the proof of its search that do not hold, with what is said of them; empty if all hold."""
+        proof = self.tuned.proof if isinstance(self.tuned, Tuned) else ()
+        return joined("; ", (f"{line.what}: {marked(line.text)}" for line in proof if line.holds is not True))
+
+    def record(self) -> dict[str, Any]:
+        """Return the row as plain numbers and texts; infinity is the text "infinite"."""
+        tuned, control = self.tuned, self.loop.place_of("control")
+        row: dict[str, Any] = {"unplaced": self.unplaced or None, "remark": self.remark or None}
+        if tuned is not None:
+            row["tunables"] = {f"{control}.{name}": value for name, value in tuned.tunables.items()}
+            row["held"] = [bound if isinstance(bound, str) else bound.sentence() for bound in tuned.held]
+            row |= {"spread": tuned.spread, "loops_judged": tuned.evaluations}
+        if isinstance(tuned, Tuned):
+            row["proof"] = {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof}
+        return row | {"figures": {key: plain(value) for key, value in self.figures.items()}}
+
+
+def laws_table(title: str, rows: Sequence[Competitor], figures: Sequence[Figure]) -> Table:
+    """Return a table of figures by law, with the kind of reason why a law is not ranked."""
+
+    def cell(value: float | None) -> Cell:
+        return "never" if value is not None and math.isinf(value) else value
+
+    cells = [[row.name, *(cell(row.figures.get(figure.key)) for figure in figures), row.kind] for row in rows]
+    return Table(title, ["law", *(figure.column(figure.short) for figure in figures), ""], cells)
 
 
 @dataclass(frozen=True, eq=False)
-class AtWork(Case["Competitor | Refusal"]):
-    """The case of one law on the task: with its tuned gains, adapted to the task, simulated and evaluated.
+class AtWork(Case[Competitor]):
+    """The case of one law on the work: with its tuned gains, adapted to the move, simulated and evaluated.
 
-    seeds    of the noise in the runs, whose worst figures count
-    lesson   seed of the noise in the trials in which a law learns
-    places   positions of the axis: as simulated, and as linearized, which differ for an axis with backlash; none: that
-             of the candidate
-    varied   error of masses and stiffnesses for the robust Ms, as a share; None: it is not computed
-    plant    of the benchmark, whose rows are stored; those of a comparison have runs, which are too large for a store
     recipe   name of the tuning recipe that sets the gains of the law; empty for gains that are known
     """
 
     kind: ClassVar[str] = "law_at_work"
-    common: ClassVar[tuple[str, ...]] = ("duty", "rule")
+    common: ClassVar[tuple[str, ...]] = ("plant",)
 
     candidate: Candidate
-    remark: str
-    duty: Duty
-    rule: Rule
-    seeds: tuple[int, ...]
-    lesson: int
-    places: tuple[tuple[Axis, Axis], ...] = ()
-    varied: float | None = None
-    plant: str = ""
+    plant: Plant
     recipe: str = ""
 
     @property
     def name(self) -> str:
         """The name of the case: plant and law, or the law followed by ": the work"."""
-        return f"{self.plant}: {self.candidate.name}" if self.plant else f"{self.candidate.name}: the work"
+        return self.plant.label(self.candidate.name)
 
-    def record(self, outcome: Competitor | Refusal) -> Mapping[str, Any] | None:
+    def record(self, outcome: Competitor) -> Mapping[str, Any] | None:
         """Return the row of the benchmark as a record, keeping the quantities in its texts."""
-        if not self.plant:
+        if not self.plant.name:
             return None
-        if isinstance(outcome, Refusal):
-            return {"refused": marked(outcome.reason)}
-        return {"figures": dict(outcome.figures)} | {name: marked(getattr(outcome, name)) for name in _TEXTS}
+        return {
+            "figures": dict(outcome.figures),
+            "unplaced": marked(outcome.unplaced),
+            "remark": marked(outcome.remark),
+        }
 
-    def restored(self, record: Any, progress: Progress) -> Competitor | Refusal:
+    def restored(self, record: Any, progress: Progress) -> Competitor:
         """Restore the row from a record."""
-        if "refused" in record:
-            return Refusal(self.candidate.name, Text(record["refused"]))
-        texts: dict[str, Any] = {name: Text(record[name]) for name in _TEXTS}
-        return Competitor(self.candidate.name, self.candidate.loop, dict(record["figures"]), **texts)
+        unplaced, remark = Text(record["unplaced"]), Text(record["remark"])
+        return self._row(figures=dict(record["figures"]), unplaced=unplaced, remark=remark)
 
-    def outcome(self, progress: Progress) -> Competitor | Refusal:
-        """Return the law with its figures, or a refusal if it cannot be adapted to the task or evaluated."""
-        loop, remark = self.candidate.loop, self.remark
+    def outcome(self, progress: Progress) -> Competitor:
+        """Return the law with its figures; refused if it cannot be adapted to the work or evaluated."""
+        (loop, model), *_ = self.plant.loops(self.candidate.loop)
+        remark = self.candidate.remark
         try:
             if self.recipe:
-                recipe = RECIPES[self.recipe](self._at_places(loop)[0][1], loop.control)
-                loop, remark = replace(loop, control=replace(loop.control, law=recipe.law)), recipe.reason
+                gains = RECIPES[self.recipe](model, loop.control)
+                loop, remark = replace(loop, control=replace(loop.control, law=gains.law)), gains.reason
             else:
-                loop = self.candidate.adapted(self.duty.move, self.lesson)
-            law = self._judged(Competitor(self.candidate.name, loop, remark=remark))
+                loop = replace(self.candidate, loop=loop).adapted(self.plant.duty.move, self.plant.lesson)
+            law = self._judged(self._row(loop=loop, remark=remark))
         except FeeddriveError as error:
-            return Refusal(self.candidate.name, Text(f"{error}"))
-        if not self.plant:
-            return law
-        return replace(law, loop=self.candidate.loop, move=None, snap=None, step=None, model=None)
+            return self._row(unplaced=Text(f"{REFUSED}: {error}"))
+        # runs of all laws on all plants would fill the memory, and a row from the store has none either
+        return replace(law, loop=self.candidate.loop, runs=None, model=None) if self.plant.name else law
 
-    def _at_places(self, loop: Loop) -> list[tuple[Loop, Loop]]:
-        """Return the loop at each position, as simulated and as linearized."""
-        places = self.places or ((loop.axis, loop.axis),)
-        return [(replace(loop, axis=axis), replace(loop, axis=model)) for axis, model in places]
+    def _row(self, **values: Any) -> Competitor:
+        row = Competitor(self.candidate.name, self.candidate.loop, plant=self.plant.name, recipe=bool(self.recipe))
+        return replace(row, **values)
 
     def _judged(self, law: Competitor) -> Competitor:
         """Return the law with its worst figures over all positions and noise seeds, and the runs of the first.
 
-        A loop that has unstable eigenvalues or leaves its bounds for any of them is `unfit`.
+        A loop that has unstable eigenvalues or leaves its bounds for any of them is unfit.
         """
-        places = self._at_places(law.loop)
+        places, rule = self.plant.loops(law.loop), self.plant.rule
         rows: list[Competitor] = []
-        for (loop, model), seed in product(places, self.seeds):
+        for (loop, model), seed in product(places, self.plant.seeds):
             rows.append(self._at(law, loop, model, seed))
-            if rows[-1].unfit:
+            if rows[-1].unplaced:
                 return rows[-1]
         figures = worst([row.figures for row in rows])
-        if self.varied is not None and law.loop.control.law.period() <= MOST:
-            figures[ROBUST] = max(robust_peak(model, self.rule.velocity, self.varied) for _, model in places)
-        remark = max((row.remark for row in rows), key=len)  # that of a run in which the guard tripped, if any
-        return replace(rows[0], figures=figures, remark=remark, outside=self.rule.broken(figures))
+        if self.plant.varied is not None and law.loop.control.law.period() <= MOST:
+            figures[ROBUST.key] = max(robust_peak(model, rule.velocity, self.plant.varied) for _, model in places)
+        exceeded = rule.broken(figures)
+        unplaced = Text(f"{OUTSIDE}: {exceeded}") if exceeded else ""
+        # the longest remark is that of a run in which the guard tripped, if any
+        remark = max((row.remark for row in rows), key=len)
+        return replace(rows[0], figures=figures, remark=remark, unplaced=unplaced)
 
     def _at(self, law: Competitor, loop: Loop, model: Loop, seed: int) -> Competitor:
         """Return a law with its figures at one position, with the noise of one seed."""
-        figures, both = effort_of(loop), None
-        verdict = stability(model, velocity=self.rule.velocity)
+        figures, both, velocity = effort_of(loop), None, self.plant.rule.velocity
+        verdict = stability(model, velocity=velocity)
         if not verdict.stable:
-            return replace(law, figures=figures, unfit=verdict.sentence())
+            return replace(law, figures=figures, unplaced=Text(f"{UNFIT}: {verdict.sentence()}"))
+        # a law that repeats itself after more samples has no linear model, and is judged by its runs alone
         if loop.control.law.period() <= MOST:
-            both = loop_model(model, velocity=self.rule.velocity)
+            both = loop_model(model, velocity=velocity)
             figures = linear(model, both)
         try:
-            runs = self.duty.runs(loop, seed, law.name)
+            runs = self.plant.duty.runs(loop, seed, law.name)
         except FeeddriveError as error:
-            return replace(law, figures=figures, model=both, unfit=Text(f"{error}"))
+            return replace(law, figures=figures, model=both, unplaced=Text(f"{UNFIT}: {error}"))
         remark = joined("; ", filter(None, (law.remark, "the guard tripped"))) if runs.tripped else law.remark
-        figures = {**figures, **runs.figures}
-        return replace(law, figures=figures, remark=remark, move=runs.move, snap=runs.snap, step=runs.step, model=both)
-
-
-_TEXTS = ("remark", "unfit", "outside")
-
-
-def at_work(
-    work: Sequence[AtWork | Refusal], engine: Engine, progress: Progress | Bar | None
-) -> list[Competitor | Refusal]:
-    """Evaluate the laws that are not refused already; return all in order."""
-    evaluated = iter(engine.evaluate([case for case in work if isinstance(case, AtWork)], progress))
-    return [next(evaluated) if isinstance(case, AtWork) else case for case in work]
-
-
-def robust_peak(loop: Loop, velocity: float, share: float) -> float:
-    """Return the largest Ms with all masses, or all stiffnesses, of the plant perturbed by ±`share`; infinite if
-    unstable.
-    """
-    peaks: list[float] = []
-    for powers, factor in product(_WRONG, (1.0 - share, 1.0 + share)):
-        plant = loop.axis.plant
-        changes = {
-            name: value * factor ** powers[unit]
-            for name, value in tree.leaves(plant)
-            if (unit := tree.declaration(plant, name).unit) in powers
-        }
-        if not changes:
-            continue
-        wrong = replace(loop, axis=replace(loop.axis, plant=tree.vary(plant, changes)))
-        if not stability(wrong, velocity=velocity).stable:
-            return math.inf
-        both = loop_model(wrong, velocity=velocity)
-        peaks.append(margins(both.loop_gain(both.lines(200))).sensitivity_peak)
-    return max(peaks)
+        return replace(law, figures={**figures, **runs.figures}, remark=remark, runs=runs, model=both)

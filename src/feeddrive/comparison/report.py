@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.comparison.compare import PLAIN, TODAY, Comparison, advice
-from feeddrive.comparison.competitor import Competitor
+from feeddrive.comparison.compare import TODAY, Comparison, advice
+from feeddrive.comparison.competitor import UNFIT, Competitor
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING
 from feeddrive.figures.ranking import CRITERIA
-from feeddrive.files.run_files import figures_text, file_names, plain, summary_text
+from feeddrive.files.run_files import figures_text, file_names, summary_text
 from feeddrive.files.section import to_toml
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.table import UNIT, Cell, Table
-from feeddrive.language.text import Text, joined
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import compliance, tracking
 from feeddrive.plot.laws import ratios_chart, recovery_chart
@@ -27,6 +27,7 @@ from feeddrive.report.laws import Entry, LawsContents, block_sentence, described
 from feeddrive.report.laws_report import laws_report
 from feeddrive.report.page import write_page
 from feeddrive.report.report import Marked, Picture, Report, Section, Verdict
+from feeddrive.tuning.candidates import PLAIN
 
 _TABLES = (CRITERIA[:5], CRITERIA[5:9], CRITERIA[9:])  # that fit side by side
 _ROBUSTNESS = (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN, CROSSOVER)
@@ -50,7 +51,7 @@ def contents(comparison: Comparison) -> LawsContents:
     name, loop = f"{machine.name}, axis {comparison.axis}", comparison.competitors[0].loop
     return LawsContents(
         title=comparison.title,
-        entries=[_entry(comparison, law) for law in comparison.competitors if law.move is not None],
+        entries=[_entry(comparison, law) for law in comparison.competitors if law.runs is not None],
         facts=facts_of(machine, name, loop, comparison.velocity, work),
         rule=comparison.rule,
         versions=comparison.versions,
@@ -82,13 +83,13 @@ def comparison_report(comparison: Comparison) -> Report:
 
 def _entry(comparison: Comparison, law: Competitor) -> Entry:
     """Return the report entry of a competitor."""
-    assert law.move is not None
+    assert law.runs is not None
     frequency = response_lines(law.loop)
     remark = f" ({law.remark})" if law.remark and law.name != TODAY else ""
     return Entry(
         law.name,
         Text(f"{described(law.loop.control)}{remark}"),
-        law.move,
+        law.runs.move,
         law.loop,
         None if law.model is None else law.model.loop_gain(frequency),
         compliance(law.loop, frequency, velocity=comparison.velocity),
@@ -103,18 +104,11 @@ def _ranked(comparison: Comparison, criteria: tuple[Figure, ...]) -> Marked:
     for criterion in criteria:
         places = comparison.places(criterion)
         for row, law, place in zip(rows, comparison.competitors, places, strict=True):
-            value, remark = law.figures.get(criterion.key), law.unplaced.partition(":")[0] or place
-            row.append(None if value is None else Text(f"{figure(value, criterion)} ({remark})"))
+            value, remark = law.figures.get(criterion.key), law.kind or place
+            row.append(None if value is None else Text(f"{criterion.bare(value)} ({remark})"))
         best.append(places.index(1) if places.count(1) == 1 else None)
     columns = ["law", *(criterion.column() for criterion in criteria)]
     return Marked(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
-
-
-def figure(value: float, criterion: Figure) -> str:
-    """Return a figure without its unit, as marked text."""
-    if math.isinf(value):
-        return "never" if criterion.unit == "s" else "∞"
-    return f"{replace(criterion.shown(value), bare=True)}"
 
 
 def _tuning(comparison: Comparison) -> Marked:
@@ -123,13 +117,12 @@ def _tuning(comparison: Comparison) -> Marked:
     for law in comparison.competitors:
         values = (law.figures.get(figure.key) for figure in _ROBUSTNESS)
         cells = [law.name, *("∞" if value is not None and math.isinf(value) else value for value in values)]
-        if law.unfit:
-            rows.append([law.name, *[None] * len(_ROBUSTNESS), law.unfit, None, None])
+        if law.kind == UNFIT:
+            rows.append([law.name, *[None] * len(_ROBUSTNESS), law.reason, None, None])
         elif law.tuned is None:
             rows.append([*cells, law.held_by, None, None])
         else:
-            open_lines = [line.what for line in law.tuned.proof if line.holds is not True]
-            proof = Text(f"not proven: {joined(', ', open_lines)}") if open_lines else "holds"
+            proof = Text(f"not proven: {law.unproven}") if law.unproven else "holds"
             rows.append([*cells, law.held_by, law.tuned.evaluations, proof])
     columns = ["law", *(figure.column() for figure in _ROBUSTNESS), "held back by", "loops judged", "proof"]
     title = Text(
@@ -173,7 +166,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
             lambda: ratios_chart(list(zip(comparison.names, comparison.figures, strict=True)), PLAIN),
         )
     ]
-    rows = [(law.name, law.snap, law.step) for law in comparison.competitors if law.snap and law.step]
+    rows = [(law.name, law.runs.snap, law.runs.step) for law in comparison.competitors if law.runs is not None]
     # twice the median settling time of the laws, at least 20 samples
     times = [row.get(SNAP_SETTLING.key) for row in comparison.figures]
     finite = [time for time in times if time is not None and math.isfinite(time)]
@@ -227,32 +220,11 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "velocity_of_the_linear_model_m_per_s": comparison.velocity,
         "versions": dict(comparison.versions),
         "laws": {
-            law.name: {
-                **{key: plain(value) for key, value in law.figures.items()},
-                "places": {key: row[i] for key, row in places.items()},
-                **_tuned(law),
-            }
+            law.name: law.record() | {"places": {key: row[i] for key, row in places.items()}}
             for i, law in enumerate(comparison.competitors)
         },
         "refused": {refusal.name: refusal.reason for refusal in comparison.refusals},
         "remarks": list(comparison.remarks),
-    }
-
-
-def _tuned(law: Competitor) -> dict[str, Any]:
-    remarks: dict[str, Any] = {"unfit": law.unfit or None, "remark": law.remark or None}
-    if law.tuned is None:
-        return remarks
-    control = law.loop.place_of("control")
-    return remarks | {
-        "tunables": {f"{control}.{name}": value for name, value in law.tuned.tunables.items()},
-        "active": [bound.sentence() for bound in law.tuned.held],
-        "loops_judged": law.tuned.evaluations,
-        "settled": law.settled,
-        "not_settled": law.tuned.unsettled or None,
-        "not_placed": law.unplaced or None,
-        "spread_of_searches": law.tuned.spread,
-        "proof": {line.what: {"holds": line.holds, "said": line.text} for line in law.tuned.proof},
     }
 
 

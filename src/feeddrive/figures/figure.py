@@ -9,8 +9,9 @@ limit if it has a `Limitable`. The entries are in `of_loops.py` and `of_runs.py`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -169,6 +170,12 @@ class Figure:
     def shown(self, value: float) -> Quantity:
         """Return a value with its unit, formatted with the digits of a comparison."""
         return Quantity(value, self.unit, form=self.form)
+
+    def bare(self, value: float) -> str:
+        """Return a value without its unit, as marked text; "never" for a time that does not end."""
+        if math.isinf(value):
+            return "never" if self.unit == "s" else "∞"
+        return f"{replace(self.shown(value), bare=True)}"
 
     def column(self, head: str = "") -> Column:
         """Return the column of this figure in a table."""

@@ -2,13 +2,18 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
 from typing import Any, TypeAlias
 
-from feeddrive.analysis.loop_model import LoopModel
+from feeddrive.analysis.loop_model import LoopModel, loop_model
+from feeddrive.analysis.margins import margins
+from feeddrive.analysis.stability import stability
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.catalogue import figures as catalogue
-from feeddrive.figures.figure import Figure
+from feeddrive.figures.figure import DUTY, Figure
 from feeddrive.figures.of_loops import LinearLoop
+from feeddrive.language import tree
 from feeddrive.loop.loop import Loop
 
 Values: TypeAlias = Mapping[str, float | None]
@@ -32,6 +37,9 @@ CRITERIA = (
 """The figures by which laws are ranked."""
 LINEAR = tuple(figure for figure in of_loops.OF_LOOPS if figure.judges_laws)
 """The figures of a law that come from its linear model."""
+ROBUST = Figure("sensitivity_peak_varied", "Ms varied", "", DUTY, meaning="largest Ms with wrong masses or stiffnesses")
+# units of a plant's numbers that are wrong together, and the power of the share that they take: a frequency is a root
+_WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 
 
 def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
@@ -50,6 +58,12 @@ def beats(criterion: Figure, a: float, b: float) -> bool:
     if math.isinf(better) or math.isinf(worse):
         return better < worse
     return better < (1.0 - TIE) * worse
+
+
+def losses(ours: Values, theirs: Values) -> list[tuple[Figure, float, float]]:
+    """Return the criteria by which a law is worse than another one, with the values of both."""
+    both = ((criterion, ours.get(criterion.key), theirs.get(criterion.key)) for criterion in CRITERIA)
+    return [(c, a, b) for c, a, b in both if a is not None and b is not None and beats(c, b, a)]
 
 
 def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
@@ -80,3 +94,25 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
         # a figure that is missing in one row may be the worst there: the other rows do not bound it
         worst_values[key] = None if len(values) < len(figures) else (min if higher else max)(values)
     return worst_values
+
+
+def robust_peak(loop: Loop, velocity: float, share: float) -> float:
+    """Return the largest Ms with all masses, or all stiffnesses, of the plant perturbed by ±`share`; infinite if
+    unstable.
+    """
+    peaks: list[float] = []
+    for powers, factor in product(_WRONG, (1.0 - share, 1.0 + share)):
+        plant = loop.axis.plant
+        changes = {
+            name: value * factor ** powers[unit]
+            for name, value in tree.leaves(plant)
+            if (unit := tree.declaration(plant, name).unit) in powers
+        }
+        if not changes:
+            continue
+        wrong = replace(loop, axis=replace(loop.axis, plant=tree.vary(plant, changes)))
+        if not stability(wrong, velocity=velocity).stable:
+            return math.inf
+        both = loop_model(wrong, velocity=velocity)
+        peaks.append(margins(both.loop_gain(both.lines(200))).sensitivity_peak)
+    return max(peaks)

@@ -35,6 +35,7 @@ class UnitOfRow(Enum):
 
 
 UNIT: Final = UnitOfRow.UNIT
+_LATEX = str.maketrans({"%": r"\%", "&": r"\&", "_": r"\_", "±": r"$\pm$", "½": r"\textonehalf{}", "^": ""})
 Cell: TypeAlias = str | float | int | bool | Quantity | UnitOfRow | None
 
 
@@ -117,6 +118,21 @@ class Grid(NamedTuple):
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in self.rows)
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
+
+    def markdown(self) -> str:
+        """Return the table in Markdown, under its title as a sentence."""
+        rows = [self.heads, ["---", *["--:"] * (len(self.heads) - 1)], *self.rows]
+        return "\n".join([f"{self.title}.", "", *(f"| {' | '.join(row)} |" for row in rows)])
+
+    def latex(self) -> str:
+        """Return the table as a LaTeX tabular (booktabs), without its title."""
+
+        def line(cells: Sequence[str]) -> str:
+            return " & ".join(cell.translate(_LATEX) for cell in cells) + r" \\"
+
+        head = rf"\begin{{tabular}}{{l{'r' * (len(self.heads) - 1)}}}"
+        body = [line(self.heads), r"\midrule", *map(line, self.rows)]
+        return "\n".join([head, r"\toprule", *body, r"\bottomrule", r"\end{tabular}"])
 
 
 @dataclass(frozen=True)

@@ -198,7 +198,7 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
     laws = [
         {
             "name": competitor.name,
-            "why": competitor.unfit or competitor.unplaced,
+            "why": competitor.unplaced,
             "held": competitor.held_by,
             "drawn": competitor.name in drawn,
         }

@@ -6,10 +6,11 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from feeddrive.benchmark.benchmark import Benchmark, advice, score
-from feeddrive.benchmark.designs import laws_of, own_laws, search
+from feeddrive.benchmark.benchmark import Benchmark, advice, laws_of, score
+from feeddrive.benchmark.designs import search
 from feeddrive.benchmark.report import benchmark_report, citation, reasons, write_benchmark
 from feeddrive.benchmark.rules import VERSION, read_rules
+from feeddrive.comparison.lineup import Lineup
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import OUT, Outcome, command, option
@@ -49,7 +50,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     plants = rules.chosen(request.plant)
     # checked here: an unknown law must be refused before a search that takes hours
     laws = laws_of(plants, request.law)
-    own = own_laws(plants[0], laws)
+    own = tuple(law for law in Lineup.of(plants[0].model).user_defined if not laws or law in laws)
     files: dict[str, Path] = {}
     with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
         keep = request.keep or Path(forgotten)

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws, name_of
+from feeddrive.comparison.compare import Comparison, advice, against_plain, compare_laws, noisy, standings
+from feeddrive.comparison.lineup import Lineup
 from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
-from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import candidates
 from feeddrive.workflow.command import OUT, Outcome, argument, command, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
@@ -61,7 +58,8 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     if take is not None:
         if request.out is None:
             raise ParameterError(f"take = '{take}' needs a directory for its machine file: out")
-        take = name_of(take, machine.loop(request.axis), [law for law in laws or () if not isinstance(law, str)])
+        own = [law for law in laws or () if not isinstance(law, str)]
+        take = Lineup.of(machine.loop(request.axis), own).fitting(take)
         # --take may name a law that --law does not: it is then compared too
         laws = None if laws is None else [*laws, *([] if take in laws else [take])]
     files: dict[str, Path] = {}
@@ -81,19 +79,14 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     judgment, verdict = advice(comparison)
     return Outcome(
         comparison,
-        [screen(comparison)],
+        [comparison.table()],
         [f"rule: {comparison.rule}", *in_short(comparison)],
         verdict,
         files=files,
-        details=[*comparison.remarks, *refused],
+        details=[*against_plain(comparison), *noisy(comparison), *refused],
         judgment=judgment,
         page=partial(comparison_report, comparison),
     )
-
-
-def names(loop: Loop, own: Sequence[type[Law]] = ()) -> list[str]:
-    """Return the names of the laws that can be compared on the axis of a loop, including user-defined ones."""
-    return [candidate.name for candidate in candidates(loop, own)[0]]
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:
@@ -103,64 +96,17 @@ def taken(machine: MachineFile, axis: str, control: Control) -> str:
     return machine_text(machine, axis, control)
 
 
-# columns of the terminal table, and the keys of their figures
-_COLUMNS = (
-    (Column("Ms", form="2"), "sensitivity_peak"),
-    (Column("delay samples", form="2"), "delay_margin_samples"),
-    (Column("snap", "m √s/N", "2"), "rope_snap_ISE_root_m_per_N"),
-    (Column("at 10 Hz", "N/m", "2"), "stiffness_10_Hz_N_per_m"),
-    (Column("at 100 Hz", "N/m", "2"), "stiffness_100_Hz_N_per_m"),
-    (Column("track RMS", "m", "2"), "tracking_error_rms_m"),
-    (Column("settled", "s", "2"), "snap_settling_s"),
-    (Column("noise", "N", "2"), "force_noise_N"),
-)
-# a full stop between sentences: not a decimal point, nor a dot between the names of code
-_SENTENCES = re.compile(r"\. (?=[A-Z])")
-
-
-def screen(comparison: Comparison) -> Table:
-    """Tabulate robustness and the main figures of merit to two digits; laws without a rank are marked."""
-    rows = [
-        [
-            f"{competitor.name}{' *' if competitor.unplaced or competitor.unfit else ''}",
-            *(competitor.figures.get(key) for _, key in _COLUMNS),
-        ]
-        for competitor in comparison.competitors
-    ]
-    return Table(f"{comparison.title}; * not ranked", [Column("law"), *(column for column, _ in _COLUMNS)], rows)
+_SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal point in code
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences about laws without a rank, a complete proof or tunable parameters, and about refused laws."""
-    tuned = [competitor for competitor in comparison.competitors if competitor.tuned is not None]
-    groups = {
-        "Nothing to tune, so judged as it is": [
-            competitor for competitor in comparison.competitors if competitor.tuned is None and competitor.name != TODAY
-        ],
-        "Not settled, so not ranked (more --starts may find better gains)": [
-            competitor for competitor in tuned if not competitor.settled
-        ],
-        "Outside of the rule, so not ranked": [
-            competitor for competitor in comparison.competitors if competitor.outside and competitor.settled
-        ],
-        "Without figures, unstable or out of bounds": [
-            competitor for competitor in comparison.competitors if competitor.unfit
-        ],
-        "Not proven in every point": [
-            competitor
-            for competitor in tuned
-            if competitor.tuned is not None and any(line.holds is not True for line in competitor.tuned.proof)
-        ],
-    }
-    lines = [
-        f"{head}: {', '.join(competitor.name for competitor in group)}." for head, group in groups.items() if group
-    ]
+    """Return sentences on the laws without a rank, with the reasons; those that are refused alike in one."""
     refused = dict[str, list[str]]()
     for refusal in comparison.refusals:
         first = _SENTENCES.split(marked(refusal.reason), maxsplit=1)[0].rstrip(".")
         # many laws are refused for the same first reason: one line with all names instead of one for each
         refused.setdefault(first, []).append(refusal.name)
     return [
-        *lines,
+        *standings(comparison),
         *(Text(f"Cannot control this axis: {', '.join(names)}: {reason}.") for reason, names in refused.items()),
     ]
