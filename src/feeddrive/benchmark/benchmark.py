@@ -15,7 +15,7 @@ from typing import Any
 
 from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Rules, read_rules
-from feeddrive.comparison.competitor import AtWork, Competitor, Plant, laws_table
+from feeddrive.comparison.competitor import AtWork, Competitor, Plant
 from feeddrive.comparison.lineup import Lineup, Trial, judged
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.figures import of_loops, of_runs
@@ -167,8 +167,14 @@ class Benchmark(Result):
 
     def on(self, plant: str) -> Table:
         """Return a table of all figures on one plant."""
-        rows = [row for row in self.rows if row.plant == plant and row.figures.get(FIGURES[0].key)]
-        return laws_table(f"{plant}: figures", rows, (*FIGURES, ROBUST))
+        figures = (*FIGURES, ROBUST)
+        rows: list[list[Cell]] = []
+        for row in self.rows:
+            if row.plant == plant and row.figures.get(FIGURES[0].key):
+                values = (row.figures.get(figure.key) for figure in figures)
+                cells = ("never" if value is not None and math.isinf(value) else value for value in values)
+                rows.append([row.name, *cells, row.kind])
+        return Table(f"{plant}: figures", ["law", *(figure.column() for figure in figures), ""], rows)
 
     def winners(self) -> Table:
         """Return a table of the best tuned law per plant and figure, with its improvement factor over P-PI."""

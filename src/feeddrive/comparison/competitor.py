@@ -1,7 +1,6 @@
 """One law on one plant: the axis and its work, the case that computes the law on it, and the row that shows it."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, ClassVar
@@ -11,12 +10,10 @@ from feeddrive.analysis.stability import stability
 from feeddrive.evaluation.case import Case
 from feeddrive.evaluation.duty import Duty, DutyRuns
 from feeddrive.evaluation.robustness import Design, Rule
-from feeddrive.figures.figure import Figure
 from feeddrive.figures.ranking import ROBUST, Values, effort_of, linear, robust_peak, worst
 from feeddrive.files.run_files import plain
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
-from feeddrive.language.table import Cell, Table
 from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.linearize import MOST
@@ -131,16 +128,6 @@ class Competitor:
         if isinstance(tuned, Tuned):
             row["proof"] = {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof}
         return row | {"figures": {key: plain(value) for key, value in self.figures.items()}}
-
-
-def laws_table(title: str, rows: Sequence[Competitor], figures: Sequence[Figure]) -> Table:
-    """Return a table of figures by law, with the kind of reason why a law is not ranked."""
-
-    def cell(value: float | None) -> Cell:
-        return "never" if value is not None and math.isinf(value) else value
-
-    cells = [[row.name, *(cell(row.figures.get(figure.key)) for figure in figures), row.kind] for row in rows]
-    return Table(title, ["law", *(figure.column(figure.short) for figure in figures), ""], cells)
 
 
 @dataclass(frozen=True, eq=False)
