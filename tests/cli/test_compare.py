@@ -144,7 +144,7 @@ def test_a_fault_of_a_law_named_by_law_is_one_line_with_its_place(run, own) -> N
 @pytest.mark.slow(reason="P-PI is tuned, and two processes begin")
 def test_a_fault_of_a_law_in_a_process_of_its_own_is_one_line_with_its_place(run, own, monkeypatch) -> None:
     """It was the traceback of that process."""
-    monkeypatch.setattr(importlib.import_module("feeddrive.workflow.compare"), "cores", lambda: 2)
+    monkeypatch.setattr(importlib.import_module("feeddrive.evaluation.engine"), "cores", lambda: 2)
     own(step="speed = setpoint.speed")
     code, _, errors = run("compare", "m.toml", "--law", "wrong_law:Wrong", "--law", "wrong_law:Other", "--starts", "1")
     assert code == 2

@@ -291,7 +291,7 @@ def scored(*words: str, without: str = "") -> list[str]:
 
     def score(*args, **options):
         found = made(*args, **options)
-        rows = [replace(each, unplaced="no place") if without and without in each.law else each for each in found.rows]
+        rows = [replace(each, unplaced="no place") if without and without in each.name else each for each in found.rows]
         return replace(found, rows=tuple(rows))
 
     PATCH.setattr(module, "score", score)
