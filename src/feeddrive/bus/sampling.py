@@ -81,10 +81,10 @@ class Sampler:
         told = self.transport.take(1.0 if self.virtual else max(2e-3, 2.0 * self.drive.cycle_time))
         if told is None:
             self._lost += 1
-            silent = Quantity(clock.monotonic() - self._heard, "s")
-            if self._lost >= _LOST or silent.value > _SILENT:
+            silent = clock.monotonic() - self._heard
+            if self._lost >= _LOST or silent > _SILENT:
                 raise BusError(
-                    f"{self.transport.where}: no answer for {silent:2 SI}, in {self._lost} cycles: "
+                    f"{self.transport.where}: no answer for {Quantity(silent, 's'):2 SI}, in {self._lost} cycles: "
                     f"{self.transport.state()}"
                 )
             return late, None
