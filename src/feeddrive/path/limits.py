@@ -83,7 +83,7 @@ class MachineLimits:
 
     @property
     def shown(self) -> list[tuple[float, str]]:
-        """The display unit of each axis's positions and its factor to 1 m or 1 rad: mm or degrees."""
+        """The factor from m or rad to the displayed unit of positions, and this unit (mm or degrees), for each axis."""
         return [(math.degrees(1.0), "deg") if letter in ROTARY else (1e3, "mm") for letter in self.axes]
 
     @property

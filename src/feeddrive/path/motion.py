@@ -157,8 +157,8 @@ class Motion(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The start of the next run from rest while a part ends the previous one: q is the sum of both motions minus the
-    position of the corner between them.
+    """The start of the next run, from rest, during the last part of the previous run: q is the sum of both motions
+    minus the position of the corner between the runs.
 
     Both motions have the same time intervals, and each stays on one piece of its path.
 
@@ -220,7 +220,7 @@ def cubic(a: float, b: float, c: float, d: float, t: float) -> float:
 
 @kernel
 def way(v: float, a: float, j: float, s: float, t: float) -> float:
-    """Return the distance ∫ u' from 0 to t, for u' .. u'''' = v, a, j, s at 0."""
+    """Return the distance ∫ u' dt from 0 to t, for u' .. u'''' = v, a, j, s at t = 0."""
     return t * (v + t * (0.5 * a + t * (j / 6.0 + t * s / 24.0)))
 
 

@@ -1,4 +1,6 @@
-"""The result of a plan: cycle time, largest use of each limit, stops, and a reduced record of the motion for plots."""
+"""The result of a plan: cycle time, peak utilization of each limit, stops, and a reduced record of the motion for
+plots.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -147,7 +149,7 @@ class Planned(Result):
     course: Course
 
     def table(self) -> Table:
-        """Return a table of the limits of each axis and the largest share of each used by the motion."""
+        """Return a table of the limits of each axis and the peak utilization of each limit."""
         columns = (self.limits.letters, self.limits.shown, self.limits.array, self.proof.use)
         rows = [
             [

@@ -299,8 +299,8 @@ def add_ranges(u: Floats2, s: float, r: Floats2, middle: float, out: Floats2) ->
 
 @kernel
 def largest_share(out: Floats2, limits: Floats, slack: float) -> tuple[float, int]:
-    """Return the largest share of a limit of one axis that the intervals of `add_ranges` allow, and the index of
-    that limit.
+    """Return the largest utilization of any limit of one axis that the intervals of `add_ranges` allow, and the index
+    of that limit.
     """
     most = 0.0
     where = 0
@@ -336,8 +336,8 @@ def share_of_limits(
     feed: float,
     slack: float,
 ) -> tuple[float, int]:
-    """Return the largest share of a limit that the intervals allow, and the index of that limit: 4 axis + derivative
-    - 1, or -1 for the feed.
+    """Return the largest utilization of any limit that the intervals allow, and the index of that limit: 4 axis +
+    derivative - 1, or -1 for the feed.
     """
     u = zeros(9, 2)
     out = zeros(4, 3)
@@ -400,8 +400,8 @@ def _share(
     r0: Floats3,
     r1: Floats3,
 ) -> tuple[float, int]:
-    """Return the largest share of a limit that the sum of two motions may use from b to e, and the limit's index, as
-    in `share_of_limits`.
+    """Return the largest utilization of any limit by the sum of two motions from b to e that the intervals allow, and
+    the index of that limit, as in `share_of_limits`.
     """
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
@@ -467,7 +467,7 @@ def prove_sum(
     """Prove the sum of two motions with common time intervals; return the number of spans tested, the number of faults,
     and a bound on the distance, m.
 
-    Each fault is a row of `faults`: time interval, time within it, limit, share.
+    Each fault is a row of `faults`: time interval, time within it, limit, utilization.
     """
     spans = 0
     faulty = 0
@@ -732,7 +732,7 @@ def _prove(
     q: Floats2,
 ) -> tuple[int, int]:
     """Return the number of tests and that of faults; a row of `faults` contains path piece, time interval, time within
-    it, limit, share.
+    it, limit, utilization.
 
     A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`.
     On input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` the
@@ -889,7 +889,7 @@ class Proof(Result):
 
     faults    the first hundred points at which a limit is exceeded, or was not shown to be satisfied
     count     number of all faults
-    use       the largest share of velocity .. snap limit used by each axis at the times evaluated, shape (N, 4)
+    use       the peak utilization of the velocity .. snap limits of each axis at the times evaluated, shape (N, 4)
     jump      largest jump of velocity, acceleration or jerk at a joint, as a share of its limit
     apart     largest jump of position at a joint, m
     missed    largest distance to a corner where runs overlap, as a share of its tolerance
@@ -905,7 +905,7 @@ class Proof(Result):
     spans: int
 
     def table(self) -> Table:
-        """Return a table of the largest share of each limit, by axis."""
+        """Return a table of the peak utilization of each limit, by axis."""
         rows = [[axis, *(Quantity(share, "share") for share in row)] for axis, row in enumerate(self.use)]
         held = "every limit holds" if self.count == 0 else f"{self.count} faults, the first: {self.faults[0]}"
         return Table(f"{held}; {self.spans} spans of time", ["axis", *DERIVATIVES], rows)
@@ -944,7 +944,7 @@ class Prover:
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
         """Prove that a motion has no jumps and, if it is `alone`, satisfies the limits; it starts at the end of the
-        last one, or `anywhere`.
+        previous motion, or `anywhere`.
         """
         spans, count = _prove(
             pieces.kind,
@@ -1023,8 +1023,8 @@ class Prover:
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
-    """Return the faults of a motion that does not begin at rest, as rows of path piece, time interval, time within
-    it, limit, share.
+    """Return the faults of a motion that does not begin at rest, as rows of path piece, time interval, time within it,
+    limit, utilization.
     """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])

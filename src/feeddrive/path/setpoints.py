@@ -285,12 +285,12 @@ class Setpoints:
 
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
-    stops        stops since `stops` was last emptied
-    blocks       number of program moves with a motion
+    stops        standstills since the list was last emptied
+    blocks       number of straight moves, arcs and splines read
     line         program line being read
     seconds      cycle time by cause: the limit used most, the feed, or a standstill
 
-    Raises ProgramError as `read_program` and `planned` do, at the line.
+    Raises ProgramError, located at the program line, as `read_program` and `planned` do.
     """
 
     def __init__(
@@ -403,7 +403,7 @@ class Setpoints:
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
     """Return the limiting cause of each sample as an index into `MachineLimits.causes`.
 
-    share  used share of each limit, shape (n, N, 4)
+    share  utilization of each limit, shape (n, N, 4)
     speed  along the path, m/s, shape (n,)
     feed   along the path, m/s, shape (n,); 0 at a standstill
     """
@@ -418,7 +418,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return program line and feed at times from the start of a part, s."""
+    """Return program line and feed at given times, s, from the start of a part."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)

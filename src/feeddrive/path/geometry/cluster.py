@@ -36,7 +36,7 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
     """Write the positions at which the step limits are active, and these limits, into `at` and `goal`; return their
     number.
 
-    Steps grow by at most GRADE times the distance from each position; the first position is always kept.
+    Steps grow by at most GRADE times the distance from each position; the first position is always included.
     """
     at[0] = places[0]
     goal[0] = steps[0]
@@ -60,12 +60,12 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 def place_knots(
     at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
 ) -> int:
-    """Place knots up to `total`, with their mirror images, such that the steps follow the goals at the positions `at`;
+    """Place knots up to `total`, mirrored beyond the ends, such that the steps follow the goals at the positions `at`;
     return the number of steps.
 
-    The first steps may be fixed: then all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS] is
-    0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than `most`
-    are required.
+    If the first `fixed` steps are fixed, all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS]
+    is 0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than
+    `most` are required.
     """
     if fixed == 0:
         knots[ENDS] = 0.0
@@ -133,7 +133,7 @@ def control_points(
     """Write the Greville abscissas into `x`, and the values of f there into `control`.
 
     corner    u at the start of each segment, and the end of the last
-    group     equal numbers for consecutive segments in one direction
+    group     equal numbers for consecutive segments of the same direction
     segment   segment on which each x, or its mirror image, lies
     straight  equal numbers for neighbors between which f is straight
     """
@@ -175,7 +175,8 @@ def states(
     slope: Floats2,
     state: Floats3,
 ) -> int:
-    """Compute S - f(x_{e-3}), S', S'' and S''' at each knot e by differences of control points (de Boor), into `state`.
+    """Write S - f(x_{e-3}), S', S'' and S''' at each knot e, computed from differences of control points (de Boor),
+    into `state`.
 
     If all relevant control points lie on one line, the results are exactly those of the line.
     """
@@ -545,7 +546,7 @@ def fitted(
     Return the number of steps, 0 on failure, and the number of goal positions.
 
     begin, end  with `straight_...` the spline follows the line up to there; with `crossed_...` it ends at a corner
-                where runs overlap; its span there leaves the share CROSSED of the tolerance to the overlap
+                where runs overlap; there the share CROSSED of the tolerance is reserved for the overlap
     most_steps  divisor of the total length that bounds the longest step
     fixed       number of given steps; if not 0, all knots before, `many` goal positions from there on, and the state
                 `begins` at the first knot are also given
@@ -653,8 +654,8 @@ def fitted(
 
 @kernel
 def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
-    """Save the data with which the spline can continue from knot e: write the knots to `kept`, and retain the goal
-    positions after them; both are counted from u.
+    """Save the data needed to continue the spline from knot e: write the knots around it to `kept`, and move the goal
+    positions after them to the front of `at` and `goal`; both are measured from u.
 
     Return the number of goal positions.
     """
@@ -700,7 +701,7 @@ def straight_pieces(
     lines: Ints,
     runs: Ints,
 ) -> int:
-    """Append the straight pieces from u0 to u1, one per feed; return the new count."""
+    """Append the straight pieces from u0 to u1, one for each section of equal feed; return the new count."""
     k = first
     while k < last and corner[k + 1] <= u0:
         k = k + 1

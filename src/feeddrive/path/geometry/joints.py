@@ -46,7 +46,7 @@ _LITTLE = 0.05  # of the tolerance, for the blend
 
 
 class Joint(NamedTuple):
-    """The type of the joint after each segment."""
+    """The outcome for the joint after each segment: the deviation of its blend, and whether the run stops there."""
 
     deviation: np.ndarray  # m, proven distance to the segments of the joint; 0 without a blend
     stop: np.ndarray  # True if the run ends there
@@ -165,8 +165,8 @@ def join(
 
     tolerance  tolerance of the joint after each segment, m; negative: stop; 0: stop unless it is smooth
     sharpest   sine of half of the largest corner angle without a stop
-    lonely     multiple of the blend length; the run also stops at a corner of longer segments (next to arcs from
-               0.2 rad on); 0: at every corner of lines
+    lonely     the run also stops at a corner of segments that are longer than this multiple of the blend length
+               (next to an arc only at corners above 0.2 rad); 0: at every corner between lines
     begin      length of the first segment used by the preceding blend
     flows      True if the run continues into the first segment
     runs       run number of each piece
@@ -459,7 +459,7 @@ class Joiner:
     """The joiner that connects the segments of consecutive chains to runs.
 
     sharpest, lonely  as in `join`
-    held      largest number of lines of a cluster held back; a fifth of it suffices if these lines are 50 mm long
+    held      largest number of lines of a cluster held back; a fifth of it if the held lines measure 50 mm or more
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
@@ -474,7 +474,7 @@ class Joiner:
         return self._held is None and self._begun is None and not self._flows
 
     def join(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Return the sections that a chain adds to the runs, and the types of the joints after its segments."""
+        """Return the sections that a chain adds to the runs, and the joints after its segments."""
         segments, tolerance = chain.segments, chain.tolerance
         if self._held:
             segments = one_after_the_other([self._held[0], segments])
@@ -490,7 +490,7 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """Let a spline that cannot be continued end in its planned stop, and join the chain anew after this stop."""
+        """End a spline that cannot be continued at its planned stop, and join the chain anew after this stop."""
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held
@@ -580,7 +580,7 @@ class Joiner:
 def joined(
     segments: Pieces, tolerance: np.ndarray, sharpest: float = 0.35, lonely: float = LONELY
 ) -> tuple[list[Pieces], Joint]:
-    """Return the runs of consecutive segments, and the joint types; parameters as in `join`."""
+    """Return the runs of consecutive segments, and the joints after them; parameters as in `join`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
     return [section.pieces for section in sections], joint
 

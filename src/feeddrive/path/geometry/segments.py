@@ -80,7 +80,7 @@ def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bo
 
 @kernel
 def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
-    """Write the part of a segment between x0 and x1 into `out`; return its length."""
+    """Write the part of a segment between x0 and x1 into `out`; return the length of this part."""
     rest = x1 - x0
     if kind == 0:
         for i in range(len(shape)):
@@ -134,8 +134,8 @@ def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
 
 @kernel
 def part_of(c: Floats, begin: float, size: float, out: Floats) -> int:
-    """Compute the coefficients in η of Σ c_k ξᵏ with ξ = begin + size η: a Taylor shift, including the constant
-    term.
+    """Write the coefficients in η of Σ c_k ξᵏ with ξ = begin + size η, including the constant term, into `out`: a
+    Taylor shift.
     """
     for k in range(8):
         out[k] = c[k]
@@ -256,7 +256,7 @@ def blend(
     difference: Floats2,
     out: Floats2,
 ) -> tuple[float, float, float]:
-    """Find the longest blend up to `longest` that is proven within `tolerance`; return L, B and the bound on its
+    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on its
     distance, or zeros if there is none.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)

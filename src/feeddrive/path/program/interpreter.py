@@ -81,7 +81,7 @@ class Frame:
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
-    """Return label and kind of an o-word in a skipped line, or None for other lines."""
+    """Return the label and the kind of the o-word in a skipped line, or None for a line without an o-word."""
     try:
         statement = _SKIPPED.match(blocks.compact(text)[0])
     except BlockError:
@@ -114,7 +114,7 @@ class Flow:
             reader.close()
 
     def moved(self) -> None:
-        """Record a motion or an offset: the count limited by `MOST_AGAIN_AT_REST` restarts at 0."""
+        """Record a motion or an offset: restart the count of repeated lines that `MOST_AGAIN_AT_REST` limits."""
         self._at_rest = 0
 
     def next_line(self) -> Line | None:

@@ -31,7 +31,7 @@ def drill(
     """Emit the moves of a canned cycle at one position, or at L successive positions.
 
     same  True if the modal motion was already this cycle, whose words are then retained
-    lead  function that returns the target of the block's axis words from a point
+    lead  function that returns the target of the block's axis words for a given start point
     """
     name = name_of("g", code)
     first, second, across = PLANES[state.plane]
@@ -427,7 +427,7 @@ class Motion:
 
 
 def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tuple[list[float], list[int]]:
-    """Return the target of axis words from a start, and the axes that they name.
+    """Return the target of axis words for a given start point, and the axes that they name.
 
     @ and ^ are radius and angle about the program zero.
     """
@@ -455,7 +455,7 @@ def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tup
 
 
 def _length(start: list[float], end: list[float]) -> float:
-    """Return the length of a straight move that its feed refers to: along X Y Z, else U V W, else A B C (degrees)."""
+    """Return the length of a straight move to which its feed refers: along X Y Z, else U V W, else A B C (degrees)."""
     for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
         length = math.hypot(*(end[axis] - start[axis] for axis in axes))
         if length > 0:

@@ -2,7 +2,7 @@
 
 The front ends are the built-in interpreter and that of LinuxCNC: its program `rs274` is run, and the canonical text
 that it prints is parsed. The latter supports cutter compensation and the rest of the language, but prints only four
-decimals of the program unit (0.1 um in mm, 2.5 um in inches), and neither U, V nor W.
+decimals of the program unit (0.1 um in mm, 2.5 um in inches), and no U, V or W words.
 """
 
 import re
@@ -59,8 +59,8 @@ def needs_rs274(program: Path) -> bool:
 
 
 def _may_need(program: Path) -> bool:
-    """Test quickly for such codes, with possible false positives; an overlong line is left to `LineReader`, which
-    refuses it.
+    """Return True if a quick search finds signs of codes that only LinuxCNC's interpreter supports; false positives are
+    possible. The search ends at an overlong line, which `LineReader` refuses.
     """
     end, since = b"", 0
     with program.open("rb") as file:

@@ -1,9 +1,9 @@
 """Motion through the corner between two runs: overlapping stops or a bump in time, whichever is faster.
 
-Overlap: the next run begins before the previous one has come to rest.  With D the time during which both move, q =
-q0(t) + q1(t - T0 + D) - c.  The limits apply to the sum of both motions.  Between lines the tolerance is satisfied if q
-is close enough to the corner at the time when both runs are at equal distances from it; between other pieces these
-distances must also be within the tolerance.
+Overlap: the next run begins before the previous one has come to rest.  With T0 the duration of the first run, D the
+time during which both move, and c the position of the corner, q = q0(t) + q1(t - T0 + D) - c.  The limits apply to the
+sum of both motions.  Between lines the tolerance is satisfied if q is close enough to the corner at the time when both
+runs are at equal distances from it; between other pieces these distances must also be within the tolerance.
 
 Bump: a run that passes a corner at the speed v has a node there, where u'' = u''' = 0.  To remove the jump t1 - t0 of
 its direction, the motion is superposed with v (t1 - t0) phi(t), phi = K * (t)_+ - (t)_+, K = box(w) * box(w) * box(s),
@@ -54,7 +54,7 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add, to the rows of `out`, the ranges by which curvature changes an axis's velocity .. snap from those on the
+    """Add to the rows of `out` the ranges by which curvature makes an axis's velocity .. snap differ from those on the
     tangent.
 
     c is r' of the axis at the corner, `most` are bounds on r' .. r'''', and `away` is a bound on the distance to the
@@ -98,11 +98,11 @@ def together(
     limits: Floats2,
     feed: float,
 ) -> tuple[float, float]:
-    """Return the largest share of a limit or of the feed used by the sum of two motions, and the distance to the
-    corner, m.
+    """Return the peak utilization of the limits and the feed by the sum of two motions, and the distance to the corner,
+    m.
 
     The first motion ends on a piece of the given length, the second begins on another piece, and they overlap for
-    `lasts` seconds; the directions are r' in the corner.  Ranges are bounded by Bernstein points.
+    `lasts` seconds; the directions are r' at the corner.  Ranges are bounded by Bernstein points.
     """
     axes = len(limits)
     p0 = zeros(4)
@@ -268,7 +268,7 @@ def overlap(
 
 @kernel
 def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
-    """Write the part of a time interval from t on, for `lasts` seconds, into `out`."""
+    """Write into `out` the section of a time interval that begins at t and lasts `lasts` seconds."""
     out[0] = lasts
     out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
     out[2] = cubic(row[2], row[3], row[4], row[5], t)
@@ -282,8 +282,8 @@ def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
 def shared(
     one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
 ) -> tuple[int, int, float, int]:
-    """Split the last seconds of one motion and the first seconds of the other into common time intervals; return their
-    number.
+    """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
+    intervals; return their number.
 
     The other results are the interval of the first motion in which the overlap starts, its duration before the overlap
     in s, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within 1e-12
@@ -641,8 +641,8 @@ def bump(
     """Find the fastest bump between two stretches; write it into the rows of both, and its speed, its boxcar widths w
     and s, and the shares into `result`; return the numbers of rows.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump lets both stretches
-    together take less than `quickest` s; `half` reserves half of the second stretch for the following corner.
+    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump brings the total time
+    of both stretches below `quickest` s; with `half`, half of the second stretch remains free for the following corner.
 
     With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w², of which ramps cancel less than
     1.2 times the limit j: v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the axes.
@@ -911,8 +911,8 @@ class Crossings:
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
-        """Slow a run's ramp to the corner on a line: use a share of the jerk and the square of that share of the
-        snap.
+        """Slow a run's ramp at the corner, on a line, by reducing the jerk limit to `share` and the snap limit to
+        `share`² of its value.
         """
         if stretch is None:
             return run
@@ -1047,7 +1047,7 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
 
 
 def _made(seen: _End | None, new: np.ndarray) -> _End | None:
-    """Return the end of a run with its motion replaced."""
+    """Return the end of a run with another motion, or None if there is no such end."""
     return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
 
 

@@ -101,7 +101,7 @@ class Lifter:
 
 
 class _Path:
-    """The pieces of a path with the limits of the axes; u counts from the start of the first piece."""
+    """The pieces of a path with the limits of the axes; u is measured from the start of the first piece."""
 
     def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
         n, axes = len(pieces.length), len(limits)
@@ -139,7 +139,9 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Lift a motion as `lifted` does, but one that is not at rest at its ends; `end` is u' .. u''' at its end."""
+        """Lift a motion that is at rest at neither end, otherwise as in `lifted`; `end` is u' .. u''' at the end of the
+        motion.
+        """
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time intervals without motion except for rounding
@@ -355,8 +357,8 @@ def _after(hand: Part, part: Part) -> Part:
 
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
-    """Split a part within its last `spans` spans at the smallest |u'''|, near the middle of those that may be held
-    back.
+    """Split a part within its last `spans` spans, about 30 % of their duration before the end, where |u'''| is
+    smallest; return the final part and the part held back.
     """
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]

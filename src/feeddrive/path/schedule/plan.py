@@ -106,7 +106,7 @@ def plateau_end(stretch: Stretch) -> float:
 def _filling(
     space: float, v0: float, v1: float, fastest: float, left: Bounds, right: Bounds, up: float, down: float
 ) -> float:
-    """Return the peak speed whose ramps fill a given distance.
+    """Return the peak speed at which the ramps up and down together cover a given distance.
 
     `left` and `right` are the bounds of the ramps up and down on straight pieces; the actual ramps last `up` and `down`
     times as long.
@@ -212,7 +212,7 @@ def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
 
 @kernel
 def too_fast(path: Path, stretch: Stretch, above: float) -> int:
-    """Return the piece with the lowest cap > `above` among those that a hump crosses too fast for ramps, or -1 if there
+    """Return the piece with the lowest cap > `above` among those where a hump exceeds the cap for ramps, or -1 if there
     is none.
     """
     first = piece_at(path.begin, stretch.begin, True)
@@ -331,8 +331,8 @@ def _leaves(
     behind: float,
     c: float,
 ) -> bool:
-    """Return True if the ramps to and from c, which end at `reached` and begin at `behind`, leave a plateau from
-    `ends` to `goes`.
+    """Return True if a plateau at the speed c from `ends` to `goes` fits between the ramp to c, which ends at
+    `reached`, and the ramp from c, which begins at `behind`.
     """
     if ends > goes or ends >= now.end or goes <= now.begin:
         return False

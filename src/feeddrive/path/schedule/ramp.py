@@ -314,12 +314,12 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
 
 @kernel
 def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
-    """Return the necessary increase of a ramp's duration to satisfy the limits on a piece, as a logarithm; negative if
-    it may be shorter.
+    """Return the factor by which a ramp's duration must increase to satisfy the limits on a piece, as a logarithm;
+    negative if the ramp may be shorter.
 
-    v .. s are the largest speed .. snap of u there.  The result is one Newton step for use = limit, where u'', u''',
-    u'''' decrease with the first, second, third power of the duration: the use is convex in the logarithm of the
-    duration, so the step never overshoots.
+    v .. s are the largest speed .. snap of u there.  The result is one Newton step towards a utilization of 1, where
+    u'', u''', u'''' decrease with the first, second, third power of the duration: the utilization is convex in the
+    logarithm of the duration, so the step never overshoots.
     """
     least = -0.3
     if free:
@@ -380,8 +380,8 @@ def _until(far: float, v: float, a: float, j: float, s: float, t0: float, t1: fl
 def lacking(
     path: Path, u: float, first: int, sense: int, low: float, rise: float, ramp: Ramp, free: bool, enough: float
 ) -> float:
-    """Return the necessary increase of a ramp's duration to satisfy the limits on every piece that it crosses, as in
-    `_lacks`; the limits are satisfied if it is <= 0.
+    """Return the factor by which a ramp's duration must increase to satisfy the limits on every piece that it crosses,
+    as a logarithm; they are satisfied if the result is <= 0.
 
     Values above `enough` are lower bounds.
     """

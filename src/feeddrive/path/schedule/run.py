@@ -74,9 +74,9 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
 
 
 def read_steps(text: str) -> Override:
-    """Parse the text of an override: steps of time in s, a colon and the feed in %, e.g. `1:50, 2:0, 3.5:120`.
+    """Parse an override from a string of steps: the time in s, a colon and the feed in %, e.g. `1:50, 2:0, 3.5:120`.
 
-    Raises ParameterError as `override` does, and for malformed text.
+    Raises ParameterError as `override` does, and for a malformed string.
     """
     steps: list[tuple[float, float]] = []
     for step in text.split(","):

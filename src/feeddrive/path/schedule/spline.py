@@ -7,9 +7,10 @@ With r_n the derivatives of an axis and z', z'', z''' those of z with respect to
     q''' = √z (r3 z + 3/2 r2 z' + r1 z''/2)
     q''''= r4 z² + 3 r3 z z' + r2 (3/4 z'² + 2 z z'') + r1 (z' z''/4 + z z'''/2)
 
-The time ∫ du/√z gets a penalty -μ log(1 - g²) for each used share g of a limit at each point; μ decreases.  The penalty
-is expanded to second order in g, and g to first order in z, so that each step solves a positive definite system of half
-bandwidth three.  A step that violates a limit which was satisfied before is never accepted.
+A penalty -μ log(1 - g²) is added to the time ∫ du/√z for the utilization g of each limit at each point; μ is reduced
+step by step.  The penalty is expanded to second order in g, and g to first order in z, so that each step solves a
+positive definite system of half bandwidth three.  A step that violates a limit which was satisfied before is never
+accepted.
 
 Spans are the parts of the motion between knots; this module also places the knots, selects the points at which limits
 are evaluated, and converts from u back to time.
