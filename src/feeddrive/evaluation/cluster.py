@@ -6,7 +6,7 @@ The fields that all cases share are sent once to each worker.  The outcomes are 
 are its rows, some hundred bytes per variant.
 
 A case whose worker was killed is computed again by another worker.  A case that Dask gives up after several killed
-workers is submitted again a few times; then an error names the case.
+workers is submitted again a few times, after which an error names the case.
 """
 
 import asyncio
@@ -58,7 +58,7 @@ def finished(
     timeout  waiting time for a response of the scheduler, s
 
     Raises MissingExtraError without dask.distributed, ParameterError for an address that does not respond or a cluster
-    with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly ends its workers, and
+    with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly kills its worker, and
     any exception of `progress.check()`.
     """
     with _client(address, timeout, progress) as client:

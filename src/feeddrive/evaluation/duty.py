@@ -1,4 +1,4 @@
-"""The duty for comparing laws: a move and force steps, derived from the limits of the axis, and its simulated runs."""
+"""The duty (test sequence) for comparing laws: a move and force steps, scaled to the axis limits, and its runs."""
 
 from __future__ import annotations
 

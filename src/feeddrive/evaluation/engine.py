@@ -114,7 +114,7 @@ def _window(
     handed: dict[int, C],
     hear: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes; `handed` lists the pending cases, just enough to keep all workers busy."""
+    """Yield cases with their outcomes; `handed` lists the pending cases, just as many as keep all workers busy."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()
 
@@ -172,7 +172,7 @@ def _begin(common: tuple[Any, ...], news: Any) -> None:
 
 
 class _Told(Progress):
-    """The progress of a case in a worker process."""
+    """The progress of a case in a worker process, which sends the names of the stages to the parent process."""
 
     def __init__(self, number: int) -> None:
         super().__init__()

@@ -118,11 +118,11 @@ class Design:
     """A tuned law as stored by the engine and in the folders of the benchmark.
 
     plant, rules        plant of the benchmark, and version of its rules, for a design in its folders
-    tunables, started   values by dotted name within the control, and those before the tuning
+    tunables, started   values by dotted name within the controller, and those before the tuning
     refused    the reason if no design was found; else empty
     figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
-    held       the active constraints, as sentences; `bounds` has their numbers
+    held       the active constraints, as sentences; `bounds` contains them as values
     """
 
     law: str
@@ -184,9 +184,9 @@ class Design:
         return cls(**values)
 
     def control(self, candidate: Candidate) -> Control:
-        """Return the control of a candidate with these tunables.
+        """Return the controller of a candidate with these tunables.
 
-        Raises ParameterError if the control has no parameters of these names.
+        Raises ParameterError if the controller has no parameters of these names.
         """
         return tree.vary(candidate.loop.control, dict(self.tunables))
 

@@ -1,6 +1,4 @@
-"""The result of a plan: cycle time, peak utilization of each limit, stops, and a reduced record of the motion for
-plots.
-"""
+"""The result of a plan: cycle time, peak utilization of each limit, stops, and the motion reduced for plots."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

@@ -46,7 +46,7 @@ class Curve:
     number   determines color, dashes and marker
     caption  its figures, next to the name in the legend; for a bar, next to the bar
     heat     a value for each point, shown as color and width on the scale of the panel
-    reach    radius of a disc around each point, in place of the line: all discs are one pale area
+    reach    radius of a disc around each point, in place of the line; all discs form one pale area
     size     factor on the default line width and marker size
     """
 
@@ -291,7 +291,9 @@ class Chart:
         return Abscissa(self.label, self.scale, self.low, self.high, self.square, self.ticks)
 
     def shown(self, units: Units) -> Self:
-        """Return the chart with all texts converted to the reader's units; the numbers are unchanged."""
+        """Return the chart with all quantities in its strings converted to the reader's units; the numbers are
+        unchanged.
+        """
         label, side, beside, caption = (
             resolve(text, units) for text in (self.label, self.side, self.beside, self.caption)
         )

@@ -33,7 +33,7 @@ REACH = (-2.6, 1.4, -2.0, 2.0)  # left, right, low, high of the Nyquist plot; th
 def nyquist_chart(loops: Margins | Mapping[str, Margins]) -> Chart:
     """Plot loop gains near -1, with the unit circle and, for each loop, the circle of radius 1/Ms that it touches.
 
-    A measured loop gain also has its 95 % confidence discs, each of which is valid for one line.
+    A measured loop gain is drawn with its 95 % confidence discs; each of them is valid for one frequency line only.
     """
     chosen = style.named(loops)
     curves, marks, discs = list[Curve](), list[Mark](), [Disc(0.0, 0.0, 1.0)]
@@ -276,7 +276,7 @@ _REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of disc
 def certificate_chart(certificate: Certificate) -> Chart:
     """Plot |1 + L|/|L| of each plant and the certified radius, the plants with the smallest margin first.
 
-    For a multirate control, 1/Σ|H| is plotted instead: the sum covers the responses of the force to a sine of 1 N at
+    For a multirate controller, 1/Σ|H| is plotted instead: the sum covers the responses of the force to a sine of 1 N at
     its own frequency and at the image frequencies.
     """
     # A plant without discs has no reserve, and is the last to be shown.
@@ -293,7 +293,7 @@ certificate = figure_of(certificate_chart)
 
 
 def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """Return the panel of one plant: its distance from -1, the share covered by the discs, and the measured bands."""
+    """Return the panel of one plant: relative distance from -1, relative radius of the discs, and measured bands."""
     loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]

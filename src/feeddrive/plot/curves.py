@@ -123,7 +123,7 @@ def left_over_chart(
     """Plot magnitudes versus frequency in Hz on logarithmic scales, measured ones as marks, with a vertical line at
     one frequency.
 
-    `one` adds the line at 1, above which a compensation amplifies.
+    `one` adds a horizontal line at magnitude 1, above which a compensation amplifies.
     """
     lines = [Curve(f, magnitude, name, i) for i, (name, (f, magnitude)) in enumerate(curves.items())]
     lines += [

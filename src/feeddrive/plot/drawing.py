@@ -117,7 +117,7 @@ def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
 
 
 def drawn(chart: Chart, units: Units | None = None) -> Picture:
-    """Draw a chart as a matplotlib figure, with its texts in `units`, by default those of `READER`."""
+    """Draw a chart as a matplotlib figure, with its labels in `units`, by default those of `READER`."""
     # not at the top: making a chart must not import matplotlib
     from feeddrive.plot.picture import Picture
 
@@ -174,7 +174,9 @@ def _axes(figure: Picture, chart: Chart) -> list[Axes]:
 
 
 def _abscissas(axes: Sequence[Axes], chart: Chart) -> None:
-    """Set up the x axes after the curves; the shared one has its numbers below the lowest panel of each column."""
+    """Set up the x axes once the curves are drawn; the shared one has its numbers below the lowest panel of each
+    column.
+    """
     shared: list[Axes] = []
     for ax, panel in zip(axes, chart.panels, strict=True):
         if panel.abscissa is None:

@@ -254,8 +254,8 @@ rigid_fit = figure_of(rigid_fit_chart)
 
 
 def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
-    """Plot the model and the log: a closed-loop simulation of the same reference if the law is known, else the
-    force.
+    """Plot the model and the log: a closed-loop simulation of the same reference if the law is known, otherwise the
+    measured and fitted force.
     """
     if identified.refinement is None:
         return rigid_fit_chart(identified.rigid, units)
@@ -310,7 +310,7 @@ residuals = figure_of(residuals_chart)
 
 
 def validation_chart(validation: Validation) -> Chart:
-    """Plot the error of each segment for a fit to the other segments."""
+    """Plot the prediction error in each segment, for a fit to the other segments."""
     numbers = range(1, validation.errors.size + 1)
     boxes = tuple(
         Box(n - 0.25, n + 0.25, 0.0, 100.0 * float(e)) for n, e in zip(numbers, validation.errors, strict=True)

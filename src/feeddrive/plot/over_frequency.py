@@ -102,8 +102,8 @@ def doubtful(
 
 
 def _stretches(frf: FRF) -> list[tuple[float, float]]:
-    """Return the first and last frequency in Hz of each interval of untrusted lines, extended halfway to the next
-    line.
+    """Return the first and last frequency in Hz of each interval of lines with low coherence, extended halfway to the
+    next line.
     """
     if frf.coherence is None:
         return []
@@ -117,7 +117,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """Return a panel with the coherences and the lowest one that a tuning accepts; empty without a coherence."""
+    """Return a panel with the coherences and the lowest value that a tuning accepts; empty without a coherence."""
     with_coherence = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not with_coherence:
         return ()
@@ -144,7 +144,7 @@ def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN
     """Plot estimated responses with their 95 % bands and coherences, except responses with a unit other than that of
     the first.
 
-    A single response is shown with its noise and distortion levels. The radius includes the uncertainty of the
+    A single response is shown with its noise and distortion levels. The width of a band includes the uncertainty of the
     estimated variance (`FrequencyEstimate.radius`).
     """
     alike = [estimate for estimate in estimates if estimate.frf.unit == estimates[0].frf.unit]
@@ -173,7 +173,9 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """Shift a phase (degrees, over Hz) by whole turns to be closest to that of a response."""
+    """Shift a phase in degrees by whole turns so that it is closest to that of a response, at the first line of the
+    latter.
+    """
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)
 
@@ -298,7 +300,9 @@ _OTHER = 4  # number of the band of a model, different from that of the measurem
 
 
 def _by_model(measured: FRF, fitted: FRF | None, curve: FRF) -> np.ndarray:
-    """Return the phase of a measurement in degrees, in the same turn as its model on each line."""
+    """Return the phase of a measurement in degrees, shifted by whole turns to be closest to that of its model at each
+    line.
+    """
     if fitted is None:
         return _beside(measured.phase_deg, measured.frequency, curve)
     # noise slips by whole turns when it is unwrapped alone: the model gives the turn on each line
@@ -542,8 +546,8 @@ stiffness = figure_of(stiffness_chart)
 
 
 def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
-    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest of dense lines in each
-    band.
+    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest line of each band where
+    lines are dense.
     """
     chosen = style.named(spectra)
     first = next(iter(chosen.values()))
@@ -576,8 +580,8 @@ spectrum = figure_of(spectrum_chart)
 
 
 def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return center frequency, largest amplitude and last cumulative RMS of each band with lines, without the line at
-    0.
+    """Return center frequency, largest amplitude and last cumulative RMS of each band that contains lines; the line at
+    0 Hz is excluded.
     """
     frequency = spectrum.frequency[1:]
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)

@@ -391,8 +391,8 @@ def scope_chart(
 
     level  trigger channel and its level in the unit of the source
 
-    A range is kept while its curves fit into it and use a good part of it, so that the axes do not jump in a picture
-    that is redrawn many times a second.
+    A range is retained as long as its curves fit into it and use a good part of it, so that the axes do not jump in a
+    picture that is redrawn many times a second.
     """
     grouped: dict[str, list[Channel]] = {}
     for channel in channels:
@@ -458,8 +458,8 @@ def kept_points(time: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
     """Return the indices of the points of a curve to draw: the minimum and the maximum of each interval of `width` s,
     in time order.
 
-    Intervals begin at whole multiples of the width, so that a scrolling curve keeps its points. The first and the last
-    row are kept, and one row of each gap (NaN). A short curve keeps all its rows.
+    Intervals begin at whole multiples of the width, so that the same points are chosen while a curve scrolls. The first
+    and the last row are included, and one row per interval in gaps (NaN). All rows of a short curve are included.
     """
     if time.size <= SCOPE_POINTS:
         return np.arange(time.size)

@@ -292,7 +292,7 @@ planned = figure_of(planned_chart)
 
 
 def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
-    """Return one curve for each speed class, with gaps at other classes."""
+    """Return one curve for each speed class, with gaps where the speed belongs to another class."""
     course = plan.course
     traverse = np.isinf(course.feed)
     speed = 1e3 * course.speed
@@ -358,7 +358,7 @@ def _cause_number(name: str) -> int:
 
 
 def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
-    """Plot velocity to snap of an axis versus time, with minimum and maximum of each segment and the limits."""
+    """Plot velocity to snap of an axis versus time, with minimum and maximum of each time interval and the limits."""
     course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
     begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
     edges = np.append(course.time[begins], plan.cycle_time)

@@ -254,8 +254,8 @@ def envelope(x: np.ndarray, y: np.ndarray, points: int = POINTS) -> tuple[np.nda
     """Return at most `points` + 2 of the points (x, y), both of shape (n,): minimum and maximum of each interval, in
     order.
 
-    The first and the last point are kept. A short curve is returned unchanged. No value is interpolated or averaged, so
-    peaks and limits stay where they are. `points` is at least 2.
+    The first and the last point are included. A short curve is returned unchanged. No value is interpolated or
+    averaged, so peaks and limits stay where they are. `points` is at least 2.
     """
     n = x.size
     if n <= points:

@@ -98,7 +98,9 @@ def sentences(
     sobol: Sequence[statistics.SobolIndices],
     correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
-    """Return sentences on the yield, the bound that is violated most, and the factors that determine it."""
+    """Return sentences on the yield, the bound violated most often, and the factors that determine the figure of this
+    bound.
+    """
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
     interval = inside.interval
@@ -136,7 +138,7 @@ def _fails(hardest: statistics.BoundYield, inside: statistics.Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """Return sentences on the variance of a figure by Sobol indices, or an empty list if it has none."""
+    """Return sentences on the shares of factors in the variance of a figure, or an empty list without Sobol indices."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
         return []
@@ -163,7 +165,7 @@ def share_text(value: float, interval: np.ndarray) -> str:
 
 
 def correlation(value: float) -> str:
-    """Return a correlation coefficient as text with its sign."""
+    """Return a correlation coefficient as a string with its sign."""
     return f"{Quantity(value):+.2f}"
 
 
@@ -174,7 +176,7 @@ def _between(rank: statistics.RankCorrelation) -> str:
 def _goes_with(
     figure: Figure, correlations: Sequence[statistics.RankCorrelation], names: Mapping[str, str]
 ) -> list[str]:
-    """Return sentences on the variance of a figure by rank correlations, for a study without Sobol indices."""
+    """Return sentences on the columns that correlate most with a figure by rank, for a study without Sobol indices."""
     # The square is a share of the rank variance, so the threshold of the Sobol indices applies.
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:

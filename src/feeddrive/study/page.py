@@ -46,10 +46,11 @@ from feeddrive.study.variants import VariantGroup, variant_groups, variants
 
 
 def replay_files(study: Study, variant: int) -> dict[str, str]:
-    """Return the replay files as text by name, the job first: `variant_00000012.toml`, `variant_00000012_machine.toml`.
+    """Return the contents of the replay files by file name, the job first: `variant_00000012.toml`,
+    `variant_00000012_machine.toml`.
 
-    The control of the variant's law becomes that of the machine, so that the job's only row is `today`.  Numbers are
-    written with full precision; the cutting process of a part program becomes a coupling of the machine.
+    The controller of the variant's law becomes the one of the machine, so that the job has a single row, `today`.
+    Numbers are written with full precision; the cutting process of a part program becomes a coupling of the machine.
 
     Raises ParameterError or StructureError for a variant that cannot be built.
     """

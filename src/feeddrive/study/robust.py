@@ -404,7 +404,7 @@ def tune_robust(
     control   the initial controller of the search (default: that of the study's job)
     limits    the limits that the specification does not state
     share     the share of the sampled machines for which limits and goal count
-    samples   the number of machines that the tuner may see (default: the study's count, at most 1000)
+    samples   the number of machines available to the tuner (default: the study's count, at most 1000)
     fresh     the number of newly drawn machines for verification (default: as many as sampled, at least 200)
     workers   the processes for verification (default: all cores)
 

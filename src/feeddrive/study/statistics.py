@@ -1,8 +1,8 @@
 """Statistics of the rows of a sweep: rows as arrays, yield, worst cases, sensitivity, quantile bands and Pareto fronts.
 
-The first-order index of a factor is the share of the figure's variance that would vanish if the factor were fixed; the
-total index is the share that would remain if only this factor varied.  Source: Saltelli et al. 2010, by
-`scipy.stats.sobol_indices`.
+The first-order index of a factor is the expected share of the figure's variance that would vanish if the factor were
+fixed; the total index is the expected share that would remain if all other factors were fixed.  Source: Saltelli et al.
+2010, by `scipy.stats.sobol_indices`.
 """
 
 from __future__ import annotations
@@ -104,7 +104,9 @@ class Judged:
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """True for variants that satisfy a bound, by key of its figure; a variant without figures satisfies none."""
+        """True for variants that satisfy a bound, by the key of the bounded figure; a variant without figures satisfies
+        none.
+        """
         return {
             bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
             for bound in self.study.specification
@@ -183,7 +185,9 @@ MOST = 200_000
 
 
 class Sampled:
-    """A collector of a random sample of the drawn machines: all, or about `MOST` with equal probability."""
+    """A collector of a random sample of the drawn machines: all of them, or about `MOST`, chosen with equal
+    probability.
+    """
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -350,9 +354,9 @@ _RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers 
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """The Sobol indices of one output, each of shape (factors,), with an interval at `LEVEL`.
+    """The Sobol indices of one output, each of shape (factors,), with a confidence interval at `LEVEL`.
 
-    points   the number of points used; `without` were excluded because one of their variants has no finite figure
+    points   number of points used; `without` is the number excluded because one of their variants has no finite figure
     """
 
     output: str
@@ -372,7 +376,7 @@ class SobolIndices:
 
 @dataclass(frozen=True)
 class RankCorrelation:
-    """Spearman's rank correlation of an output with a varied number, -1 to 1, with an interval at `LEVEL`.
+    """Spearman's rank correlation of an output with a varied number, -1 to 1, with a confidence interval at `LEVEL`.
 
     Its square is the share of the rank variance explained by the number, if the effect is monotone.
     """

@@ -1,6 +1,7 @@
 """The store of a sweep: its rows as one Parquet file per chunk, with a manifest, in a folder or at an fsspec address.
 
-    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants per chunk, sealed
+    DIR/manifest.json                 study, digest, version of feeddrive, variants, variants per chunk, and
+                                      "sealed": true (each chunk carries its SHA-256)
     DIR/rows/chunk_00000012.parquet   the rows of chunk 12, in the order of their variants
 
 Each file is written atomically under a hidden temporary name: a reader never sees a partial file, and the leftovers of

@@ -215,7 +215,7 @@ def _job(
 
 
 def _is_of_job(key: Key) -> bool:
-    """Return True for a key of the job file; `axis` alone is an axis name there; a longer key that begins with it
+    """Return True for a key of the job file; `axis` alone is a key there, while a longer key that begins with `axis`
     belongs to the machine.
     """
     return key == ("axis",) or (key[0] in declarations(JobSection) and key[0] != "axis")
@@ -337,7 +337,7 @@ class Study(Result):
     row      the law of the job that runs, unless a choice overrides it
     points   points of the sampler; `count` is the total number of variants, `chunk` the number computed together
     noise    "same": all variants use one noise seed; "each": every variant has its own
-    jobs     the jobs, by the values of the choices in the order of the file, without the choice of a row
+    jobs     the jobs, by the values of the choices in the order of the file, except a choice of the row
     stream   0 in a file; 1, 2, ... give other, independent variants from the same distributions
     digest   SHA-256 of everything that determines the rows: this file, and the resulting numbers of job and machine
     """

@@ -125,7 +125,7 @@ class Rate:
         self.ran += variants
 
     def text(self) -> str:
-        """Return the state as text: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
+        """Return the state as a string: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
         # Chunks of an earlier call are not counted: they may come from a faster machine.
@@ -135,7 +135,7 @@ class Rate:
         return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
-        """Return a sentence on the rows kept from a sweep that ended early."""
+        """Return a sentence on the rows stored by a sweep that ended early."""
         if not self.done:
             return "nothing was written"
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"

@@ -54,7 +54,7 @@ Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 
 
 class Varied(Protocol):
-    """One varied factor, which is one factor of the sensitivity analysis.
+    """A quantity or choice that varies in a study; it counts as one factor in the sensitivity analysis.
 
     The members have the same meaning in every implementing class.
     """
@@ -85,7 +85,7 @@ class Varied(Protocol):
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values by column at points u of shape (n, dimensions)."""
+        """Return the value of each column at points u of shape (n, dimensions)."""
         ...
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
@@ -111,7 +111,7 @@ class Quantity:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """One column in the unit of the number; dimensionless for a factor."""
+        """One column in the unit of the number; dimensionless for a scale factor."""
         return {self.name: "" if self.mode == "scale" else self.unit}
 
     @property
@@ -257,7 +257,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Choice:
-    """A key of the job or machine file that takes one of several values, and may change the structure or the task.
+    """A key of the job or machine file that takes one of several values; it may change the structure of the system or
+    its task.
 
     key  "row" for the job's laws by name, or a key of a file: "machine", "program.file", "axis.x.substeps"
     """
@@ -423,7 +424,7 @@ class VaryLogUniform(_Ranged, kind="loguniform"):
 
 
 class VaryNormal(_Ranged, kind="normal"):
-    """A normal distribution about nominal, truncated to the range."""
+    """A normal distribution about the nominal value, truncated to the range."""
 
     needs_kind: ClassVar[bool] = True
 
@@ -431,7 +432,7 @@ class VaryNormal(_Ranged, kind="normal"):
     deviation_percent: Number | None = block.parameter("", "the same in percent of nominal", default=None)
 
     def distribution(self, nominal: float) -> Distribution:
-        """Return the normal distribution about nominal."""
+        """Return the normal distribution about the nominal value."""
         deviation = _of_nominal(self, "deviation", nominal)
         least, most = self.range(nominal)
         if deviation is None:
@@ -440,25 +441,25 @@ class VaryNormal(_Ranged, kind="normal"):
 
 
 class VaryLogNormal(_Ranged, kind="lognormal"):
-    """A log-normal distribution with median nominal, truncated to the range."""
+    """A log-normal distribution whose median is the nominal value, truncated to the range."""
 
     needs_kind: ClassVar[bool] = True
 
     ratio: Number = block.parameter("", "68 % lie within a factor of it about nominal")
 
     def distribution(self, nominal: float) -> Distribution:
-        """Return the log-normal distribution about nominal."""
+        """Return the log-normal distribution whose median is the nominal value."""
         least, most = self.range(nominal)
         return LogNormal(nominal, self.ratio, 0.0 if least == -math.inf else least, most)
 
 
 class VaryTriangular(_Ranged, kind="triangular"):
-    """A triangular distribution over the range with its mode at nominal."""
+    """A triangular distribution over the range with its mode at the nominal value."""
 
     needs_kind: ClassVar[bool] = True
 
     def distribution(self, nominal: float) -> Distribution:
-        """Return the triangular distribution with its mode at nominal."""
+        """Return the triangular distribution with its mode at the nominal value."""
         least, most = self.range(nominal)
         return Triangular(least, nominal, most)
 
