@@ -174,7 +174,8 @@ class Part(NamedTuple):
     """A part of a run: some pieces of its path and the motion on them; a run starts and ends at rest.
 
     The first piece is the one on which the previous part ended.  `ends` is True if the run ends with this part.  If the
-    next run is `entering` at the same time, the following part continues from the position which that run has reached.
+    next run is `entering` at the same time, the following part continues from the position that the next run has then
+    reached.
 
     mode  path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed within
           it

@@ -236,7 +236,7 @@ def yields_chart(yields: statistics.Yield) -> Chart:
 def histograms_chart(sample: statistics.Judged, banded: bool = False) -> Chart:
     """Return a histogram of each figure over the machines, with its bound.
 
-    banded  True to omit dynamic stiffness lines without a bound, which have a band chart instead
+    banded  True to omit dynamic stiffness figures without a bound, which are shown in a band chart instead
     """
     figures = _figures(sample.study, banded)[:_PANELS]
     bounds = {bound.figure: bound for bound in sample.study.specification}

@@ -83,7 +83,7 @@ def permuted(number: np.ndarray, total: int, seed: tuple[int, ...]) -> np.ndarra
     """Apply a random permutation of 0 .. total - 1 to numbers; dtype uint64, same shape.
 
     A Feistel network permutes 0 .. 4^h - 1, where 4^h >= total; results of `total` or more are permuted again until
-    they are below it (Black & Rogaway 2002, cycle walking): on average less than four times.
+    they are below it (Black & Rogaway 2002, cycle walking): on average fewer than four times.
     """
     half = np.uint64(max(1, ((total - 1).bit_length() + 1) // 2))
     mask = (np.uint64(1) << half) - np.uint64(1)

@@ -345,7 +345,7 @@ class Offsets:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A change of another output: `what` (mist, flood, feed_override, output 3 ...) is set to `value`."""
+    """A switching command: `what` (mist, flood, feed_override, output 3 ...) is set to `value`."""
 
     source: Line
     what: str

@@ -185,8 +185,8 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Return the faults, as `faults_of` does, in the section affected by changes in the spans from `first` up to
-        but excluding `last`.
+        """Return the faults, in the form of `faults_of`, in the section that changes in the spans from `first` up to
+        but excluding `last` affect.
         """
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER

@@ -139,8 +139,8 @@ def _filling(
 
 @kernel
 def hump(path: Path, stretch: Stretch, free: bool) -> Stretch:
-    """Return the stretch with the highest peak found, at least its own; if there is none, the returned stretch has peak
-    0.
+    """Return the stretch with the highest peak speed found, not lower than its present peak; if none is found, the
+    returned stretch has peak 0.
 
     A `free` hump may exceed the caps of pieces, but not the highest of them.
     """
@@ -405,8 +405,9 @@ def _beginning(
     """Write a feasible plan to a stop at u1 into `stack`, last stretch first; return the number of stretches, or 0 if
     there is no such plan.
 
-    From rest the plan is a single hump.  If the motion is faster than a piece ahead allows, it is braked before as few
-    pieces as possible of those that are slower than all before them (listed in `slow`).
+    From rest the plan is a single hump.  If a piece ahead is too slow for the present speed, the motion is braked in as
+    few steps as possible, each to the cap of a piece that is slower than all pieces before it; `slow` is work space for
+    these pieces.
     """
     if v0 == 0.0:
         whole = Stretch(u0, u1, 0.0, 0.0)

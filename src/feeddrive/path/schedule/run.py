@@ -105,7 +105,7 @@ _CAPS = 8  # largest number of trial speeds to brake to
 
 
 class _Room(NamedTuple):
-    """The bounds and caps of pieces, for one of `SHARES`."""
+    """The bounds and caps of pieces, for one pair of limit shares in `SHARES`."""
 
     most: np.ndarray
     caps: np.ndarray
@@ -306,7 +306,7 @@ class Schedule:
         return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
 
     def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
-        """Return bounds and caps for each of `SHARES` for this feed factor."""
+        """Return the bounds and caps of pieces at this feed factor, for each pair in `SHARES`."""
         n, limits, rooms = len(pieces.length), self._limits.copy(), list[_Room]()
         # on a traverse the velocity limits are the feed; a factor above 1 must not raise them
         limits[:, 0] *= min(factor, 1.0)
@@ -356,8 +356,8 @@ def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
 
 
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
-    """Split the plateau at the end of the first part of a window; return the plan, and the number of stretches up to
-    there.
+    """Split the plateau at which the final part of a window ends; return the plan, and the number of stretches in this
+    part.
     """
     rows, ends = planned.rows, _KEPT * planned.begin[-1]
     count = int(np.searchsorted(rows[:, 1], ends, side="right"))
