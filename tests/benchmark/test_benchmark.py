@@ -276,7 +276,7 @@ def test_whole_tunings_that_disagree_are_not_settled(monkeypatch: pytest.MonkeyP
 
 def test_noise_is_stated_for_a_nanometer_of_the_readings() -> None:
     """A gain of 0.395 N/nm from reading to force."""
-    rule = replace(RULES.rule(RULES.plants[QUICK]), noise=0.395e9)
+    rule = replace(RULES.plants[QUICK].rule, noise=0.395e9)
     assert f"at most {Quantity(0.395, 'N'):3} RMS of force per nm RMS of white noise" in rule.sentence
     assert rule.limits().reading_noise == (1e-9, 1e-9)
 
