@@ -26,9 +26,9 @@ class CoggingOrder:
 
     even      part independent of the direction: cogging; None with runs in one direction only
     odd       part that changes sign with the direction: friction that varies along the travel
-    forward   amplitude in motion towards larger positions; `backward`: in the opposite direction; None without such a
-              run
-    p_value   probability of such amplitudes if the harmonic does not exist
+    forward   amplitude in motion towards larger positions, `backward` in the opposite direction; None if no run
+              has that direction
+    p_value   probability of amplitudes at least as large if the harmonic does not exist
     """
 
     order: int
@@ -98,7 +98,7 @@ class CoggingFit(Result):
         most            maximum number of harmonics
 
         The measured force balances the cogging, so the block has the opposite sign.  With runs in one direction only,
-        it includes friction that varies along the travel.
+        the block includes friction that varies along the travel.
         """
         strongest = sorted(self.significant, key=lambda order: -_balanced(order)[0])[:most]
         if not strongest:
@@ -128,8 +128,9 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
         force = offset + d coulomb + Σ over orders of (even + d odd),   d = ±1 the direction
         even, odd: a cos(2π order x) + b sin(2π order x)
 
-    Cogging is independent of the direction of motion, while friction changes its sign; with runs in both directions
-    even is therefore cogging and odd is friction that varies along the travel.  One direction gives only their sum.
+    Cogging is independent of the direction of motion, while friction changes its sign; with runs in both directions the
+    even part is therefore cogging and the odd part is friction that varies along the travel.  One direction gives only
+    their sum.
 
     orders  default: all up to 128, or as many as a third of the visited positions can resolve
 
@@ -185,7 +186,9 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Fit each run by least squares and average the fits; their errors are increased if the runs scatter by more."""
+    """Fit each run by least squares and average the fits; their errors are increased if the runs scatter by more than
+    these errors.
+    """
     if not runs:
         return None
     fits = [_alone(run, orders) for run in runs]
@@ -405,7 +408,7 @@ def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def _averaged(x: np.ndarray, force: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Average neighboring rows if there are more than needed."""
+    """Average neighboring rows if there are more than twice as many as needed for the order `highest`."""
     needed = int(np.ceil(_FINE * highest * max(1.0, float(np.ptp(x)))))
     if x.size <= 2 * needed:
         return x, force

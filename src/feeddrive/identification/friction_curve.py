@@ -92,15 +92,16 @@ def learned_stops(
     mass    known mass in kg, 0 if the force is friction only; default: estimated
     widths  candidate stop widths in m; stops without stiffness are left out of the result
     bells   number of Gaussian basis functions over the speed fitted to the residual of the stops; 0: none
-    how     default: rows of a millisecond, reversals kept, the position filtered at 200 Hz
+    how     default: rows of a millisecond, rows at reversals included, the position filtered at 200 Hz
 
     The columns are the elongations of the stops for the measured position, filtered as the force is, and scaled to the
-    same size.  The bells are a ridge regression, the mean of a Gaussian process with that kernel; they are equally
-    spaced from the lowest to the highest speed.  Standard errors are those of the active columns and valid for
-    autocorrelated residuals; they do not account for widths that are not among the candidates.
+    same size.  The heights of the bells follow from ridge regression, which gives the mean of a Gaussian process with
+    these basis functions; the bells are equally spaced from the lowest to the highest speed.  Standard errors are those
+    of the active columns and valid for autocorrelated residuals; they do not account for widths that are not among the
+    candidates.
 
     Not suitable without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
-    motion back and forth over 1 um to some mm, slowly and fast.
+    motion back and forth over 1 um to several mm, both slow and fast.
     Source: Lawson & Hanson 1974 (non-negative least squares); the columns: Al-Bender, Lampaert & Swevers 2004.
     """
     _check_stops(log, widths, mass, bells)
@@ -309,8 +310,8 @@ def steady_runs(
     """Extract the constant-speed runs of logs, each a pair of velocity and force of shape (n,).
 
     Units are m/s and N, or rad/s and N m.  A log is split recursively where its mean speed changes most, as long as
-    the change exceeds 10 % of the speed and six standard errors.  Parts with a trend of the speed or at standstill are
-    left out, as is a tenth of a part at each end where the speed changed.  Outliers of velocity or force
+    the change exceeds 10 % of the speed and six standard errors.  Parts in which the speed has a trend or is zero are
+    left out, as is a tenth of a part at each end at which the speed changed.  Outliers of velocity or force
     (`regression.strays`) are excluded from the means; a remark states how many and where, by `names` of the logs.
     Raises LogError for logs with values that are not finite, NotIdentifiableError if no speed is held for `least_rows`
     rows.
@@ -451,7 +452,8 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Return True if the values are valid: no level is negative, no breakaway level is below its Coulomb level."""
+        """Return True if the values are valid: no level is negative, and no breakaway level is below its Coulomb level.
+        """
         # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)
@@ -538,7 +540,9 @@ class FrictionCurve(Result):
         return _predicted(self.model, self.values, velocity)
 
     def error(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the standard error of the curve at nonzero velocities: √(j Σ jᵀ), j = d force / d parameters."""
+        """Return the standard error of the curve at nonzero velocities: √(j Σ jᵀ), j = d force / d parameters, Σ their
+        covariance.
+        """
         columns = self.model.slopes(np.asarray(velocity, dtype=np.float64), self.values)
         return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns), 0.0))
 

@@ -70,7 +70,7 @@ def power(unit: str) -> int:
 
 
 def table_unit(unit: str) -> str:
-    """Return the unit at the table of a quantity with this unit at a shaft."""
+    """Return the unit that a quantity with this unit at a shaft has at the table."""
     pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m"}
     return pairs[unit]
 
@@ -232,7 +232,7 @@ def robust_covariance(
 
     The residual may have any autocorrelation of finite length.  By default `lags` follows from that length: twice
     1.1447 (α n)^⅓ of Andrews 1991, with α from the first autocorrelation of each score.  S becomes more uncertain with
-    more lags; the factor of `widening` compensates for this, so that 1.96 errors remain a 95 % interval.
+    more lags; the factor of `widening` compensates for this, so that 1.96 standard errors remain a 95 % interval.
     Sources: Newey & West 1987; Andrews 1991, eqs. (6.2) and (6.4); Kiefer & Vogelsang 2005.
     """
     stacked = columns if columns.ndim == 3 else columns[None]
@@ -279,7 +279,8 @@ def _summed(scores: np.ndarray, size: int) -> np.ndarray:
 
 
 def widening(share: float) -> float:
-    """Return the ratio of a 95 % interval to 1.96 errors if a `share` of all lags is used with a Bartlett window.
+    """Return the ratio of a 95 % interval to 1.96 standard errors if a `share` of all lags is used with a Bartlett
+    window.
 
     (1.9600 + 2.9694 b + 0.4160 b² - 0.5324 b³) / 1.96, b = share.  Source: Kiefer & Vogelsang 2005, table 1.
     """
@@ -494,8 +495,8 @@ def solve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the step Δ within bounds that minimizes |Ψ Δ - e|² + mu |S Δ|², and the active bounds.
 
-    Ψ has shape (samples, columns); S scales its columns to 1.  Without an active bound the step is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ
-    e.
+    Ψ is `seen`, of shape (samples, columns), and e is `error`; S scales the columns of Ψ to 1.  Without an active bound
+    the step is (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e.
     """
     # imported here: commands that only read a log start without it
     from scipy.optimize import lsq_linear

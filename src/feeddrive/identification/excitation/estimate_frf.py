@@ -43,7 +43,7 @@ class Averaged:
 
 
 def excited_lines(cause: np.ndarray) -> np.ndarray:
-    """Return a mask of the excited lines, which lie above the widest gap in the sorted magnitudes of `cause`, (lines,).
+    """Return a mask of the excited lines, which lie above the widest gap in the sorted magnitudes of `cause`.
 
     The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
     """
@@ -62,10 +62,11 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
         D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
 
-    Ĝ is the response on the neighboring excited lines, interpolated: in a closed loop the input is not empty there.
-    The level of a kind is 0 in the band if a joint test of all its lines finds only noise, at a significance of 1 %.
-    Outside the band the response is unknown, and D is the whole output, including the effect of distortion at the
-    input.  `response` is given on the excited lines.  Only lines up to three times the band are used.
+    Ĝ is interpolated between the neighboring excited lines; the term Ĝ Ū is needed in a closed loop, where the input is
+    not zero on the empty lines. The level of a kind is 0 in the band if a joint test of all its lines finds only noise,
+    at a significance of 1 %. Outside the band the response is unknown, and D is the whole output, including the effect
+    of distortion at the input.  `response` is given on the excited lines.  Only lines up to three times the band are
+    used.
     """
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
@@ -96,9 +97,10 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """Return True if lines contain more than noise: the sum of |D|²/noise, F(2, 2ν) each, then exceeds its quantile.
+    """Return True if lines contain more than noise, that is if the sum of |D|²/noise exceeds its quantile.
 
-    The degrees of freedom of the lines are added, which is valid for noise of any color.
+    With noise only, each term has the distribution F(2, 2ν); the degrees of freedom of the lines are added, which is
+    valid for noise of any color.
     """
     from scipy.special import fdtri
 
@@ -117,13 +119,13 @@ def smoothed(values: np.ndarray) -> np.ndarray:
 
 
 def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
-    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,), or None if there are
-    fewer.
+    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,), or None for fewer lines.
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
-    The scatter contains noise and nonlinear distortion, even on a full grid. At a sharp resonance it would also include
-    the curvature of the response; therefore the result is the median of |V|²/|Ȳ|² over 31 lines, times |Ȳ|².
+    The scatter contains noise and nonlinear distortion, even if the grid has no empty lines. At a sharp resonance it
+    would also include the curvature of the response; therefore the result is the median of |V|²/|Ȳ|² over 31 lines,
+    times |Ȳ|².
     Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
     """
     n = frequency.size
@@ -375,7 +377,7 @@ def estimate_frf(
              common
     lines    maximum number of lines of local polynomials; default: 2000
 
-    In a closed loop give the reference with every method: without it, noise that is fed back through the control
+    In a closed loop give the reference with every method: without it, noise that is fed back through the controller
     counts as excitation.  Periodic records are the exception: noise averages out from period to period.
     Raises ParameterError for an unknown method and for records that do not match each other, LogError for
     records that are too short.

@@ -79,10 +79,10 @@ class Drawing:
 class Excitation(Result):
     """A multisine for a measurement, in one or several realizations, and the limits that were checked.
 
-    loop             the axis with its control, for which the excitation was designed and simulated
+    loop             the axis with its controller, for which the excitation was designed and simulated
     where            "force" (added to the command, N) or "setpoint" (added to the set position, m)
-    period           samples per period; `periods` of them in steady state, with `fade` samples of fade-in and fade-out
-                     before and after
+    period           samples per period; `periods` whole periods in steady state, with `fade` samples of fade-in before
+                     and fade-out after them
     first            sample at which the first whole period begins
     offset_velocity  m/s, velocity of the underlying motion, so that the axis always slides
     least_velocity   m/s, smallest velocity in the direction of the offset; if negative, the axis reversed
@@ -159,7 +159,8 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Compare the peaks of all realizations with the requested limits, by default those of guard, control and motor."""
+    """Compare the peaks of all realizations with the requested limits, by default those of guard, controller and motor.
+    """
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:
@@ -288,17 +289,17 @@ def design_excitation(
 
     band             Hz; lines are multiples of the resolution within it
     amplitude        peak, N (force) or m (setpoint)
-    where            "force": added to the command after the control's limit; "setpoint": to the set position
+    where            "force": added to the command after the controller's limit; "setpoint": to the set position
     resolution       Hz, inverse of the period, which is rounded to whole samples
     periods          number of periods in steady state, in addition to fade-in and fade-out of at most 0.25 s each
     realisations     number of realizations with different phases: two or more separate nonlinear distortion from
                      noise on every line
     grid             pattern of excited lines, see `grid_lines`
     flat             for a setpoint: the signal that has equal amplitudes on all lines, such as the acceleration
-    offset_velocity  m/s of the underlying motion, so that the axis does not stick; default: 1.5 times the peak speed of
-                     the linear model, or that plus three Stribeck velocities if larger; 0: none. Every second
-                     realization reverses it
-    travel, speed, force   limits in m, m/s, N; default: those of the guard, the control and the motor
+    offset_velocity  m/s of the underlying motion, so that the axis does not stick; 0: none; default: 1.5 times the peak
+                     speed of the linear model, or this peak speed plus three Stribeck velocities if that is larger.
+                     Every second realization reverses it
+    travel, speed, force   limits in m, m/s, N; default: those of the guard, the controller and the motor
     seed             random seed of grid, phases and the noise of the encoders
 
     Raises ParameterError for an exceeded limit (the message gives an admissible amplitude or number of periods), for a
@@ -437,7 +438,9 @@ def _check(
 
 
 def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list[np.ndarray]:
-    """Return low-crest phases per realization, started from Schroeder's phases for the first, then from random ones."""
+    """Return phases of low crest factor for each realization, optimized from Schroeder's phases for the first
+    realization and from random phases for the others.
+    """
     rng = np.random.default_rng(seed)
     starts = [schroeder_phases(lines, sizes)]
     starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]
@@ -594,8 +597,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     """Return Schroeder's phases φₖ = -2π Σ over lines i < k of (k - i) pᵢ / d, with relative powers p (Schroeder 1970).
 
-    d is the median spacing of lines: the sum of every d-th line repeats d times per period, apart from a phase, and the
-    sweep of Schroeder's phases must fit into one such part.
+    d is the median spacing of lines: a sum over every d-th line repeats d times per period, up to a phase shift, so
+    that the sweep produced by Schroeder's phases must fit into one of these d parts.
     """
     steps = lines / (np.median(np.diff(lines)) if lines.size > 1 else 1.0)
     shares = amplitudes**2 / np.sum(amplitudes**2)

@@ -1,6 +1,6 @@
 """The record of an excited axis, and the frequency response estimated from it with variance, coherence and distortion.
 
-A record holds input, output and reference on one clock, cut into periods if periodic.
+A record contains input, output and reference, sampled by one clock; a periodic record is cut into periods.
 """
 
 from dataclasses import dataclass, field, replace
@@ -91,7 +91,7 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """Return a remark for each end of its range (largest or smallest value) at which a channel is saturated."""
+    """Return a remark for each end of a channel's range, its largest or smallest value, at which it is saturated."""
     remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
@@ -110,8 +110,8 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 def find_period(values: np.ndarray) -> int | None:
     """Return the period of a signal in samples, at most half of the record, or None if it is not periodic.
 
-    The period is the smallest shift after the first zero of the autocorrelation at which the latter returns to its
-    largest value.
+    The period is the lag of the first autocorrelation peak, beyond the first zero, that is about as high as the highest
+    one.
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
@@ -162,12 +162,12 @@ def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
 
 
 def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the spectra of input, output and references per period: (p, lines), (p, lines), (r, p, lines).
+    """Return the spectra of input, output and r references in p periods: shapes (p, lines), (p, lines), (r, p, lines).
 
     Lines are 1/period .. Nyquist; a sine of amplitude a on a line has the magnitude a.  A constant drift, due to a bias
     velocity of the axis, is removed: its slope is the mean increase per period over the second half, if that exceeds
     five standard errors.
-    Raises LogError for less than two periods.
+    Raises LogError for fewer than two periods.
     """
     count = len(record) // period
     if count < 2:
@@ -290,7 +290,7 @@ class FrequencyEstimate(Result):
         )
 
     def where_excited(self, doubt: np.ndarray) -> Self:
-        """Return the estimate on the sufficiently excited lines: relative variance of the input, `doubt`, at most 0.1.
+        """Return the estimate on the lines where the relative variance of the input, `doubt`, is at most 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.
         """
@@ -314,12 +314,12 @@ class FrequencyEstimate(Result):
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Return the radius of the confidence disc around each response.
+        """Return the radius r of the disc around each response that contains the true one with the confidence p.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
-        This follows from Fisher's distribution with 2 and 2ν degrees of freedom, since |dG|² is exponentially
-        distributed and the variance is a mean.
+        ν is the freedom of the variance. This follows from Fisher's distribution with 2 and 2ν degrees of freedom,
+        since |dG|² is exponentially distributed and the variance is a mean.
         """
         if not 0.0 < confidence < 1.0:
             raise ParameterError(f"confidence = {Quantity(confidence):6} must be > 0 and < 1")

@@ -120,11 +120,11 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
-    Each blow is followed by a segment; all segments have equal length. The force is kept while the hammer is in contact
-    and set to 0 elsewhere (force window).  If a response has not decayed to 2 % at the end of its segment, response and
-    force are multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω + σ,
-    in which the decay rate of every mode appears larger by σ. This is corrected: around each line, a function with one
-    resonance in s,
+    Each blow is followed by a segment; all segments have equal length. Outside the contact of the hammer the force is
+    set to 0 (force window).  If a response has not decayed to 2 % at the end of its segment, response and force are
+    multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω + σ, in which
+    the decay rate of every mode appears larger by σ. This is corrected: around each line, a function with one resonance
+    in s,
 
         G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
 
@@ -134,7 +134,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
     and includes noise, differences in point and direction between the blows, and nonlinearity.  A single blow has no
     scatter and no coherence: its noise is that of the output before the blow or the residual of the local function,
-    whichever is larger. The coherence is that of averages with this variance.
+    whichever is larger. The coherence is the one that averaged spectra of this variance would have.
 
     Lines on which the force does not exceed its noise are left out.
     Raises LogError if there is no blow, or none with a sufficiently long segment.

@@ -78,7 +78,7 @@ def _level(pieces: np.ndarray) -> np.ndarray:
 def averaged(
     records: Sequence[Record], method: str = "h1", *, segment: int | None = None, overlap: float = 0.5
 ) -> FrequencyEstimate:
-    """Estimate a frequency response by Welch's averages, with ν = averages - 1 degrees of freedom.
+    """Estimate a frequency response from averaged spectra (Welch's method), with ν = averages - 1 degrees of freedom.
 
         h1        S_yu/S_uu               noise at the output only               var = |G|² (1 - γ²)/(γ² ν)
         h2        S_yy/S_uy               noise at the input only                as h1
@@ -87,9 +87,9 @@ def averaged(
         joint     Sₐy/Sₐa, a = U projected on all references: closed loop, any number of them
                                           var = S_vv/(ν' Sₐa), v = y - G u, with ν' = averages - references
 
-    In a closed loop h1, h2 and hv are biased: noise is fed back through the control C, and the estimates tend to -1/C
-    where the noise is large.  The coherence is that of input and output; for indirect and joint it is the smaller of
-    those from reference to input and from reference to output.
+    In a closed loop h1, h2 and hv are biased: noise is fed back through the controller C, and the estimates tend to
+    -1/C where the noise is large.  The coherence is that of input and output; for indirect and joint it is the smaller
+    of those from reference to input and from reference to output.
     Not suitable for short records and for resonances narrower than the line spacing; use `local_polynomial`.
     Source: Bendat & Piersol 2010, chapter 9; Pintelon & Schoukens 2012, sections 2.6 and 2.7.
     """
@@ -169,15 +169,15 @@ _AT_ONCE = 4096  # lines whose small systems are solved together
 def local_polynomial(
     records: Sequence[Record], *, band: tuple[float, float] | None = None, lines: int | None = None, freedom: int = 8
 ) -> FrequencyEstimate:
-    """Estimate the frequency response around each line k from 2n + 1 lines, n = (6 + ν - 1)/2 rounded up.
+    """Estimate the frequency response at each line k from the 2n + 1 lines around it, n = (6 + ν - 1)/2 rounded up.
 
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
     The response and the transient of the record (its leakage) are smooth over a few lines. The residual is noise, and
-    its variance, with ν degrees of freedom, gives that of the response.  The coherence is that of averages with this
-    variance: it is low where response and transient cannot be separated.  With one reference both Y/R and U/R are
-    estimated in this way, with their covariance; their quotient is valid in a closed loop. Several records are averaged
-    with the weights for equal noise in all of them.
+    its variance, with ν degrees of freedom, gives that of the response.  The coherence is the one that averaged spectra
+    of this variance would have: it is low where response and transient cannot be separated.  With one reference both
+    Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed loop. Several
+    records are averaged with weights that assume equal noise in all of them.
 
     band     Hz; default: all lines
     lines    maximum number of lines, spaced logarithmically over the band; default: all

@@ -67,7 +67,7 @@ class ControlFit(Result):
         return regression.estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
-        """Return the cascade as a block; a feedforward of 0 or 1 within its error is rounded to that value."""
+        """Return the cascade as a block; a feedforward that equals 0 or 1 within its error is rounded to that value."""
         share = self["velocity_feedforward"]
         near = next(
             (whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, regression.NORMAL * share.error)),
@@ -86,9 +86,9 @@ def identify_control(log: MotionLog) -> ControlFit:
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
 
-    This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns.  All n from 1 to
-    8 and d from 0 to 3 are tried, and the pair with the smallest residual is selected. Samples at the force limit are
-    left out.
+    This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns of the
+    least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the pair with the smallest residual is
+    selected. Samples at the force limit are left out.
     Raises NotIdentifiableError if every such cascade leaves more than 5 % of the force unexplained: the loop then has
     an integral part, filters or another law, whose parameters the user must state.
     """
@@ -182,7 +182,7 @@ _SHOWN = 0.1  # share of a column in the other rows, at least
 
 
 class Gain(NamedTuple):
-    """A gain of a control: stated value, value required by the log, and the standard error of the latter."""
+    """A gain of a controller: stated value, value required by the log, and the standard error of the latter."""
 
     name: str
     stated: float
@@ -207,7 +207,7 @@ class LawCheck:
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
     counts  effect of quantization of the readings, as far as it is present in the log
-    gains   gains of the control that have an effect in the log
+    gains   gains of the controller that have an effect in the log
     delay   delay of the log's force relative to that of the law, samples
     added   share of the rows in which another force was added, if the law explains all other rows; else 0
     """
@@ -255,7 +255,7 @@ class LawCheck:
 
     @property
     def unseen(self) -> tuple[str, ...]:
-        """The names of gains that the log does not reveal."""
+        """The names of the gains that the log cannot verify."""
         return tuple(gain.name for gain in self.gains if gain.unseen)
 
     def table(self) -> Table:
@@ -282,9 +282,9 @@ _SO = ": it is not the law that ran, or the columns are not the force that it co
 
 
 def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = None, place: str = "control") -> LawCheck:
-    """Compare the force of a log with the command of a control for the setpoints and readings of the log.
+    """Compare the force of a log with the command of a controller for the setpoints and readings of the log.
 
-        y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ' the gains required by the log
+        y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ the stated gains, θ' those required by the log
 
     All signals are low-pass filtered and decimated to rows of 10 ms as in the inverse dynamics, since quantization
     causes, through a velocity gain, a force of much higher frequency than the motion.  The constant is the initial
@@ -293,13 +293,13 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
     If the log has rounded readings instead of those that the law used, each reading has an error within its count.  The
     effect on y and θ' is simulated (readings with uniform errors of a count) and taken into account as far as the log
-    contains it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  It is zero
-    for a drive that logs the readings of its law.
+    contains it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  The share
+    is zero for a drive that logs the readings of its law.
 
     A force that was added to the command intermittently is distinguished from another law (see `_added`).
 
     apart  m, shape (n,): position of the motor minus that of the load, for a law that reads both
-    place  path of the control in its machine file
+    place  path of the controller in its machine file
     """
     assert log.set_position is not None
     rows = _Rows(log, apart)
@@ -332,9 +332,10 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
     """Return the share of the rows in which another force was added, if the other rows support the law, or else 0.
 
     The other rows are the largest group within a band as wide as the residual of a correct law; a median would fail if
-    the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band; a
-    law with another integral would fill it. These rows must excite every gain (with a tenth of the power of its
-    column), agree with its stated value, and must not contain an integral of the following error, the last column.
+    the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band,
+    whereas a law with another integral would spread them over the whole band. These rows must excite every gain (with a
+    tenth of the power of its column), agree with its stated value, and must not contain an integral of the following
+    error, the last column.
     """
     width = 2.0 * (LARGEST * size + SURE * counts)
     ordered = np.sort(y)
@@ -351,7 +352,7 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
 
 
 def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    """Return the RMS in N of the effect of quantization on y, and the standard errors of the gains that include it."""
+    """Return the RMS in N of the effect of quantization on y, and the standard errors of the gains with this effect."""
     force, values = rows.reduced(rows.log.force), np.array([float(tree.get(fit.control, name)) for name in names])
     drawn = list(_readings(rows.log))
     others = [rows.answers(fit.control, reading) for reading in drawn]
@@ -370,9 +371,9 @@ def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, n
 
 
 class _Fit(NamedTuple):
-    """A control with the gains required by a log, its command at each sample, and the relative errors of the gains.
+    """A controller with the gains required by a log, its command at each sample, and the relative errors of the gains.
 
-    remains  N, RMS of the residual at each sample
+    remains  N, RMS of the residual over all samples
     """
 
     control: Control
@@ -434,14 +435,14 @@ class _Rows:
         return decimated(self.cut(values, delay), max(1, round(_ROW / self.log.sample_time)))
 
     def answers(self, control: Control, reading: np.ndarray) -> np.ndarray:
-        """Return the command of a control at each sample."""
+        """Return the command of a controller at each sample."""
         log = self.log
         assert log.set_position is not None
         motor = None if self.apart is None else reading + self.apart
         return commanded(control, log.sample_time, log.set_position, reading, log.force, motor)
 
     def linear(self, plain: np.ndarray, raw: np.ndarray, delay: int) -> float:
-        """Return the RMS in N of the residual at each sample, for gains fitted to the decimated rows."""
+        """Return the RMS in N of the residual over all samples, for gains fitted to the decimated rows."""
         values = _solved(self.reduced(raw, delay), self.reduced(self.log.force) - self.reduced(plain, delay))
         whole = self.cut(self.log.force) - self.cut(plain, delay) - values[:-1] @ self.cut(raw, delay)
         return float(np.std(whole))
@@ -454,12 +455,12 @@ class _Rows:
     def slopes(
         self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
     ) -> dict[str, np.ndarray]:
-        """Return θ ∂u/∂θ of gains of a control by name, over all samples; `plain` is its nominal command."""
+        """Return θ ∂u/∂θ of gains of a controller by name, over all samples; `plain` is its nominal command."""
         return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Yield the nonzero gains of a control, or those of `names`, each with the control in which it is increased."""
+    """Yield the nonzero gains of a controller, or those in `names`, each with a controller in which it is increased."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:

@@ -62,7 +62,7 @@ def is_richer(axis: Axis) -> bool:
 
 
 def own_viscous(axis: Axis) -> float:
-    """Return the viscous friction of the plant in N s/m for the rigid-body motion e: eᵀ C e."""
+    """Return the viscous friction of the plant in N s/m, eᵀ C e, for rigid-body motion e and damping matrix C."""
     mechanics = axis.plant.mechanics()
     e = [float(share) for share in mechanics.rigid_motion()]
     return sum(e[i] * float(mechanics.damping[i][j]) * e[j] for i in range(len(e)) for j in range(len(e)))
@@ -199,7 +199,7 @@ def agreed(
 
 
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
-    """Return the output-error fit, or None if its mass contradicts the inverse dynamics and these fit the log better.
+    """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which fit the log better.
 
     Both are compared in the rows of the inverse dynamics; a contradiction is a difference of more than three joint
     standard errors.
@@ -228,9 +228,9 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
 def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
     """Return the inverse dynamics with the residual due to quantization, from simulations of the closed loop.
 
-    Through a velocity gain coarse counts excite vibration that the readings do not show, so that the residual is larger
-    than that of the reading errors alone.  If quantization is the reason, simulations of the fitted loop with the
-    counts of the log have a residual of this size; the largest one is used.
+    Through a velocity gain, coarse counts excite a vibration that the readings do not show, so that the residual is
+    larger than the reading errors alone would cause.  If quantization is the reason, simulations of the fitted loop
+    with the counts of the log have a residual of this size; the largest of these residuals is used.
     """
     count = count_of(log.position)
     if count == 0.0:
@@ -431,7 +431,9 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; return None without a law or if it reads two encoders, since a log has one."""
+    """Check the law against the log; return None without a law, or for a law that reads two encoders, since a log
+    contains one.
+    """
     if start is not None:
         return (
             None
@@ -462,7 +464,7 @@ def _refined(
 
 
 def _not_alone(check: LawCheck) -> str:
-    """Return a remark on a logged force that the stated law does not command."""
+    """Return a remark on a logged force that is not commanded by the stated law alone."""
     if check.added:
         return Text(
             f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
@@ -484,7 +486,7 @@ def _counted(log: MotionLog, refinement: Refinement | None) -> list[str]:
 
 
 def _unseen_gains(check: LawCheck | None) -> list[str]:
-    """Return a remark on gains of the law that the log does not reveal."""
+    """Return a remark on gains of the law that the log cannot verify."""
     if check is None or check.disagrees or not check.unseen:
         return []
     return [
@@ -559,7 +561,7 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """Fit the inverse dynamics with a force delayed by `delay` samples and its hold, unless `how` is given."""
+    """Fit the inverse dynamics, by default with the force delayed by `delay` samples in addition to its hold."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
 
 

@@ -237,7 +237,7 @@ def count_of(position: np.ndarray) -> float:
 def at_rest(log: MotionLog, skip: int) -> np.ndarray:
     """Return a mask of the rows where the set position has been constant for `_STILL`, from sample `skip` on.
 
-    There the quantization error of a reading is constant, and friction balances any force.
+    In these rows the quantization error of a reading is constant, and friction balances any force.
     """
     assert log.set_position is not None
     moved = np.diff(log.set_position, prepend=log.set_position[0]) != 0.0
@@ -354,7 +354,8 @@ class Preparation:
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
     balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
-    the mass is identified.  A stretch ends where the rest changes the filtered position by at most 1 % (see `reach`).
+    the mass is identified.  A stretch begins and ends where the adjacent rest changes the filtered position by at most
+    1 % (see `reach`).
     """
 
     cutoff: float = 100.0
@@ -545,7 +546,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
     """Return every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
 
     The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
-    the half sampling rate, forward and backward.
+    half the sampling rate, applied forward and backward.
     """
     if factor < 1:
         raise ParameterError(f"decimation = {factor} must be >= 1")

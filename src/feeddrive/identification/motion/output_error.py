@@ -108,8 +108,9 @@ def refine(
 
         minimize  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
-    The cost is minimized by Gauss-Newton steps with finite differences of runs.  Dead time is discrete: for each of
-    `delays`, in samples in addition to that of the loop, the parameters are fitted, and the one with the smallest
+    The cost is minimized by Gauss-Newton steps with finite differences of simulated runs.  Dead time is discrete: for
+    each of
+    `delays`, in samples in addition to that of the loop, the parameters are fitted, and the delay with the smallest
     position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
@@ -250,9 +251,9 @@ def _with_counts(
 
     s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the same
     step applied to other runs, each in place of the log: rounding is not white noise if a reading remains on its count.
-    cov(r) is that of the residual, which includes a part of the quantization again, so that errors are conservative.
-    After the first correction the runs also include the unmodelled force of the log, since dry friction prevents its
-    effect from averaging out.
+    cov(r) is that of the residual, in which a part of the quantization is counted again, so that the errors are
+    conservative. After the first correction the runs also include the unmodelled force of the log, since dry friction
+    prevents its effect from averaging out.
     Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
     """
     count = count_of(log.position)

@@ -209,8 +209,8 @@ def _with_counts(
 ) -> tuple[float, np.ndarray]:
     """Return the RMS residual due to quantization, and the bias of each value, or 0 without counts.
 
-    Quantization is simulated once more by uniform errors of the readings; their effect on the columns equals that of
-    the original errors.
+    Quantization is simulated a second time, by uniform errors of the readings; their effect on the columns equals that
+    of the original errors.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
     count, names = motion_log.count_of(log.position), NAMES[friction]
@@ -351,8 +351,8 @@ class DelayFit(Result):
     def tells(self, better: float, other: float) -> bool:
         """Return True if the residual of the inverse dynamics is 10 % smaller at delay `better` than at `other`.
 
-        This is also used for a ragged residual: if the force is mostly due to quantization, the delay with the smallest
-        residual gives the better mass, whatever the true delay is.
+        This test is also used for a ragged residual: if the force is mostly due to quantization, the delay with the
+        smallest residual gives the better mass, whatever the true delay is.
         """
         return self.left(better) < CLEAR * self.left(other)
 
@@ -420,7 +420,9 @@ def _left(basis: np.ndarray, force: np.ndarray) -> float:
 
 
 def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual: np.ndarray) -> None:
-    """Raise NotIdentifiableError for a motion of one frequency, where a delay acts as less mass and more damping."""
+    """Raise NotIdentifiableError for a motion of one frequency, where a delay has the effect of less mass and more
+    damping.
+    """
     if not np.all(np.isfinite(residual)):
         raise NotIdentifiableError(
             f"{log.name}: the force is 0 wherever the axis moves: record the commanded force next, on the same clock"
@@ -462,7 +464,7 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) 
 
 
 def _rough(residual: np.ndarray) -> float:
-    """Return twice the largest decrease of a residual from its minimum towards longer or shorter delays.
+    """Return twice the largest decrease of a residual on the way from its minimum to longer or shorter delays.
 
     Around the true delay a residual increases on both sides. If quantization enters the force through a velocity gain,
     the residual is as ragged as the force, and its minimum is no evidence about clocks.

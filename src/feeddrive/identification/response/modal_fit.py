@@ -185,7 +185,8 @@ class Poles:
         self.computed: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
-        """Return the `wanted` most pronounced of `pairs` resonances by frequency, or None if there are fewer."""
+        """Return the `wanted` most pronounced of `pairs` resonances, in order of frequency, or None if there are fewer.
+        """
         if wanted == 0:
             return np.zeros(0, complex)
         if (pairs, power) not in self.computed:
@@ -440,7 +441,9 @@ def _best_start(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts after a few steps, by mean |ln(fitted/measured)|, limited to 1."""
+    """Return the best of several automatic starts after a few steps, by the mean of |ln(fitted/measured)|, each value
+    limited to 1.
+    """
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]
     low, high = min(frf.frequency[0] for frf in frfs), max(frf.frequency[-1] for frf in frfs)

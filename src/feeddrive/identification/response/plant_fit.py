@@ -196,7 +196,7 @@ def finished(
     """Fit until convergence, fixing parameters of `neutral` that the lines do not determine, and return the fit.
 
     `neutral` lists optional parameters in the order in which they are fixed, at zero or at their `stated` value.  The
-    errors of the other parameters are computed as if these were unknown.
+    errors of the other parameters are computed as if the fixed ones were unknown.
     """
     kept = {name: (stated or {}).get(name, 0.0) for name in neutral}
     names, gone = list(names), {}
@@ -408,7 +408,8 @@ def _core(
 
 
 def _aliases(frequency: np.ndarray, T: float) -> int:
-    """Return the number of aliases on either side to be summed; for a held mass they fall as (f/f_alias)³."""
+    """Return the number of aliases to be summed on either side; for a mass and a held force they fall as (f/f_alias)³.
+    """
     share = float(np.max(frequency)) * T
     first = range(1, _ALIASES)
     return next((m for m in first if (share / (m + 1.0 - share)) ** 3 < _ALIAS), _ALIASES)
@@ -598,7 +599,7 @@ def fit_modal_axis(
         x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
 
     The arguments are those of `fit_plant`; with `modes` None, as many modes are fitted as unused lines support. Modal
-    masses are positive, as is required at a driven point: a mode with the wrong sign at the motor ends with a very
+    masses are positive, as is required at a driven point: a mode with the wrong sign at the motor is fitted with a very
     large mass and is reported as not identifiable.  With the load's response alone the shape of a mode at the load is
     ±1 and its mass is fitted.
     Not suitable where residues are far from real; see `fit_modes` with proportional=False.
@@ -784,9 +785,9 @@ def fit_axis(
     structure  "rigid", "machine", "two-mass" or "modal": only this structure is fitted
     progress   reports the name of each structure when it begins
 
-    The other arguments are those of `fit_plant`.  Each structure predicts lines that were left out of its fit; of those
-    within 10 % of the smallest error the one with the fewest parameters is selected.  Modes in parallel are tried only
-    if the residuals of the other structures are still correlated from line to line.
+    The other arguments are those of `fit_plant`.  Each structure predicts lines that were left out of its fit; of the
+    structures whose error is within 10 % of the smallest, the one with the fewest parameters is selected.  Modes in
+    parallel are tried only if the residuals of the other structures are still correlated from line to line.
     Raises ParameterError if no structure can be fitted, with the reason for each.
     """
     ways = _ways(motor, load, plant, actuator, modes, dict(fixed or {}), held, band, force_per_unit, travel_per_unit)

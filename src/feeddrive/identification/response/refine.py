@@ -272,7 +272,7 @@ def _near_its_start(
     begin: np.ndarray,
     steps: int,
 ) -> Refined:
-    """Return the equally good point closest to the start, if noise leaves logarithms undetermined.
+    """Return the point closest to the start among equally good ones, if noise leaves logarithms undetermined.
 
     In such a flat valley of the cost an unconstrained descent ends at a point that depends on rounding, with arbitrary
     errors.
@@ -369,7 +369,7 @@ def _descend(
     steps: int,
     noise: float | None = None,
 ) -> Refined:
-    """Minimize the cost from `u`, with a noise level only in the directions that the residuals determine."""
+    """Minimize the cost from `u`; if a noise level is given, move only in directions that the residuals determine."""
     lower, upper = (
         np.array([getattr(unknown, side) / (1.0 if unknown.positive else unknown.scale) for unknown in unknowns])
         for side in ("least", "most")
@@ -462,9 +462,10 @@ def _covariances(
     A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust
     covariance:
 
-        (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ, half of the difference of both halves,   s² = uᵀ C⁻¹ u, C plain
+        (1 - p/s²)₊ u uᵀ,   u = (JᵀJ)⁻¹ Σ ± Jᵀψ,   s² = uᵀ C⁻¹ u
 
-    With noise alone s² is p on average.
+    u is half the difference between the estimates from even and from odd lines, p the number of parameters and C their
+    plain covariance.  With noise alone s² is p on average.
     """
     # a parameter without effect has no defined error; its bound is reported instead
     free = free & (np.linalg.norm(slopes, axis=0) > 0.0)
