@@ -263,7 +263,7 @@ def _in_si(field: Field, value: Any) -> Any:
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
-    """Run the command and show its outcome; end with the exit code of its judgment."""
+    """Run the command and show its outcome; end with the exit code that belongs to the judgment of the outcome."""
     request = command.build_request(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:

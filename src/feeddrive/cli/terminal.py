@@ -25,7 +25,7 @@ UNBROKEN = 1_000_000
 
 @contextmanager
 def own_words() -> Generator[None]:
-    """Suppress warnings and log messages of libraries on the terminal, also in workers.
+    """Suppress warnings and log messages of libraries on the terminal, also in worker processes.
 
     `python -W` and PYTHONWARNINGS show warnings as usual.
     """
@@ -48,8 +48,8 @@ def own_words() -> Generator[None]:
 def open_console(*, errors: bool = False) -> Console:
     """Return a console on the standard output, or on the error stream when the output is JSON.
 
-    The error stream then carries progress and questions.  The console is as wide as the terminal; if the stream is not
-    a terminal, its width is unlimited, regardless of COLUMNS.
+    Progress and questions then appear on the error stream.  The console is as wide as the terminal; if the stream is
+    not a terminal, its width is unlimited, regardless of COLUMNS.
     """
     from rich.console import Console  # not for `--help`
 

@@ -1,4 +1,4 @@
-"""Co-simulation of a feeddrive control with an FMU as its plant: one run, or a comparison of the laws of a job.
+"""Co-simulation of a feeddrive controller with an FMU as its plant: one run, or a comparison of the laws of a job.
 
 The FMU is unpacked, checked, mapped to the signals of the loop, stepped and closed.
 An FMU is executable code: see `Instance`.  The units of its variables are converted to SI.
@@ -68,7 +68,7 @@ class Archive:
 
 @contextlib.contextmanager
 def opened(path: str | Path) -> Generator[Archive]:
-    """Unpack an FMU for the duration of the block; none of its code is run yet.
+    """Unpack an FMU for the duration of the `with` block; none of its code is run yet.
 
     Raises FileError for a file that cannot be read, FmuError for a file that is not an FMU or has no co-simulation
     interface or no binary for this machine, and MissingExtraError if FMPy is not installed.
@@ -226,7 +226,9 @@ def _unit(signal: str) -> str:
 
 
 def _factor(archive: Archive, variable: Any, unit: str, declared: str) -> float:
-    """Return the conversion factor from the unit given by the caller, else from the unit stated in the FMU."""
+    """Return the conversion factor to `declared` from the unit given by the caller, or else from that stated in the
+    FMU.
+    """
     if unit:
         return factor(unit, declared)
     stated = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
@@ -274,7 +276,7 @@ _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond r
 class Instance:
     """An instance of an FMU for co-simulation, to be used in a `with` block.
 
-    The FMU's code runs in this process, with all its rights. Messages of the FMU are kept and repeated in errors.
+    The FMU's code runs in this process, with all its rights. Messages of the FMU are collected and quoted in errors.
     """
 
     def __init__(self, archive: Archive) -> None:
@@ -416,14 +418,14 @@ def simulate_with_fmu(
     bound: float | None = None,
     name: str = "run",
 ) -> Run:
-    """Simulate a control with an FMU (FMI 2.0 or 3.0, co-simulation) as its plant, along a reference.
+    """Simulate a controller with an FMU (FMI 2.0 or 3.0, co-simulation) as its plant, along a reference.
 
         at kT:  reading = outputs of the FMU;  force = control(setpoint, reading), acting from kT + dead_time onward
 
     This is the order of `simulate`: with the exported plant of the same machine the results are bit-identical.  The
-    control starts disabled, at the first reading, with the axis at rest.
+    controller starts disabled, at the first reading, with the axis at rest.
 
-    loop        the control and its sample time; of the axis only the motor and the number of encoders are used
+    loop        the controller and its sample time; of the axis only the motor and the number of encoders are used
     fmu         the FMU, **a program**: it runs in this process, with all its rights
     names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal that the FMU
                 has under its own name needs no entry.  Inputs are force (or command, in the unit of the drive),
@@ -487,7 +489,7 @@ def _signals(
 
 
 class _Connections(NamedTuple):
-    """The wiring: outputs of the FMU, those that the control reads, outputs of the control, and the load, if any."""
+    """The wiring: outputs of the FMU, those that the controller reads, outputs of the controller, and any load."""
 
     taken: list[Port]
     readings: list[int]
@@ -497,9 +499,10 @@ class _Connections(NamedTuple):
 
 
 def _connections(archive: Archive, wiring: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
-    """Wire control and FMU: a single `reading` serves both encoders, and `reading_load` a control with one encoder.
+    """Connect controller and FMU: `reading` alone serves both encoders, and `reading_load` a controller with one
+    encoder.
 
-    Raises FmuError if the control needs a signal for which there is no variable.
+    Raises FmuError if the controller needs a signal for which there is no variable.
     """
     readings = [v.name for v in routine.inputs if v.name.startswith("reading")]
     spare = "reading_load" if readings == ["reading"] else "reading"

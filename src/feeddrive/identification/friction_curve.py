@@ -452,8 +452,7 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Return True if the values are valid: no level is negative, and no breakaway level is below its Coulomb level.
-        """
+        """Return True if the values are valid: no level is negative, and no breakaway level is below the Coulomb level."""
         # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)
@@ -582,7 +581,7 @@ class FrictionCurve(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is significant: a constant force on the axis (`pulls`)."""
+        """True if the offset is significant: a constant force on the axis (see `pulls`)."""
         return self.model.offset and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:

@@ -58,7 +58,7 @@ def learned_pitch(
 ) -> LearnedPitch:
     """Return correction tables for the set position, by least squares over all samples of a direction.
 
-    nominal   m, position measured by the control
+    nominal   m, position measured by the controller
     reached   m, true position of table or tool: from a laser, a load encoder, or `tool.x` of a run
     velocity  m/s, set velocity; its sign gives the direction, samples at standstill are ignored
     spacing   m between entries, starting at the lowest position

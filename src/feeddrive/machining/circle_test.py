@@ -118,10 +118,10 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
-    """Return the minimum zone of a path: min (s - l) with l <= r - u·δc <= s, repeated.
+    """Return the minimum zone of a path by repeated linear programs: min (s - l) with l <= r - u·δc <= s.
 
-    The linear programs use the outermost and innermost points; points outside a solution are added until there are
-    none.
+    Here r is the distance of a point from the center, u its direction, and δc the shift of the center.  A linear
+    program uses the outermost and innermost points; points outside its solution are added until there are none.
     """
     # Deferred: commands that only read files do not need it.
     from scipy.optimize import linprog
@@ -372,7 +372,7 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
 
     about  center of F: "least squares" of each circle, or "set-up", which all circles must then state
 
-    Raises ParameterError if there is no circle, for different radii, planes or sources, and for another `about`.
+    Raises ParameterError if there is no circle, for different radii, planes or sources, and for an unknown `about`.
     """
     if not circles:
         raise ParameterError("a circular test needs at least one circle")
@@ -599,7 +599,7 @@ class Solved:
         self.square = float(self.residual @ self.residual)
 
     def _independent(self) -> np.ndarray:
-        """Return independent columns: the last one of each combination that the circles do not excite is dropped."""
+        """Return independent columns, without the last one of each combination that the circles do not excite."""
         kept = np.flatnonzero(self.seen)
         while True:
             _, sizes, right = np.linalg.svd(self._triangle[:, kept], full_matrices=False)
@@ -662,7 +662,7 @@ class Solved:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """The covariance of the kept columns, for residuals correlated within blocks: (A'A)⁻¹ Σ g g' (A'A)⁻¹."""
+        """The covariance of the fitted values, for residuals correlated within blocks: (A'A)⁻¹ Σ g g' (A'A)⁻¹."""
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
         middle = np.zeros((len(self.kept), len(self.kept)))
         begin = 0
@@ -698,7 +698,9 @@ class Solved:
 
 
 def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
-    """Return the part of a gap that a table still at rest has not yet crossed, by the angle since the reversal."""
+    """Return the part of a gap that has not yet been crossed while the table is still at rest, by the angle since
+    reversal.
+    """
     if gap <= 0.0:
         return np.zeros_like(since)
     # the axis leaves its reversal with the acceleration V²/R, and has moved by R since²/2
@@ -843,10 +845,11 @@ def circle_causes(
     decay  s, of an exponential spike; default: the one with the smallest residual
     pitch  of the screw of an axis, m, by axis: without it no screw error is fitted
 
-    The columns are those of ISO 230-4 tests to first order, with d the direction, θ the polar angle, outward positive:
-    scale R s, squareness (R q/2) sin 2θ, lag -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its mismatch d (V/2) Δτ sin 2θ, backlash
-    ±B/2 along each axis, changing sign at the reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y,
-    with Δτ of the previous pass.  Standard errors are valid for residuals correlated over 10°.
+    The columns are those of ISO 230-4 tests to first order, with R the radius, V the feed, d the direction, θ the polar
+    angle, outward positive: scale error s: R s, squareness q: (R q/2) sin 2θ, lag -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its
+    mismatch d (V/2) Δτ sin 2θ, backlash ±B/2 along each axis, changing sign at the reversals of that axis: θ = d (V/R)
+    Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Standard errors are valid for residuals
+    correlated over 10°.
 
     Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
     to the first one.

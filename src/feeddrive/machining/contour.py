@@ -230,7 +230,7 @@ def _feet(
     tangent: Floats2,
     corner: Ints,
 ) -> int:
-    """Find the nearest point of each position: the piece by its chord, the point on it by Newton's method."""
+    """Find the nearest point of the curve to each position: the piece by its chord, the point by Newton's method."""
     last = len(node) - 2
     k = 0
     low = 0
@@ -509,7 +509,7 @@ def contour_error(
                   velocities that are backward differences, tangents follow from the set positions, and there is no
                   estimate
     signal        actual position of the run: `tool`, the tool point of a machine with geometry errors, or else the
-                  table; `position_load`, the table; or `reading_load`, the table as measured by the control
+                  table; `position_load`, the table; or `reading_load`, the table as measured by the controller
     line          of the part program for each row
     counted       True for rows that count in the figures, shape (n,); default: all
     sample_time   s, for arrays

@@ -28,7 +28,8 @@ class CuttingForces(Result):
     """The forces of the workpiece on the tool over a run, averaged over each sample; all arrays of shape (n,).
 
     time                 s, start of the sample
-    feed, normal, axial  N, along the feed, along spindle axis x feed, along the spindle
+    feed, normal, axial  N, along the feed, along the cross product of spindle axis and feed, and along the
+                         spindle
     torque, power        N m and W, of the spindle
     spindle_speed        rpm
     angle                rad, unwrapped spindle angle in the middle of the sample
@@ -141,7 +142,7 @@ def _speed(cut: MillingCut, time: np.ndarray) -> np.ndarray:
 
 
 def _program(cut: MillingCut, begun: Any, tables: dict[str, Any]) -> Program:
-    """Trace one substep of the cut between named numbers."""
+    """Trace one substep of the cut into a program with named inputs, states and outputs."""
     graph = Graph()
     symbolic = tree.rebuild(cut, (graph.input(name) for name, _ in tree.leaves(cut)))
     symbolic = tree.with_tables(symbolic, {name: graph.table(name, len(row)) for name, row in tables.items()})
@@ -177,7 +178,7 @@ SIDES = ("up", "down")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surface(Result):
-    """A machined wall over a patch: its height above the nominal surface, positive where material is left.
+    """A patch of a machined wall: its height above the nominal surface, positive where material is left.
 
     along    position along the feed, m, shape (n,)
     heights  height above the tip of the tool, m, shape (k,)
@@ -207,7 +208,8 @@ class Surface(Result):
 def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
     """Return the height in m of the marks of equal teeth along a straight feed: c²/(8R (1 ± cN/2πR)²), + in up milling.
 
-    radius, feed  tool radius R and feed per tooth c, m.   Source: Martellotti 1941, to second order.
+    radius, feed  tool radius R and feed per tooth c, m; `teeth` is their number N.
+    Source: Martellotti 1941, to second order.
     """
     _side(milling)
     sign = 1.0 if milling == "up" else -1.0
@@ -215,7 +217,7 @@ def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
 
 
 def runout_mark(radius: float, feed: float, difference: float) -> float:
-    """Return the height in m of the marks of two teeth whose radii differ by Δ: (R/2)(Δ/c + c/2R)².
+    """Return the height in m of the marks of two teeth whose radii R differ by Δ: (R/2)(Δ/c + c/2R)², c feed per tooth.
 
     The tooth paths are approximated by circles.  For Δ >= c²/2R only one tooth leaves marks, as with twice the feed per
     tooth; a difference of 1 µm is often enough for that.
@@ -226,7 +228,7 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
 
 
 def scallop(radius: float, step: float) -> float:
-    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill for passes at a distance s."""
+    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill of radius R for passes at a distance s."""
     return radius - float(np.sqrt(radius**2 - 0.25 * step**2))
 
 
@@ -243,13 +245,13 @@ def wall(
 ) -> Surface:
     """Compute the finished wall of a run between two instants, on a straight feed.
 
-    On each line across the wall, the deepest edge determines the height. An edge at the angle v = angle + 2πj/N - k z
-    generates the wall near v = 0 in up milling and near π in down milling, so that the vibration at that instant is
-    imprinted.
+    On each line across the wall, the deepest edge determines the height. At the height z an edge has the angle v =
+    angle + 2πj/N - k z, with the edge number j of N and the lag k of a helical edge. It generates the wall near v = 0
+    in up milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
 
-    begin, end     s; the feed is the straight line between the set positions there
+    begin, end     s; the feed is the straight line between the set positions at these instants
     milling        up or down
-    points, levels number of points along the feed and along the spindle; one level is the tip
+    points, levels number of points along the feed and along the spindle; a single level is that of the tip
     axial_depth    of the section, m; default: that of the cutter
 
     Between samples the motion is a cubic Hermite interpolant of positions and velocities; the path of an edge is a

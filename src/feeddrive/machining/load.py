@@ -79,7 +79,9 @@ class AxisLoad(Result):
 
     @property
     def verdict(self) -> str:
-        """The verdict for continuous operation: fits, warns (from 80 % of the heat), trips, or the missing data."""
+        """The verdict for continuous operation: "fits", "warns" (from 80 % of the admissible heat), "trips", "beyond
+        the peak force", or "no continuous force stated".
+        """
         # Heat grows with the square of the force.
         shares = [] if self.of_continuous is None else [self.of_continuous**2]
         shares += [] if self.heat_repeated is None else [self.heat_repeated]

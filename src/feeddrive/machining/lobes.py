@@ -253,8 +253,9 @@ def semi_discretisation(
     depth in m.
 
     The tooth period is divided into `steps`; in each the coefficients are averaged, and the delayed value is the mean
-    of its ends (order 0) or linear (order 1).  The error falls with steps²; with the usual 40 the error of |µ| is 6 %
-    if a mode oscillates 5 times between two teeth, and an error of 2e-4 requires ω τ / steps <= 0.05.
+    of its ends (order 0) or linear (order 1).  The error is inversely proportional to steps²; with the usual 40 the
+    error of |µ| is 6 % if a mode oscillates 5 times between two teeth, and an error of 2e-4 requires ω τ / steps <=
+    0.05.
     As in the source, only straight edges without process damping are supported; others raise ParameterError.
     Source: Insperger & Stépán 2002 and 2004, Semi-discretization method for delayed systems.
     """

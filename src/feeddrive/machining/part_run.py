@@ -1,6 +1,6 @@
 """Evaluation of a part program on a machine: errors with program lines, form errors, motor load and cutting force.
 
-A tool in peripheral milling leaves a wall at its radius R beside the path p:
+A tool of radius R in peripheral milling generates a wall w beside its path p:
 
     w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling (M3)
 
@@ -9,9 +9,9 @@ A point of that wall belongs to the part if
 1. no other point of the same cut removes it:   min over s of |w(t) - p(s)| >= R.  This excludes a lead-in, a lead-out
    and the corners of the path around an outer corner of the part, where the tool touches nothing.
 2. it lies on the same side of the closed path as most of the wall: inside a path around the part, outside a path in a
-   pocket.  This excludes lead-in and lead-out from the other side.
+   pocket.  This excludes a lead-in and a lead-out on the other side.
 
-A cut along an edge encloses nothing and counts completely, since the end of its part is not known.
+The path of a cut along a single edge encloses no area; it counts completely, since the end of the part is not known.
 """
 
 from collections.abc import Iterable, Mapping
@@ -196,9 +196,10 @@ _CORNERS = 300  # vertices of the polygon that decides which points lie inside t
 
 
 def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
-    """Return True for each sample of one cut that leaves a wall of the part, shape (n,).
+    """Return True for each sample of one cut in which the tool generates a finished wall of the part, shape (n,).
 
-    position, velocity  of the setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill leaves no wall
+    position, velocity  of the setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill generates
+                        no wall
     radius              of the tool, m
     milling             up or down, with clockwise spindle rotation
     """
@@ -267,7 +268,8 @@ class Estimated(NamedTuple):
 
     The true disturbance is that of `disturbance_of` without the viscous friction in the observer's own model.
 
-    error, true  N, RMS of estimate - truth, and of the truth without its mean; the lag of the estimate is compensated
+    error, true  N, RMS of the estimation error, with the lag of the estimate compensated, and of the true disturbance
+                 without its mean
     slow         N, RMS of the error averaged over a turn of the spindle; None without a spindle
     lag          s
     disturbance  N, the estimate, shape (n,)
@@ -284,8 +286,8 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; only samples in which the tool leaves a wall of the part (`on_part`),
-               or moves at a feed, count
+    contour    contour error of all moving axes; only samples in which the tool generates a finished wall of the part
+               (`on_part`), or moves at a feed, count
     axes       figures by axis
     load       of the motors, and of the spindle if there is a cut
     cutting    N, cutting force on the axes that exist among x, y, z, shape (n, N); None without a cut

@@ -1,7 +1,7 @@
 """The regenerative cut: the chip thickness depends on the surface that the previous tooth left.
 
-`Regeneration` is the force on a vibrating tool, `ToothPassage` the map of a vibration over one tooth period, the
-monodromy matrix of the cut, by collocation.
+`Regeneration` is the force on a vibrating tool. `ToothPassage` computes the monodromy matrix of the cut, which maps a
+vibration over one tooth period, by collocation.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,14 +31,14 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class Regeneration:
-    """The force on a tool with equally spaced teeth for a motion r = (feed t, normal n) of tool against work.
+    """The force on a tool with equally spaced teeth for its motion r = (feed t, normal n) relative to the workpiece.
 
         F     = -a H(φ) (r(t) - r(t - τ)) - a P(φ) r'(t),   τ = 60/(teeth · rpm)
         H(φ)  = Σ over engaged edges of [[s (Kt c + Kn s), c (Kt c + Kn s)], [s (Kn c - Kt s), c (Kn c - Kt s)]]
         P(φ)  = Σ over engaged edges of process_damping/V_c · [[s², s c], [s c, c²]],   s = sin v, c = cos v
 
-    a is the axial depth, v = φ + 2πj/teeth; on helical edges v runs from the tip back by `lag` · a, and H and P are the
-    means over the depth.  t, n and v are those of `HelicalCutter`; up milling begins at v = 0.
+    a is the axial depth, v = φ + 2πj/teeth; on helical edges v decreases from the tip upwards by `lag` · a, and H and P
+    are the means over the depth.  t, n and v are those of `HelicalCutter`; up milling begins at v = 0.
 
     tangential, radial   Kt and Kn, force per area of chip, N/m²
     entry, leave         angles between which a tooth is in the workpiece, rad
@@ -218,7 +218,7 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Passage(NamedTuple):
-    """A piece in time; if it is cutting, also its response to the force at the points and to the initial state."""
+    """A piece in time and, if it is cutting, its response to the force at the points and to the initial state."""
 
     piece: Piece
     length: float  # s
@@ -237,15 +237,15 @@ class ToothPassage:
     On a cutting piece f is a polynomial through Chebyshev points, at which the equations hold; on a free one the state
     transition is e^{AΔ}.  The unknowns are C y at the points of the cutting pieces and y at the end; their map over a
     tooth is the monodromy matrix; the vibration decays if its largest multiplier has |µ| < 1.  The error falls
-    exponentially with the number of points, 12 + 8 for each vibration in a piece.
-    With straight edges pieces and their response do not depend on the depth and are computed once.
-    Raises ParameterError if a piece contains more than 50 vibrations.
+    exponentially with the number of points, which is 12 plus 8 for each period of vibration in a piece.
+    With straight edges, the pieces and their responses do not depend on the depth and are computed once.
+    Raises ParameterError if a piece contains more than 50 periods of vibration.
     Source: Insperger & Stépán, Semi-Discretization for Time-Delay Systems, 2011, ch. 1 (monodromy); Trefethen,
     Spectral Methods in MATLAB, 2000, ch. 6 (points).
     """
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
-        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, enough for a start value."""
+        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, which suffices for a start value."""
         # Deferred: commands that only read files do not need it.
         from scipy.linalg import schur
 

@@ -48,12 +48,12 @@ class ToolMode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolPoint(Result):
-    """The linear model of the motion r = (t, n) of tool against workpiece in m due to a force F on the tool in N.
+    """The linear model of the motion r = (t, n) in m of the tool relative to the workpiece due to a force F in N on it.
 
         y' = A y + B F,   r = C y
 
-    F acts on the tool and -F on the workpiece, so that their compliances add: `a + b` is a tool on a workpiece or a
-    table.
+    F acts on the tool and -F on the workpiece, so that their compliances add: `a + b` combines a tool with a workpiece
+    or a table.
     `missed` is the largest deviation of a fitted response from the exact one, relative to the largest compliance.
     """
 
@@ -140,7 +140,7 @@ def tool_point(
     velocity: float = 0.05,
     lowest: float = 0.1,
 ) -> ToolPoint:
-    """Return the tool point of a loop or a machine with its sampled controls, from a force at the load to its position.
+    """Return the tool point of a loop or machine with sampled controllers, from a force at the load to its position.
 
     along     the axes along feed and normal, None for a rigid direction; default for a loop: its axis along the feed
     velocity  velocity of the axes for the linearization, m/s, as in `linearize`

@@ -57,7 +57,7 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
 
 
 def is_richer(axis: Axis) -> bool:
-    """Return True if the friction model has more than levels and slopes: a Stribeck curve, presliding, or a table."""
+    """Return True if the friction model has a Stribeck curve, presliding or a table, not only levels and slopes."""
     return axis.friction_load is not None and not isinstance(axis.friction_load, _PLAIN)
 
 
@@ -69,7 +69,8 @@ def own_viscous(axis: Axis) -> float:
 
 
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
-    """Return the names of the parameters fitted by output error; None (rigid axis, plain friction) selects `physics`.
+    """Return the names of the parameters fitted by output error; None, for a rigid axis with plain friction, selects
+    `physics`.
 
     Otherwise these are the parameters of friction and constant forces that are not 0, and the mass of a rigid plant.
     Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.

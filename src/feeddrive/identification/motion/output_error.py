@@ -109,9 +109,8 @@ def refine(
         minimize  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
     The cost is minimized by Gauss-Newton steps with finite differences of simulated runs.  Dead time is discrete: for
-    each of
-    `delays`, in samples in addition to that of the loop, the parameters are fitted, and the delay with the smallest
-    position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
+    each of `delays`, in samples in addition to that of the loop, the parameters are fitted, and the delay with the
+    smallest position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
     skip   samples at the start that are ignored

@@ -118,7 +118,7 @@ class RigidFit(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is significant: a constant force on the axis (`pulls`)."""
+        """True if the offset is significant: a constant force on the axis (see `pulls`)."""
         return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
@@ -379,7 +379,7 @@ def find_delay(
 
     Whole samples are tried; near the best one the delay is an additional parameter of the least squares, with the
     derivative of the force as its column, which gives the fraction and its error.  The logged force must be the one
-    commanded at its sample.
+    commanded in the same sample.
 
     Do not rely on it alone in a closed loop: there the force reacts to disturbances, and part of that reaction is
     mistaken for a delay. This error grows with the residual of the model.  `refine` then decides between whole samples.

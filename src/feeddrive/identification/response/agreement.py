@@ -137,7 +137,7 @@ def agreement(
 
 
 def _curves(model: LineModel, responses: Sequence[FRF], refined: Refined, order: int) -> list[FRF]:
-    """Return the model between the first and the last line, with steps halved where the mobility changes much."""
+    """Return the model between the first and the last line, with steps halved where the mobility changes strongly."""
     values = refined.values
     lines = [np.geomspace(frf.frequency[0], frf.frequency[-1], _COARSE) for frf in responses]
     for _ in range(_MOST_HALVED):

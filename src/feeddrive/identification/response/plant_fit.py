@@ -408,8 +408,7 @@ def _core(
 
 
 def _aliases(frequency: np.ndarray, T: float) -> int:
-    """Return the number of aliases to be summed on either side; for a mass and a held force they fall as (f/f_alias)³.
-    """
+    """Return the number of aliases to sum on either side; for a mass and a held force they fall as (f/f_alias)³."""
     share = float(np.max(frequency)) * T
     first = range(1, _ALIASES)
     return next((m for m in first if (share / (m + 1.0 - share)) ** 3 < _ALIAS), _ALIASES)

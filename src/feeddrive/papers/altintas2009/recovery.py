@@ -60,8 +60,8 @@ def _run(load: Load, resolution: float | None) -> Run:
 
 
 def adaptation(law: DADSC, run: Run) -> Observation:
-    """Compute F̂d of a law along a run by repeating its steps with the recorded readings, since a run does not
-    record states.
+    """Compute the estimate F̂d of a law along a run by repeating the steps of the law with the recorded readings, since
+    a run does not record states.
     """
     prepared = law.prepare(T)
     position, force, wanted = run["reading_load"], run["force"], run["requested"]
@@ -202,7 +202,7 @@ GAINS = {15.0: 100.0, 25.0: 130.0, 35.0: 78.0, 50.0: 19.0, 70.0: 7.0, 100.0: 3.0
 
 
 def swing(mode: MachineMode, force: np.ndarray, sample_time: float = T) -> np.ndarray:
-    """Return the position of a mode, m, at kT under a force held over the sample, N: an independent simulation."""
+    """Return the position of a mode, m, at kT under a force held over the sample, N, by an independent simulation."""
     from scipy.linalg import expm
     from scipy.signal import lfilter
 

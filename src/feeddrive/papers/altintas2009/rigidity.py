@@ -95,7 +95,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
 
 
 def _literal() -> list[Claim]:
-    """Compare both laws at the same r2 and r4: the paper's figure taken literally."""
+    """Compare both laws at the same r2 and r4, which is the paper's figure taken literally."""
     # table 1 of the paper: r2 = m K = Kp and r4 = g1 = m Q ω_d = Kp T/Tn
     K = 56e3 / MASS
     w = 16e3 / (MASS * (1.0 + K * T))

@@ -2,7 +2,7 @@
 
 In the ideal loop the force depends on the reading of the same sample, while `Loop` simulates a real machine, where the
 force acts after the reading.  The ideal loop uses the law's own step, which is affine in the reading, so that two
-evaluations solve a sample.
+evaluations of it suffice to solve a sample.
 """
 
 from collections.abc import Callable, Sequence

@@ -234,7 +234,7 @@ def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
 
 
 def golden_error(cutter: HelicalCutter) -> float:
-    """Return the largest difference in N from an independent program, at five angles."""
+    """Return the largest difference in N between the forces and those of an independent program, at five angles."""
     return max(
         abs(float(got) - expected)
         for angle, row in GOLDEN.items()

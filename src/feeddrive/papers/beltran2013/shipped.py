@@ -223,7 +223,7 @@ def errors() -> list[Claim]:
 
 
 def settling() -> list[Claim]:
-    """Check the settling time of the estimate after a step of force, in simulation and by 1 - H."""
+    """Check the settling time of the estimate after a force step, in simulation and by 1 - H."""
     from scipy.signal import step
 
     run = simulate(_free(), mill.legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)

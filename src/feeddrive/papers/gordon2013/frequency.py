@@ -1,5 +1,5 @@
 """The linear loop: margins, stiffness and rope snap, also with a changed table mass or screw stiffness, and the effect
-of each contribution.
+of each contribution to the command.
 
 The effect of a contribution is shown by the tracking response of the table with it and without it.
 """
@@ -321,8 +321,8 @@ EVEN = ("acceleration", "snap")
 
 
 def frequency_view() -> Part:
-    """Compare tracking with and without the contributions, and the frequency bands in which its error is below 1 %
-    and 1°.
+    """Compare tracking with different contributions to the command, and the frequency bands in which its error is below
+    1 % and 1°.
     """
     parts = {
         "feedback alone": testbed.placed(SOFTER, ()),

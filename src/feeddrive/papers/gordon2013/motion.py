@@ -225,7 +225,7 @@ def tracking_error() -> Part:
 
 
 def ablation() -> Part:
-    """Check the effect of each contribution alone."""
+    """Check the effect of each contribution to the command: compatible setpoints, inverse dynamics and prefilter."""
 
     def loop(commands: str, feedforward: tuple[Any, ...]) -> Loop:
         return testbed.placed(replace(SOFTER, commands=commands), feedforward)

@@ -131,8 +131,8 @@ def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]
 
 
 def commands() -> Part:
-    """Check the force of the law with its three forms of commands, inverse dynamics, prefilter, and friction
-    feedforward.
+    """Check the force of the law with each of its three forms of commands, and the inverse dynamics, the prefilter and
+    the friction feedforward.
     """
     from scipy.signal import lsim
 

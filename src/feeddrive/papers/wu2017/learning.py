@@ -153,7 +153,7 @@ def _trial_columns(count: int) -> list[Column]:
 
 
 def _parameter_table(trials: Trials) -> Table:
-    """Tabulate the parameters of the largest set, in units of the drive, with their standard errors."""
+    """Tabulate the parameters of the largest set of basis functions, in drive units, with their standard errors."""
     true = {"mass": 120.0, "viscous": 400.0, "coulomb_positive": 95.0, "coulomb_negative": 80.0}
     values, errors = trials.parameters(), trials.errors()
     rows: list[list[str | Quantity]] = []
