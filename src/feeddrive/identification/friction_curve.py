@@ -452,7 +452,7 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Return True if the values are valid: no level is negative, and no breakaway level is below the Coulomb level."""
+        """Return True if the values are valid: no negative level, and no breakaway level below its Coulomb level."""
         # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)

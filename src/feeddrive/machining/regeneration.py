@@ -245,7 +245,7 @@ class ToothPassage:
     """
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
-        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, which suffices for a start value."""
+        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, sufficient for a start value."""
         # Deferred: commands that only read files do not need it.
         from scipy.linalg import schur
 

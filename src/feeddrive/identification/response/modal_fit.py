@@ -185,7 +185,7 @@ class Poles:
         self.computed: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def most(self, wanted: int, pairs: int, power: float) -> np.ndarray | None:
-        """Return the `wanted` most pronounced of `pairs` resonances, sorted by frequency, or None if there are fewer."""
+        """Return the `wanted` most pronounced of `pairs` resonances, sorted by frequency; None if there are fewer."""
         if wanted == 0:
             return np.zeros(0, complex)
         if (pairs, power) not in self.computed:
