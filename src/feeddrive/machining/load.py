@@ -32,7 +32,7 @@ class AxisLoad(Result):
                     force or the time constant
     heat_repeated   the largest heat when the motion is repeated indefinitely
     copper_loss     mean power lost in the winding, W; None without the motor constant
-    work            net mechanical energy delivered to the axis, J: friction, cut and height
+    work            net mechanical energy delivered to the axis, J: for friction, cut and change of height
     drawn           mechanical energy drawn without recovery of braking energy, J
     turning         True for a rotary axis
     """

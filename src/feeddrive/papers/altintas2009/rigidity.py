@@ -163,7 +163,7 @@ def _random_cases() -> tuple[float, float]:
 
 
 def _equal_integral() -> list[Claim]:
-    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ half of the other two."""
+    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ half as large as the other two rates."""
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=150.0, reaching_rate=300.0, adaptation_rate=300.0)
     ppi = CascadePPI(Kv=150.0, Kp=MASS * 300.0, Tn=1.0 / 300.0, viscous=VISCOUS)
     ours, theirs = _compliance(law), _compliance(ppi)

@@ -1,4 +1,4 @@
-"""Rows 4.g to 4.j: the error model against the simulated loop, rates of convergence, noise and condition."""
+"""Rows 4.g to 4.j: the error model against the simulated loop, rates of convergence, noise and condition number."""
 
 import dataclasses
 
