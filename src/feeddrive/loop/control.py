@@ -219,7 +219,7 @@ class Control(Block):
         return reduce(add, shifts) if shifts else 0.0
 
     def check_live(self, old: Self, place: str = "control") -> None:
-        """Raise StructureError, naming the first difference, if this control and `old` differ in more than parameter
+        """Raise StructureError, naming the first difference, if this controller and `old` differ in more than parameter
         values.
         """
         differs = tree.difference(old, self, place)

@@ -400,7 +400,7 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 
 
 class Joint:
-    """The physics of axes by name with the couplings between them: a machine without its controls.
+    """The physics of axes by name with the couplings between them: a machine without its controllers.
 
     Axes that share structure modes have a common exact hold; each other axis has its own.  Couplings act at common
     substeps, based on the motions of all axes at the same instant.

@@ -311,12 +311,12 @@ def linearize(
 
     inputs    any of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
               `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
-              follows `cut` instead of the control, and `force` is the output of the control
+              follows `cut` instead of the controller, and `force` is the output of the controller
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
     velocity  of the axis, m/s, at which friction is linearized; at 0 the axis sticks
     position  m, for forces that depend on it; for a machine both are numbers for all axes, or mappings by axis
     settle    samples that the loop first runs at constant velocity, for friction with memory
-    stored    function of name and value that rounds a parameter or prepared number of the control, if it is stored
+    stored    function of name and value that rounds a parameter or prepared number of the controller, if it is stored
               with fewer digits
 
     A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the

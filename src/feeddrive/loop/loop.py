@@ -1,4 +1,4 @@
-"""A loop: one axis with its control, and the order in which one sample is computed."""
+"""A loop: one axis with its controller, and the order in which one sample is computed."""
 
 from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, NamedTuple, Self
@@ -60,7 +60,7 @@ class Probe(NamedTuple):
     reading_load: Annotated[Number | None, Unit("m")] = None  # added to the reading of the load's encoder
 
     def read(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """Return the readings of both encoders as the control receives them."""
+        """Return the readings of both encoders as the controller receives them."""
         motor = motor if self.reading_motor is None else motor + self.reading_motor
         return motor, load if self.reading_load is None else load + self.reading_load
 
@@ -87,7 +87,7 @@ def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> s
 
 
 class Loop(Block):
-    """An axis, its control and the sample time.
+    """An axis, its controller and the sample time.
 
     At sample k the encoders read the plant at t = kT, `Control` computes the force, which acts after the dead time, and
     the plant advances to (k+1)T in `axis.substeps` substeps with exact linear hold.
@@ -99,26 +99,26 @@ class Loop(Block):
     name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
-        """The prepared numbers of control and axis."""
+        """The prepared numbers of controller and axis."""
 
         control: Any
         axis: Hold
 
     class State(NamedTuple):
-        """The states of control and axis."""
+        """The states of controller and axis."""
 
         control: Any
         axis: Any
 
     def place_of(self, field: str) -> str:
         """Return the path of a field as in a machine file: `axis.x` for the physics, `axis.x.control` for the
-        control.
+        controller.
         """
         place = f"axis.{self.name}"
         return {"axis": place, "control": f"{place}.control"}.get(field, field)
 
     def require(self) -> None:
-        """Check the block, and add the name of the axis to errors of control and axis."""
+        """Check the block, and add the name of the axis to errors of controller and axis."""
         try:
             super().require()
         except (ParameterError, StructureError) as error:
@@ -154,16 +154,16 @@ class Loop(Block):
     def start(
         self, prepared: Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the state of an axis at `position` (m) and `velocity` (m/s), with the control just switched on.
+        """Return the state of an axis at `position` (m) and `velocity` (m/s), with the controller just switched on.
 
-        The control has read the position one sample before, so that its first velocity is right.
+        The controller has read the position one sample before, so that its first velocity is right.
         """
         return self.started(prepared.control, timing, setpoint, position, velocity)
 
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the state of `start` from the prepared numbers of the control."""
+        """Return the state of `start` from the prepared numbers of the controller."""
         axis = self.axis.start(position, velocity, timing)
         # the readings of one sample before, so that the first difference is the velocity
         motor, load = self.axis.still(position - velocity * self.sample_time)

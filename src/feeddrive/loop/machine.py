@@ -1,4 +1,4 @@
-"""A machine: named axes with a common sample time, their controls, and the couplings between them."""
+"""A machine: named axes with a common sample time, their controllers, and the couplings between them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from feeddrive.loop.loop import SETPOINT, Loop, Signals, inputs_of, reported
 
 
 class ControlInputs(NamedTuple):
-    """The inputs of a control in a sample: setpoint, the readings of motor and load in m, and enable."""
+    """The inputs of a controller in a sample: setpoint, the readings of motor and load in m, and enable."""
 
     setpoint: Setpoint
     motor: Number
@@ -31,7 +31,7 @@ class ControlInputs(NamedTuple):
 
 
 class Controls:
-    """The controls of axes by name with the couplings between them: a machine without its physics.
+    """The controllers of axes by name with the couplings between them: a machine without its physics.
 
     for each axis:   its guard checks setpoint and readings
     couplings:       correct the velocity commands of the laws, from the setpoints and readings behind the guards
@@ -42,7 +42,7 @@ class Controls:
         self.controls, self.couplings = dict(controls), tuple(coupling for coupling in couplings if coupling.controls)
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> tuple[Any, ...]:
-        """Return the initial states of the couplings between the controls."""
+        """Return the initial states of the couplings between the controllers."""
         return tuple(coupling.listen(_of(coupling, setpoints)) for coupling in self.couplings)
 
     def step(
@@ -53,7 +53,7 @@ class Controls:
         readings: Mapping[str, ControlInputs],
         T: Number,
     ) -> tuple[dict[str, Any], tuple[Any, ...], dict[str, Control.Command]]:
-        """Compute one sample: the states of the controls and of their couplings, and the commands by axis."""
+        """Compute one sample: the states of the controllers and of their couplings, and the commands by axis."""
         judged = {
             name: control.judge(coefficients, states[name], *readings[name])
             for (name, control), coefficients in zip(self.controls.items(), prepared, strict=True)
@@ -95,7 +95,7 @@ def _of(coupling: Coupling, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Controller(Block):
-    """The control of an axis, and the motor that converts its force to the drive's unit: the part that runs on a
+    """The controller of an axis, and the motor that converts its force to the drive's unit: the part that runs on a
     target.
     """
 
@@ -142,7 +142,7 @@ class Drive(Block):
 
 
 class Controlled(Block):
-    """The control of an axis among others, with its drive."""
+    """The controller of an axis among others, with its drive."""
 
     control: Control = part("all that runs on the controller")
     actuator: Drive = part("what makes the force")
@@ -150,7 +150,7 @@ class Controlled(Block):
 
 
 class Controllers(Block):
-    """The controls of all axes of a machine, with the couplings between them: the part that runs on a target."""
+    """The controllers of all axes of a machine, with the couplings between them: the part that runs on a target."""
 
     axis: Any = part("axes by name")
     couplings: tuple[Any, ...] = part(
@@ -158,13 +158,13 @@ class Controllers(Block):
     )
 
     class State(NamedTuple):
-        """The states of the controls by axis, and of the couplings between them."""
+        """The states of the controllers by axis, and of the couplings between them."""
 
         axis: Any
         couplings: tuple[Any, ...]
 
     def controls(self) -> Controls:
-        """Return the controls as the machine runs them."""
+        """Return the controllers as the machine runs them."""
         there = [coupling for coupling in self.couplings if coupling is not None]
         return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
@@ -225,7 +225,7 @@ def _readings(encoders: int) -> tuple[str, ...]:
 
 
 def _control_inputs(inputs: Mapping[str, Any], port: str) -> ControlInputs:
-    """Return the inputs of one control, by prefix; a single encoder gives both readings."""
+    """Return the inputs of one controller, by prefix; a single encoder gives both readings."""
     setpoint = Setpoint(*(inputs[f"{port}{field}"] for field in SETPOINT))
     single = inputs.get(f"{port}reading")
     motor, load = (inputs[f"{port}{field}"] for field in _readings(2)) if single is None else (single, single)
@@ -258,7 +258,7 @@ _SEEDS = 2.0**40
 
 
 class DrivenAxis(Block):
-    """An axis of a machine: its physics and its control, which together form one loop."""
+    """An axis of a machine: its physics and its controller, which together form one loop."""
 
     control: Control = part("all that runs on the controller")
     axis: Axis = part("all that is physics", inline=True)
@@ -280,14 +280,16 @@ class Machine(Block):
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
-        """The prepared numbers of the controls, the linear cores and the couplings."""
+        """The prepared numbers of the controllers, the linear cores and the couplings."""
 
         control: Any
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The states of the axes by name, the modes of each core, the couplings, and the couplings between controls."""
+        """The states of the axes by name, the modes of each core, the couplings, and the couplings between
+        controllers.
+        """
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -414,7 +416,7 @@ class Machine(Block):
         return self.State(named(started), begun.shared, begun.couplings, self.controls().listen(setpoint))
 
     def controls(self) -> Controls:
-        """Return the controls of all axes and the couplings between them."""
+        """Return the controllers of all axes and the couplings between them."""
         return Controls({name: axis.control for name, axis in self.axes().items()}, self.couplings)
 
     def sample(
@@ -459,7 +461,7 @@ System: TypeAlias = Loop | Machine  # what is traced to a program
 
 
 def each_controlled(coupling: Coupling) -> tuple[str, ...]:
-    """Return the axes whose controls a coupling corrects."""
+    """Return the axes whose controllers a coupling corrects."""
     return coupling.axes() if coupling.controls else ()
 
 

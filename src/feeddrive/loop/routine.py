@@ -1,4 +1,4 @@
-"""The routine of a control or an axis for a target: its functions, their tracing, and their reference outputs.
+"""The routine of a controller or an axis for a target: its functions, their tracing, and their reference outputs.
 
 A routine consists of four functions with named inputs and outputs:
 
@@ -180,7 +180,7 @@ class Routine:
 
     @property
     def loop(self) -> Loop:
-        """The loop from which a control, or one axis, was traced."""
+        """The loop from which a controller, or one axis, was traced."""
         assert isinstance(self.origin, Loop)
         return self.origin
 
@@ -191,7 +191,9 @@ class Routine:
 
 
 def off_outputs(routine: Routine) -> dict[str, float]:
-    """Return the outputs of a control without valid parameters: disabled, with the safe force of the machine file."""
+    """Return the outputs of a controller without valid parameters: disabled, with the safe force of the machine
+    file.
+    """
     outputs: dict[str, float] = {}
     for loop, port in zip(routine.origin.loops().values(), routine.origin.ports(), strict=True):
         guard, motor = loop.control.guard, loop.axis.actuator.motor
@@ -247,7 +249,7 @@ def on_target(system: System) -> Controller | Controllers:
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """Return the routine of the control of a loop, or of all axes of a machine with names prefixed by the axis.
+    """Return the routine of the controller of a loop, or of all axes of a machine with names prefixed by the axis.
 
     Raises StructureError if a part uses operations outside `ops`.
     """
@@ -563,7 +565,7 @@ def _live(
 
 
 def _retune(block: Controller | Controllers, prepared: Any, begun: Any) -> Retune:
-    """Trace the live change of a control on symbols."""
+    """Trace the live change of a controller on symbols."""
     graph = Graph()
     leaves: dict[int, tuple[str, int]] = {}
 
@@ -619,10 +621,10 @@ Changes = Mapping[int, Mapping[str, float]]
 
 
 class ControllerRun:
-    """A simulator run of a routine's control, which starts with a reset; `step` may be called repeatedly."""
+    """A simulator run of a routine's controller, which starts with a reset; `step` may be called repeatedly."""
 
     def __init__(self, routine: Routine, first: np.ndarray) -> None:
-        """Reset the control with the inputs `first`, shape (inputs,)."""
+        """Reset the controller with the inputs `first`, shape (inputs,)."""
         if routine.memory != "controller":
             raise ParameterError(f"{routine.name} is an axis; its answers are those of `simulate`")
         self.routine = routine

@@ -642,7 +642,7 @@ class Prepared:
         return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
 
     def retune(self, old: Prepared, code: Native, states: np.ndarray) -> None:
-        """Update the states of a single run's controls after a live change from `old` to this one, in place."""
+        """Update the states of a single run's controllers after a live change from `old` to this one, in place."""
         rows = {state.name: i for i, state in enumerate(code.plan.states)}
         for now, before in zip(self._controls(), old._controls(), strict=True):
             begun = now.begun
@@ -656,7 +656,7 @@ class Prepared:
                     states[rows[name], 0] = value
 
     def _controls(self) -> list[_Running]:
-        """Return each control with its prepared numbers and its initial state."""
+        """Return each controller with its prepared numbers and its initial state."""
         plain, all_prepared, begun = self._begun.trees
         if isinstance(plain, Loop):
             return [_Running("control", plain.control, all_prepared.control, begun.control)]
@@ -690,7 +690,7 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
 
 
 class _Running(NamedTuple):
-    """A control, the path of its state, its prepared numbers and its initial state."""
+    """A controller, the path of its state, its prepared numbers and its initial state."""
 
     path: str
     control: Control

@@ -37,10 +37,10 @@ def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tup
     """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample onward).
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
-    a whole sample.  Values by name change the control that is active at that time.
+    a whole sample.  Values by name change the controller that is active at that time.
 
-    Raises ParameterError for a sample or time that is outside the run or named twice, a name outside the control, or a
-    value out of bounds, and StructureError for a change of the structure.
+    Raises ParameterError for a sample or time that is outside the run or named twice, a name outside the controller, or
+    a value out of bounds, and StructureError for a change of the structure.
     """
     placed: dict[int, Control | Mapping[str, float]] = {}
     for key, change in (changes or {}).items():
@@ -79,7 +79,7 @@ def _shown(key: int | float) -> str:
 
 
 def _changed(loop: System, change: Any) -> System:
-    """Return the loop with another control, or with other parameter values in its control."""
+    """Return the loop with another controller, or with other parameter values in its controller."""
     if isinstance(change, Control):
         if not isinstance(loop, Loop):
             raise ParameterError("a machine changes by names such as axis.x.control.law.Kv, not by a whole Control")
@@ -107,7 +107,7 @@ def _changed(loop: System, change: Any) -> System:
 
 
 def _on_controller(loop: System, name: str) -> bool:
-    """True if a parameter belongs to a control, or to a coupling between the controls of a machine."""
+    """True if a parameter belongs to a controller, or to a coupling between the controllers of a machine."""
     first, _, rest = name.partition(".")
     if first == "couplings" and isinstance(loop, Machine):
         return loop.couplings[int(rest.partition(".")[0])].controls
@@ -115,7 +115,7 @@ def _on_controller(loop: System, name: str) -> bool:
 
 
 class Course:
-    """A run whose control changes at given samples, computed in pieces."""
+    """A run whose controller changes at given samples, computed in pieces."""
 
     def __init__(self, prepared: Prepared, later: list[tuple[int, Prepared]]) -> None:
         """Begin a run. `later` holds the first sample and the prepared loop of each change, in order."""

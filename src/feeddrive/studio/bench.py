@@ -1,4 +1,4 @@
-"""The bench: the axis that is tuned on the page, with its control and its measured or modelled operating points."""
+"""The bench: the axis that is tuned on the page, with its controller and its measured or modelled operating points."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,15 +39,15 @@ _REST = ("tracking_error", "force")  # of the rope snap
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The axis tuned on a page, with its controls and models.
+    """The axis tuned on a page, with its controllers and models.
 
     title         description for the user
-    by_hand       the initial control with its operating points
+    by_hand       the initial controller with its operating points
     sources       source files, in the form accepted by the tuner
-    machine       its machine file, or that of the reference control for a measured response; None without one
+    machine       its machine file, or that of the reference controller for a measured response; None without one
     axis          axis name in the machine file
     remarks       remarks on the measured responses
-    today         reference control, shown as `today`, if the initial control differs from it
+    today         reference controller, shown as `today`, if the initial control differs from it
     file          machine file as named by the user; empty without one
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
@@ -66,16 +66,16 @@ class Bench:
 
     @property
     def before(self) -> ByHand:
-        """The reference control, which is shown as `today`, at the same operating points."""
+        """The reference controller, which is shown as `today`, at the same operating points."""
         return self.today or self.by_hand
 
     def with_control(self, control: Control) -> Self:
-        """Return the same axis with another initial control and the same reference control."""
+        """Return the same axis with another initial controller and the same reference controller."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with the reference control, from the machine file; None without one."""
+        """The loop of the axis with the reference controller, from the machine file; None without one."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -105,7 +105,7 @@ class Bench:
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 
     def run(self, control: Control, name: str) -> Run:
-        """Simulate the move and the force under a control, with friction, quantization and limits.
+        """Simulate the move and the force under a controller, with friction, quantization and limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -115,7 +115,7 @@ class Bench:
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def snap(self, control: Control, name: str) -> Run:
-        """Simulate the rope-snap test under a control: a force on the table at rest, released at `duty.begin`.
+        """Simulate the rope-snap test under a controller: a force on the table at rest, released at `duty.begin`.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -224,7 +224,8 @@ def bench_of_responses(
     delay: float = 0.0,
     limits: Limits | None = None,
 ) -> Bench:
-    """Return the bench of measured responses; the reference control is that of a machine file or a robustly tuned P-PI.
+    """Return the bench of measured responses; the reference controller is that of a machine file or a robustly tuned
+    P-PI.
 
     Raises ParameterError with a remedy for inconsistent inputs.
     """

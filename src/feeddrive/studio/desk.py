@@ -166,7 +166,7 @@ def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
 class Step:
     """A completed step: a workflow command with its request.
 
-    control  the control to which its results belong, if any
+    control  the controller to which its results belong, if any
     epoch    number of the source that was open at that time
     """
 
@@ -178,10 +178,10 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A stored control, for undo, redo and comparison.
+    """A stored controller, for undo, redo and comparison.
 
-    bench          bench with the blocks of the control
-    base, written  machine file into which it is written, and the control in that file
+    bench          bench with the blocks of the controller
+    base, written  machine file into which it is written, and the controller in that file
     """
 
     bench: Bench
@@ -191,7 +191,7 @@ class Held:
 
     @property
     def control(self) -> Control:
-        """The stored control."""
+        """The stored controller."""
         return self.bench.by_hand.control(self.values)
 
     def same(self, other: Held) -> bool:
@@ -207,7 +207,7 @@ class Desk:
     brought   files named on the command line, stored elsewhere
     files     path of each file by its displayed name: the latest uploaded or computed one
     epoch     number of sources opened so far
-    base      machine file into which the current control is written
+    base      machine file into which the current controller is written
     written   control in that file
     limits    limits by which the loop is judged, which are those of the goal
     programs  uploaded part programs by name
@@ -270,12 +270,12 @@ class Desk:
         self._made = self.needed.by_hand, self.values, control
 
     def exchange(self, control: Control, file: Path | None = None) -> None:
-        """Continue with a control that may have different blocks, as an undo step.
+        """Continue with a controller that may have different blocks, as an undo step.
 
         file  a machine file to which a command has written it
 
-        Without `file`, the control is written into the current machine file, or into that of the source, if it differs
-        from the control there only in filters and parameters; otherwise it is written into a new file.
+        Without `file`, the controller is written into the current machine file, or into that of the source, if it
+        differs from the control there only in filters and parameters; otherwise it is written into a new file.
         """
         bench = self.needed.with_control(control)
         self._remember()
@@ -291,7 +291,7 @@ class Desk:
         self.base, self.written = self._kept(bench), control
 
     def _kept(self, bench: Bench) -> str | Path:
-        """Write a machine file with the computed control for the following steps, and return its path."""
+        """Write a machine file with the computed controller for the following steps, and return its path."""
         if bench.machine is None:
             return bench.file
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
@@ -307,7 +307,7 @@ class Desk:
         return path
 
     def held(self) -> Held:
-        """Return the current control, to be stored."""
+        """Return the current controller, to be stored."""
         bench = self.needed
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
@@ -333,14 +333,14 @@ class Desk:
         return directories
 
     def restore(self, held: Held) -> None:
-        """Return to a stored control, as an undo step."""
+        """Return to a stored controller, as an undo step."""
         if not held.same(self.held()):
             self._remember()
             self._become(held)
 
     @contextmanager
     def tried(self) -> Generator[None]:
-        """Run a block; if it raises, restore the previous control with its undo and redo steps."""
+        """Run a block; if it raises, restore the previous controller with its undo and redo steps."""
         if self.bench is None:
             yield
             return
@@ -377,7 +377,7 @@ class Desk:
         self._begins = True
 
     def did(self, command: str, request: Request, control: Control | None = None) -> None:
-        """Record a completed step for the recipe, with the control to which its results belong."""
+        """Record a completed step for the recipe, with the controller to which its results belong."""
         self.done.append(Step(command, request, control, self.epoch))
 
     def said_again(self, known: Request, request: Request, *, also: bool) -> None:
@@ -390,7 +390,7 @@ class Desk:
         self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
 
     def take(self, control: Control, file: Path | None = None) -> None:
-        """Continue with a computed control, as an undo step.
+        """Continue with a computed controller, as an undo step.
 
         file  the machine file to which a command has written it, if any
         """
@@ -407,7 +407,7 @@ class Desk:
 
     @property
     def control(self) -> Control:
-        """The current control."""
+        """The current controller."""
         by_hand, known = self.needed.by_hand, self._made
         # `values` is always replaced and never modified, so its identity tells whether it has changed
         if known is None or known[0] is not by_hand or known[1] is not self.values:
@@ -415,7 +415,7 @@ class Desk:
         return known[2]
 
     def adjusted(self) -> AdjustRequest | None:
-        """Return the request that writes the current control into the machine file; None if it is already there.
+        """Return the request that writes the current controller into the machine file; None if it is already there.
 
         Raises ParameterError without a machine.
         """
@@ -437,7 +437,7 @@ class Desk:
         )
 
     def machine_path(self) -> str | Path:
-        """Return a machine file with the current control: the base file, or one written to the folder.
+        """Return a machine file with the current controller: the base file, or one written to the folder.
 
         Raises ParameterError without a machine.
         """
@@ -449,7 +449,8 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """Return the request that writes the current control; None if the last step that wrote the file was the same.
+        """Return the request that writes the current controller; None if the last step that wrote the file was the
+        same.
 
         Raises ParameterError without a machine.
         """
@@ -461,7 +462,7 @@ class Desk:
         return None if writers and writers[-1] == request else request
 
     def write_machine(self) -> Path:
-        """Write the machine file with the current control to the folder.
+        """Write the machine file with the current controller to the folder.
 
         Raises ParameterError without a machine, and while a job may still read the existing file.
         """
@@ -472,7 +473,7 @@ class Desk:
         return path
 
     def machine(self) -> MachineFile:
-        """Return the machine with the current control."""
+        """Return the machine with the current controller."""
         from feeddrive.files.machine import read_machine
 
         return read_machine(self.machine_path())

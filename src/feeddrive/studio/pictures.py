@@ -1,4 +1,4 @@
-"""The pictures of the page: the loop under the reference control, the current control and stored controls."""
+"""The pictures of the page: the loop under the reference controller, the current controller and stored controllers."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -32,7 +32,9 @@ T = TypeVar("T")
 
 
 class Parts:
-    """The simulations of a control on a bench, each None if impossible: no machine, unstable loop, exceeded bounds."""
+    """The simulations of a controller on a bench, each None if impossible: no machine, unstable loop, exceeded
+    bounds.
+    """
 
     def __init__(self, bench: Bench, control: Control, name: str) -> None:
         self.bench, self.control, self.name = bench, control, name
@@ -71,7 +73,7 @@ _LOOP = "loop"  # loop.0, loop.1: poles of the closed loop
 
 
 class HeldPoles:
-    """The movable poles of the current control. A closed-loop pole keeps its name while it moves."""
+    """The movable poles of the current controller. A closed-loop pole keeps its name while it moves."""
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -188,9 +190,9 @@ _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no 
 
 @dataclass(frozen=True)
 class View:
-    """The input of the pictures: evaluations and simulations of controls by name, on one bench.
+    """The input of the pictures: evaluations and simulations of controllers by name, on one bench.
 
-    A control without an entry in `parts` has no runs, poles or step response.
+    A controller without an entry in `parts` has no runs, poles or step response.
     """
 
     bench: Bench
@@ -205,11 +207,11 @@ class View:
 
     @property
     def stable(self) -> dict[str, Figures]:
-        """The stable controls in `leading`; unstable loops have no sensitivity or stiffness."""
+        """The stable controllers in `leading`; unstable loops have no sensitivity or stiffness."""
         return {name: figures for name, figures in self.leading.items() if figures.stable}
 
     def of_stable(self, part: Callable[[Parts], T | None]) -> dict[str, T]:
-        """Return a simulation result of each stable control for which it is available."""
+        """Return a simulation result of each stable controller for which it is available."""
         stable = {name: self.parts[name] for name, look in self.looks.items() if look.stable and name in self.parts}
         available = {name: part(value) for name, value in stable.items()}
         return {name: value for name, value in available.items() if value is not None}
@@ -312,7 +314,7 @@ def charts(
 
 
 def numbered(chart: Chart) -> Chart:
-    """Assign a fixed number to each control by its name, so that its color does not depend on the other curves."""
+    """Assign a fixed number to each controller by its name, so that its color does not depend on the other curves."""
     named = {curve.number: curve.name for panel in chart.panels for curve in panel.curves if curve.name in NUMBERS}
     others = {number: NUMBERS[name] for number, name in named.items() if NUMBERS[name] != number}
     if not others:

@@ -113,7 +113,9 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def tuned(request: TuneRequest, progress: Progress) -> Shown:
-    """Tune a control; the room draws its pictures over frequency, together with the current control of the page."""
+    """Tune a controller; the room draws its pictures over frequency, together with the current controller of the
+    page.
+    """
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
@@ -144,7 +146,7 @@ def circled(request: CircleRequest, progress: Progress) -> Shown:
 def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
     """Draw the deviation of a circle test, magnified and versus angle, and list the largest quadrant peaks.
 
-    before  the same circles under another control, for comparison
+    before  the same circles under another controller, for comparison
     """
     from feeddrive.machining.circle_test import quadrant_peaks
     from feeddrive.plot.machining import circle_chart, unrolled_chart
@@ -190,7 +192,7 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
-    """Compare laws at equal robustness; return trade-off, table, and the control of each law."""
+    """Compare laws at equal robustness; return trade-off, table, and the controller of each law."""
     outcome = perform("compare", request, progress)
     comparison = outcome.result
     chart = comparison.chart()

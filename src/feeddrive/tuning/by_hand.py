@@ -1,4 +1,4 @@
-"""Manual tuning: the adjustable parameters of a control, and its loop at all operating points."""
+"""Manual tuning: the adjustable parameters of a controller, and its loop at all operating points."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,9 +31,9 @@ _SAFE = ("guard", "force_limit")
 
 @dataclass(frozen=True)
 class Knob:
-    """An adjustable parameter of a control.
+    """An adjustable parameter of a controller.
 
-    name         dotted name below the control, such as law.Kv or filters.0.frequency
+    name         dotted name below the controller, such as law.Kv or filters.0.frequency
     block        kind of the block that holds it
     value        present value, SI
     low, high    range of adjustment, within the bounds of the parameter
@@ -116,7 +116,8 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Look:
-    """The evaluation of a control at one set of values: its figures at each point, and each limit at its worst point.
+    """The evaluation of a controller at one set of values: its figures at each point, and each limit at its worst
+    point.
 
     judged  verdicts, the one with the largest used share of its limit first
     """
@@ -139,7 +140,7 @@ class Look:
 
 
 class ByHand:
-    """A control at operating points, traced once, so that an evaluation at other values takes a few milliseconds.
+    """A controller at operating points, traced once, so that an evaluation at other values takes a few milliseconds.
 
     limits  limits that are judged in every evaluation; they determine the critical point
     """
@@ -167,7 +168,7 @@ class ByHand:
         return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
-        """Return the control with other values.
+        """Return the controller with other values.
 
         Raises ParameterError for a parameter that is unknown, out of bounds, or not allowed at a sample time.
         """
@@ -179,7 +180,8 @@ class ByHand:
     def at(self, values: Mapping[str, float], limits: Limits | None = None) -> Look:
         """Evaluate the loop at all points against the stored limits or the given ones.
 
-        Raises ParameterError for a value out of bounds, and for a control whose response is not finite at these values.
+        Raises ParameterError for a value out of bounds, and for a controller whose response is not finite at these
+        values.
         """
         # for its checks only: the trace below would accept values out of bounds
         self.control(values)
@@ -195,7 +197,8 @@ class ByHand:
         return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return [A B; c d] of the control at given values, and its derivatives with respect to the named parameters.
+        """Return [A B; c d] of the controller at given values, and its derivatives with respect to the named
+        parameters.
 
         The sample time is that of the first point. For a multirate law the result is None.
         """

@@ -35,12 +35,12 @@ _TRIALS = 6  # number of trials in which a compensator learns
 
 @dataclass(frozen=True)
 class Candidate:
-    """A control that can be tuned for an axis.
+    """A controller that can be tuned for an axis.
 
     like       the candidate whose tuning it adopts, if the two differ in the setpoint path only
     then       the step after tuning: "prefilter" (fit the prefilter to the move), "trials" (let the compensator learn
                in trials of the move), or "stops" (learn the stops from a log of slow oscillations)
-    remark     the axis model used for the candidate, and the changes to the present control
+    remark     the axis model used for the candidate, and the changes to the present controller
     """
 
     name: str
@@ -50,7 +50,9 @@ class Candidate:
     then: str = ""
 
     def tuned(self, control: Control) -> Self:
-        """Return the candidate with the gains of a tuned control, which is its own or that of the candidate `like`."""
+        """Return the candidate with the gains of a tuned controller, which is its own or that of the candidate
+        `like`.
+        """
         if self.like:
             control = replace(self.loop.control, law=control.law)
         return replace(self, loop=replace(self.loop, control=control))
@@ -111,8 +113,8 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
     """Return the candidates for the axis of a loop, P-PI first, and the laws that are refused.
 
     Every law of the catalogue and every user-defined law is tried. Filters, limit, guard, friction feedforward and
-    velocity encoder are those of the present control. Each law has acceleration and velocity feedforward, either its
-    own, that of the present control, or one computed from the axis's mass and viscous friction. Every law also gets
+    velocity encoder are those of the present controller. Each law has acceleration and velocity feedforward, either its
+    own, that of the present controller, or one computed from the axis's mass and viscous friction. Every law also gets
     these two as its axis model.
     """
     axis = axis_model(loop)
@@ -171,7 +173,7 @@ def _without_starts(kind: str) -> ParameterError:
 
 
 def control_with(loop: Loop, kind: str) -> Control:
-    """Return the control of a loop with its law replaced by another kind, at the start values for tuning.
+    """Return the controller of a loop with its law replaced by another kind, at the start values for tuning.
 
     If the law has several forms, the first one is used.
     Raises ParameterError with the reason if the law cannot control the axis.

@@ -1,4 +1,4 @@
-"""Closed-loop responses of a control at an operating point, with their derivatives and measurement variances."""
+"""Closed-loop responses of a controller at an operating point, with their derivatives and measurement variances."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -51,7 +51,7 @@ class Below:
         )
 
     def recovery(self, response: Response) -> Recovery:
-        """Return the closed-loop compliance for a control with this `response` on these lines."""
+        """Return the closed-loop compliance for a controller with this `response` on these lines."""
         (C, D), (dC, dD) = response.value, response.slope
         loop = -self.by_force * (C * (1.0 + self.apart_force) + D)
         dloop = -self.by_force[:, None] * (dC * (1.0 + self.apart_force)[:, None] + dD)
@@ -186,7 +186,7 @@ def unstable(answer: Answer) -> bool:
 
 
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
-    """Return True if an axis and a control, given by [A B; c d] of each sample, form an unstable loop.
+    """Return True if an axis and a controller, given by [A B; c d] of each sample, form an unstable loop.
 
     The criterion is the eigenvalues of the transition of axis state x and control state ξ over one period, which is the
     product over the samples k of
@@ -216,7 +216,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
 
 
 def _with_effect(samples: np.ndarray) -> np.ndarray:
-    """Return the matrices of the control without the states that do not affect the force (the last row)."""
+    """Return the matrices of the controller without the states that do not affect the force (the last row)."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)
     reached = through[n]
@@ -238,10 +238,10 @@ def encircles(answer: Answer) -> bool:
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
     n is the number of integrators at low frequencies: 2 for a free mass, and 1 for each integrator. P is the number of
-    unstable poles of the control alone that are faster than these lines. Each pair of unstable closed-loop poles adds
-    360°, a single pole or a response of the wrong sign 180°. A resonance of the control alone near the lowest lines is
-    only partly visible in the slope, so it is counted as integrators: multiplying 1 + L by (z - p)/(z - 1) replaces
-    each of its poles p by 1.
+    unstable poles of the controller alone that are faster than these lines. Each pair of unstable closed-loop poles
+    adds 360°, a single pole or a response of the wrong sign 180°. A resonance of the controller alone near the lowest
+    lines is only partly visible in the slope, so it is counted as integrators: multiplying 1 + L by (z - p)/(z - 1)
+    replaces each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
     slow = answer.response.slow
@@ -267,7 +267,7 @@ def encircles(answer: Answer) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The figures of a control at an operating point; infinite or 0 where the loop is unstable.
+    """The figures of a controller at an operating point; infinite or 0 where the loop is unstable.
 
     deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
     """

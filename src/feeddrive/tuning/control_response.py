@@ -1,4 +1,4 @@
-"""The frequency response of a control and its derivatives with respect to the tunables, by linearizing one traced
+"""The frequency response of a controller and its derivatives with respect to the tunables, by linearizing one traced
 sample.
 """
 
@@ -29,7 +29,7 @@ READINGS = ("reading_motor", "reading_load")
 
 @dataclass(frozen=True, eq=False)
 class TracedControl:
-    """The linear model of a control as graph nodes: all entries that are not constant zeros, by row and column.
+    """The linear model of a controller as graph nodes: all entries that are not constant zeros, by row and column.
 
     Rows are the states after a sample and the force; columns are the states before it and the two readings.
     """
@@ -51,7 +51,7 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """Return the linear model of one sample of a control in the initial state `begun`; it is cached by structure."""
+    """Return the linear model of one sample of a controller in the initial state `begun`; it is cached by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 
@@ -86,7 +86,7 @@ def _trace(control: Control, begun: Any) -> TracedControl:
 
 
 class Walk:
-    """The evaluator of the entries of a traced control and their derivatives with respect to the tunables.
+    """The evaluator of the entries of a traced controller and their derivatives with respect to the tunables.
 
     The first evaluations of a structure run in Python. Later ones run as machine code of the same graph and its
     symbolic derivatives, which is bit-identical and 100 to 1000 times faster.
@@ -189,7 +189,7 @@ class Response(NamedTuple):
 
 
 class ControlResponse:
-    """The frequency response of a control on given lines, for any values of its tunables.
+    """The frequency response of a controller on given lines, for any values of its tunables.
 
         u = C1 x1 + C2 x2,   C = c (z - A)⁻¹ B + d,   ∂C = w ∂A x + ∂c x + w ∂B + ∂d
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
@@ -199,8 +199,8 @@ class ControlResponse:
     left out, and parts that are blended in count as fully active, as in `linearize`.
 
     For a multirate law with a period of N samples, the response at f includes the feedback of the images f + k/(NT)
-    through the loop of the same control and the axis. C_mk are the harmonics of the lifted control, X is the axis, and
-    L = -C X (sums over both readings; index 0 is the line itself, i and k are its images):
+    through the loop of the same controller and the axis. C_mk are the harmonics of the lifted controller, X is the
+    axis, and L = -C X (sums over both readings; index 0 is the line itself, i and k are its images):
 
         C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
 
@@ -331,7 +331,7 @@ class ControlResponse:
         return [*self._live, n], [*self._live, n, n + 1]
 
     def integrates(self, values: Sequence[float] | np.ndarray) -> bool:
-        """Return True if the control has a pole at z = 1 and so rejects a constant force completely."""
+        """Return True if the controller has a pole at z = 1 and so rejects a constant force completely."""
         product = np.eye(len(self._live))
         for matrix in self.model(values)[:1] if self.period == 1 else self._samples(values, with_slopes=False)[0]:
             product = matrix[:-1, :-2] @ product
@@ -440,7 +440,7 @@ class ControlResponse:
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
-    """Return the response of a linear model [A B; c d] of a control, and its derivatives, at points z of the unit
+    """Return the response of a linear model [A B; c d] of a controller, and its derivatives, at points z of the unit
     circle.
     """
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):

@@ -230,7 +230,7 @@ class Evaluation(NamedTuple):
 
 
 class Criteria:
-    """The evaluation of goal and limits of a control at all operating points.
+    """The evaluation of goal and limits of a controller at all operating points.
 
     goal  a figure with a `Goal`
     near  True in all searches of a multirate control but the last, to use only the nearest images
@@ -270,7 +270,7 @@ class Criteria:
         return self._answers(self.control.at(values, self._lines), values)
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
-        """Return the closed loops of a multirate control, whose response depends on the axis as well."""
+        """Return the closed loops of a multirate controller, whose response depends on the axis as well."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
             over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
@@ -282,7 +282,7 @@ class Criteria:
         ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
-        """Return the closed loops for a given response of the control on all lines."""
+        """Return the closed loops for a given response of the controller on all lines."""
         parts = [
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
@@ -294,8 +294,8 @@ class Criteria:
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
         """Yield the evaluation at many points (points, tunables) without derivatives; None where it fails.
 
-        A single-rate control is evaluated once for all of them, so that a point costs a fraction of a search step. A
-        multirate control is evaluated separately at each point, on every fourth line and with the nearest images.
+        A single-rate controller is evaluated once for all of them, so that a point costs a fraction of a search step. A
+        multirate controller is evaluated separately at each point, on every fourth line and with the nearest images.
         """
         if self.control.period > 1:
             every = 2 if self.near else 4

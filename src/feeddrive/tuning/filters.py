@@ -182,11 +182,11 @@ def _resonance(loop: Margins, crossover: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Difference:
-    """The edits from one control to another: filters removed by index, others appended, then parameters set.
+    """The edits from one controller to another: filters removed by index, others appended, then parameters set.
 
     removed  indices in the old filter list
     added    filters appended to the remaining ones
-    values   changed parameters, by dotted name below the control with the new filter list
+    values   changed parameters, by dotted name below the controller with the new filter list
     """
 
     removed: tuple[int, ...]
@@ -195,12 +195,12 @@ class Difference:
 
     @property
     def is_empty(self) -> bool:
-        """True if the two controls are identical."""
+        """True if the two controllers are identical."""
         return not (self.removed or self.added or self.values)
 
 
 def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filter]) -> Control:
-    """Return the control without the filters at some indices of its list, and with others appended.
+    """Return the controller without the filters at some indices of its list, and with others appended.
 
     Raises ParameterError for an index that does not exist.
     """
@@ -213,7 +213,7 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
 
 
 def difference(before: Control, after: Control) -> Difference | None:
-    """Return the edits from one control to another; None if they differ in more than filters and parameters.
+    """Return the edits from one controller to another; None if they differ in more than filters and parameters.
 
     `aligned` decides which filters are kept.
     """
@@ -340,9 +340,9 @@ def filter_dragged(
     """Return the parameters of a filter whose handle is dragged to a frequency in Hz and a height on |L| in dB; None
     keeps the depth.
 
-    `loop` holds the margins of the control. With the returned parameters, the loop gain at the handle is y, as far as
-    the damping ratios allow: a notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping ratios,
-    but not its depth.
+    `loop` holds the margins of the controller. With the returned parameters, the loop gain at the handle is y, as far
+    as the damping ratios allow: a notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping
+    ratios, but not its depth.
     Raises ParameterError for an unknown handle.
     """
     i, part, block = _held(control, name)

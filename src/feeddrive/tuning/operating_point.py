@@ -167,8 +167,9 @@ class OperatingPoint:
                  correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
                  of a variance is the uncertainty of the ratio
     loop, model  the loop of a model, and the state-space model of its axis
-    known_as     a loop that agrees with the measurement (`with_table_force`), in which the tuned control is simulated
-    by_force_at  by_force at any frequency, for the images of a multirate control
+    known_as     a loop that agrees with the measurement (`with_table_force`), in which the tuned controller is
+                 simulated
+    by_force_at  by_force at any frequency, for the images of a multirate controller
     """
 
     name: str
@@ -218,7 +219,7 @@ class OperatingPoint:
 
 
 def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05) -> Response:
-    """Return the response of a control at all frequency lines of an operating point."""
+    """Return the response of a controller at all frequency lines of an operating point."""
     response = ControlResponse(control, point.sample_time, (), velocity)
     return response.at((), point.frequency, response.images(point.by_force_at, point.frequency))
 
@@ -227,7 +228,7 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     """Return the loop gain of the position loop of a cascade, opened at its velocity command, with the velocity loop
     closed.
 
-    whole, inner  the responses of the control with and without position loop, on the lines of the point
+    whole, inner  the responses of the controller with and without position loop, on the lines of the point
 
     For a single-rate control it is (L - Lv)/(1 + Lv). A position loop that runs every N-th sample is a single-rate loop
     with sample time NT; its gain is exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own
@@ -300,7 +301,7 @@ def measured_point(
     load, motor   from the commanded force to the readings; with one encoder leave `motor` out
     disturbance   from a force on the table (impact hammer) to the readings of load and motor; without it stiffness and
                   rope-snap error refer to a force at the drive
-    sample_time   sample time of the control to be tuned, s
+    sample_time   sample time of the controller to be tuned, s
     delay         computation delay, s, if the responses were measured from the actual force and not from its command
     averages      number of averages, for a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
@@ -443,7 +444,7 @@ _FEWEST = 10
 def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
     """Return the median of |measured/model - 1| without the noise contribution, for the worse of the two readings.
 
-    It covers the lines at which the loop gain with the loop's own control is at least 0.1, or all lines if these are
+    It covers the lines at which the loop gain with the loop's own controller is at least 0.1, or all lines if these are
     fewer than ten.
     """
     model = linearize(loop, ["cut"], READINGS, velocity=velocity)
@@ -474,7 +475,7 @@ def with_table_force(
     this disagreement is used as the standard deviation of the added response. A point that does not agree with the
     plant is returned unchanged. A point with a measured response to a force on the table keeps its responses.
 
-    run  the tuned control is also simulated in the loop, with its friction, counts and limits
+    run  the tuned controller is also simulated in the loop, with its friction, counts and limits
          (`OperatingPoint.known_as`)
     """
     off = disagreement(point, loop, velocity)

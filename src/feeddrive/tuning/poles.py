@@ -157,8 +157,8 @@ _PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
 class PlacedPole:
     """A pole that a law or an observer places by its parameters, without delay and sampling.
 
-    name       dotted name of its frequency below the control, such as law.axial_frequency, whether set or derived by a
-               rule
+    name       dotted name of its frequency below the controller, such as law.axial_frequency, whether set or derived by
+               a rule
     s          the pole, 1/s; for a complex pair, the one in the upper half plane
     frequency, damping  names of the parameters that move the pole; empty if there is none
     """
@@ -256,8 +256,8 @@ class LoopPole(NamedTuple):
 
 
 def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition matrix Φ of an axis, from `cut` to both readings, closed by a control [A B; c d], with its
-    derivatives.
+    """Return the transition matrix Φ of an axis, from `cut` to both readings, closed by a controller [A B; c d], with
+    its derivatives.
 
         x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
     """

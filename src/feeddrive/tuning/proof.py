@@ -1,4 +1,4 @@
-"""Verification of a tuned control by methods independent of the search, including a simulation."""
+"""Verification of a tuned controller by methods independent of the search, including a simulation."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,6 @@
-"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the control."""
+"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the
+controller.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -65,7 +67,7 @@ class Recipe(Result):
 
 
 class _Axis:
-    """An operating point with the velocity loop of a control: Kp = 1, no integral action, no position loop."""
+    """An operating point with the velocity loop of a controller: Kp = 1, no integral action, no position loop."""
 
     def __init__(self, point: OperatingPoint | Loop, control: Control | None) -> None:
         if isinstance(point, Loop):
@@ -84,7 +86,7 @@ class _Axis:
         return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
 
     def response(self, law: CascadePPI) -> Response:
-        """Return the response of the control with a given law."""
+        """Return the response of the controller with a given law."""
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
@@ -333,7 +335,7 @@ def judged_recipes(
     progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Apply every rule at the first point, with the filters of a control, and evaluate the resulting laws at all
+    """Apply every rule at the first point, with the filters of a controller, and evaluate the resulting laws at all
     points.
     """
     operating_points = tuple(

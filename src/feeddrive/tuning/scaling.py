@@ -1,4 +1,4 @@
-"""Scaling of controls by one factor: the whole loop faster or slower, and the largest gains versus dead time."""
+"""Scaling of controllers by one factor: the whole loop faster or slower, and the largest gains versus dead time."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

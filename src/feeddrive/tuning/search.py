@@ -75,7 +75,7 @@ class Search:
         self.penalty = _PENALTY
 
     def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
-        """Report each control that is the best so far and satisfies all bounds."""
+        """Report each controller that is the best so far and satisfies all bounds."""
         best = np.inf
 
         def accepted(x: np.ndarray, evaluation: Evaluation) -> None:

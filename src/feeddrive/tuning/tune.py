@@ -172,7 +172,9 @@ _COSTLY = 0.5
 
 
 class Best(NamedTuple):
-    """The result of the searches for one set of tunables: the control, the varied tunables and their final values."""
+    """The result of the searches for one set of tunables: the controller, the varied tunables and their final
+    values.
+    """
 
     control: Control
     names: tuple[str, ...]
@@ -213,7 +215,7 @@ class Tuner:
     ) -> Criteria:
         """Return the criteria for a set of tunables, on the lines of the search or on all lines.
 
-        `rough` keeps half of the lines, for a multirate control.
+        `rough` keeps half of the lines, for a multirate controller.
         """
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
         kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
@@ -351,7 +353,7 @@ class Tuner:
         return ends, reason
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """Return the evaluation of a control without a search, with the given tunables."""
+        """Return the evaluation of a controller without a search, with the given tunables."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
@@ -611,7 +613,7 @@ class CascadeLoops(Result):
 
 
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
-    """Return the velocity loop and the position loop of a P-PI control; None for any other law.
+    """Return the velocity loop and the position loop of a P-PI controller; None for any other law.
 
     Lv is the loop gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity
     command.
@@ -626,7 +628,9 @@ def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | Non
 
 
 class Verdict(Enum):
-    """The recommendation: use the new control, keep the present one, or reject the result because its proof fails."""
+    """The recommendation: use the new controller, keep the present one, or reject the result because its proof
+    fails.
+    """
 
     TAKE = "take"
     LEAVE = "leave"
@@ -657,7 +661,7 @@ class Tuned(Result):
 
     tunables, started    values by dotted name, new and present (NaN: new filter)
     goal              the figure that is optimized
-    before, after     figures at each point; `before` is empty if the present control has no figures
+    before, after     figures at each point; `before` is empty if the present controller has no figures
     held              the active limits, the one with the largest effect first
     advice            suggestions for further improvements
     notches           the notches that were tried, with their effect on the goal
@@ -665,9 +669,9 @@ class Tuned(Result):
     spread            relative difference of the goal between the worst and the best search
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
-    recipe            the tuning rule that gave the control, if there was no search
-    cascade_before    velocity and position loop of the present control separately; None if it is not a P-PI control
-    cascade           the same loops for the new control
+    recipe            the tuning rule that gave the controller, if there was no search
+    cascade_before    velocity and position loop of the present control separately; None if it is not a P-PI controller
+    cascade           the same loops for the new controller
     """
 
     control: Control
@@ -715,7 +719,7 @@ class Tuned(Result):
 
     @property
     def rule(self) -> str:
-        """The goal of the tuning, or the rule that gave the control, in words."""
+        """The goal of the tuning, or the rule that gave the controller, in words."""
         if self.recipe:
             return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
         noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
@@ -956,7 +960,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the control whose tunables optimize the goal while all limits are satisfied at every point.
+    """Return the controller whose tunables optimize the goal while all limits are satisfied at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -965,17 +969,17 @@ def tune_control(
                 integral-gain: max |y|/ω;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
     limits      `Limits`, or `Limit`s of figures of the catalogue (`figures.limitable`)
-    control     the start of the search; a loop supplies its control, and its axis if no points are given
+    control     the start of the search; a loop supplies its controller, and its axis if no points are given
     points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
-    tunables    dotted names below the control, such as law.Kp; default: those of the law
+    tunables    dotted names below the controller, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
                 added where they improve the goal
     confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
                 known
-    today       the control to compare with; default: `control` itself
+    today       the controller to compare with; default: `control` itself
     progress    receives the name of each stage, and may cancel
 
-    The response of the control is computed by linearizing its code (`ControlResponse`), with exact derivatives.
+    The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
     Stability is checked by encirclement of -1 at every step. A tuning for loops is verified by simulation with
     friction, encoder counts and limits (`Tuned.holds`). If the searches from different starts do not agree, further
     ones are run (`Tuned.settled`).
@@ -1014,10 +1018,10 @@ def assess(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Evaluate a given control, for example from a recipe, with the figures and the proof of `tune_control` but without
-    a search.
+    """Evaluate a given controller, for example from a recipe, with the figures and the proof of `tune_control` but
+    without a search.
 
-    rule  name of the rule that gave the control; the other arguments are those of `tune_control`
+    rule  name of the rule that gave the controller; the other arguments are those of `tune_control`
 
     Raises the errors of `tune_control`, and UnstableError if the loop is unstable at a point.
     """
@@ -1129,7 +1133,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
 
 
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
-    """Return the figures at every point, on all lines; empty for a control without a response."""
+    """Return the figures at every point, on all lines; empty for a controller without a response."""
     try:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
@@ -1238,7 +1242,7 @@ def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """Return the value of a tunable in the present control; NaN if its block is missing or of another type there."""
+    """Return the value of a tunable in the present controller; NaN if its block is missing or of another type there."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):

@@ -173,7 +173,7 @@ class Bring(Room):
 
     @act
     def responses(self, asked: Asked) -> Said:
-        """Open measured responses, with or without a machine file for the reference control."""
+        """Open measured responses, with or without a machine file for the reference controller."""
         file = self._known(asked)
         if file.kind != RESPONSES:
             raise ParameterError(f"{file.name} holds no frequency responses")

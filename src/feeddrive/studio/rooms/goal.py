@@ -130,7 +130,7 @@ class Goal(Room):
 
     @act
     def accept(self, _: Asked) -> Said:
-        """Continue with the result, or with the best control found by a canceled search."""
+        """Continue with the result, or with the best controller found by a canceled search."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
         self.desk.take(self._best() or self.best, self._written())
@@ -139,7 +139,7 @@ class Goal(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _best(self) -> Control | None:
-        """Return the best control, with its parameters as rounded in the machine file if one was written."""
+        """Return the best controller, with its parameters as rounded in the machine file if one was written."""
         written = self._written()
         return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 

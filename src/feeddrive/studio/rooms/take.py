@@ -39,7 +39,8 @@ class Recipe:
 
     commands  shell commands, one per line
     python    Python script
-    job       job file that simulates the move of the page with reference and current control; empty without a machine
+    job       job file that simulates the move of the page with reference and current controller; empty without a
+              machine
     """
 
     commands: str
@@ -66,7 +67,7 @@ def recipe_of(desk: Desk) -> Recipe:
 
 
 def _job(desk: Desk) -> str:
-    """Return a job that compares the reference and current controls under the same move and force."""
+    """Return a job that compares the reference and current controllers under the same move and force."""
     bench = desk.bench
     if bench is None or bench.machine is None:
         return ""
@@ -112,7 +113,7 @@ class Take(Room):
         self.begin()
 
     def begin(self) -> None:
-        """Discard the exports of the previous control."""
+        """Discard the exports of the previous controller."""
         self.exports: dict[str, tuple[Held, Shown]] = {}
         self.verified: dict[str, Mapping[str, Any]] = {}
 
@@ -135,7 +136,7 @@ class Take(Room):
 
     @act
     def machine(self, _: Asked) -> Said:
-        """Export the machine file with the current control."""
+        """Export the machine file with the current controller."""
         return self._give(self.desk.write_machine())
 
     @act
@@ -161,7 +162,7 @@ class Take(Room):
 
     @act
     def guard(self, asked: Asked) -> None:
-        """Add a guard to the control, with the trip limits that were entered in the fields of `_bounds`."""
+        """Add a guard to the controller, with the trip limits that were entered in the fields of `_bounds`."""
         bench = self.desk.needed
         bench.needed_loop()
         self.desk.check_free()
@@ -182,7 +183,7 @@ class Take(Room):
         self.desk.exchange(result.loop(bench.axis).control, path)
 
     def _bounds(self) -> list[dict[str, Any]]:
-        """Return the fields of a guard for a control without one; exports other than parameters need a guard."""
+        """Return the fields of a guard for a controller without one; exports other than parameters need a guard."""
         bench = self.desk.bench
         if bench is None or bench.loop is None or self.desk.control.guard is not None:
             return []
@@ -196,7 +197,7 @@ class Take(Room):
 
     @act
     def export(self, asked: Asked) -> None:
-        """Export the current control for a target."""
+        """Export the current controller for a target."""
         bench, target = self.desk.needed, asked.choice("target", TARGETS)
         bench.needed_loop()
         out = self.desk.folder / f"export_{target}"

@@ -1,4 +1,4 @@
-"""The guided tour: step-by-step instructions from a log to an exported control."""
+"""The guided tour: step-by-step instructions from a log to an exported controller."""
 
 from __future__ import annotations
 

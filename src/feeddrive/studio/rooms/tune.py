@@ -1,4 +1,4 @@
-"""The room Tune: manual tuning of parameters, with live pictures and verdicts and stored controls to compare."""
+"""The room Tune: manual tuning of parameters, with live pictures and verdicts and stored controllers to compare."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ _BESIDE = ThreadPoolExecutor(thread_name_prefix="run")
 
 
 class _Seen(NamedTuple):
-    """An evaluation of a control with its simulations, cached until blocks, parameters or limits change."""
+    """An evaluation of a controller with its simulations, cached until blocks, parameters or limits change."""
 
     by_hand: ByHand
     values: Values
@@ -165,7 +165,7 @@ class Tune(Room):
         return self._pictures()
 
     def do(self, name: str, asked: Asked) -> Said:
-        """Run an action; if it fails, restore the previous control."""
+        """Run an action; if it fails, restore the previous controller."""
         try:
             with self.desk.tried():
                 return super().do(name, asked)
@@ -200,7 +200,7 @@ class Tune(Room):
 
     @act
     def reset(self, _: Asked) -> Said:
-        """Restore the reference control."""
+        """Restore the reference controller."""
         self.desk.take(self.desk.needed.before.start)
         return self._pictures()
 
@@ -285,13 +285,13 @@ class Tune(Room):
 
     @act
     def keep(self, asked: Asked) -> Said:
-        """Store the current control under a letter."""
+        """Store the current controller under a letter."""
         self.snapshots[asked.choice("letter", SNAPSHOTS)] = self.desk.held()
         return self._pictures()
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Restore a stored control."""
+        """Restore a stored controller."""
         letter = asked.choice("letter", SNAPSHOTS)
         if letter not in self.snapshots:
             raise ParameterError(f"nothing was kept as {letter} yet")
@@ -300,7 +300,7 @@ class Tune(Room):
 
     @act
     def drop(self, asked: Asked) -> Said:
-        """Delete a stored control."""
+        """Delete a stored controller."""
         self.snapshots.pop(asked.choice("letter", SNAPSHOTS), None)
         return self._pictures()
 
