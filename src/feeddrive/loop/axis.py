@@ -60,8 +60,8 @@ class Axis(Block):
         drive: Number
 
     def check(self) -> None:
-        """Check that a rotary axis has no screw, that a one-body plant has one friction, and that the plant supports
-        all forces.
+        """Check that a rotary axis has no screw, that a one-body plant has only one friction model, and that the plant
+        supports all forces.
         """
         of_screw = "lead" in declarations(type(self.plant)) or (
             self.actuator.motor is not None and "lead" in declarations(type(self.actuator.motor))
@@ -87,7 +87,7 @@ class Axis(Block):
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """Return the number of whole samples of dead time and True if a fraction remains; all variants must agree."""
+        """Return the number of whole samples of dead time, and whether a fraction remains; all variants must agree."""
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -115,7 +115,7 @@ class Axis(Block):
         return plain._replace(damping=damping)
 
     def viscous(self, friction: Friction, row: Row) -> Matrix:
-        """Return the damping matrix of the viscous part of a friction on the body x = row · q, N s/m."""
+        """Return the damping matrix, N s/m, of the viscous part of a friction model on the body at x = row · q."""
         return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
@@ -127,7 +127,9 @@ class Axis(Block):
         return Hold(joint.change, *joint.axes[0])
 
     def port(self, rows: Rows, timing: Timing) -> Port:
-        """Return the inputs of the axis's forces to the mechanics, with the lag and dead time of its drive."""
+        """Return the inputs through which the forces of the axis act on the mechanics, with lag and dead time of its
+        drive.
+        """
         bandwidth = self.actuator.current_loop
         lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
         return Port(rows, lag, self.actuator.dead_time, timing)
@@ -198,7 +200,7 @@ class Axis(Block):
 
 
 def _part(share: Any, x: Any) -> Any:
-    """Return share · x; a zero result has the type of x."""
+    """Return share · x; if `share` is the constant 0, the result is a zero of the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x
 
 
@@ -210,8 +212,8 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Yield the conditions that current loop (Hz), damping and modes are slow enough for a substep h (s); `what` names
-    the plant in messages.
+    """Yield the conditions that the current loop (bandwidth in Hz), the damping and the modes are slow enough for a
+    substep of h (s); `what` names the plant in messages.
     """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:

@@ -212,7 +212,7 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return the part of the compensation's set-position shift that depends only on the reading, m."""
+        """Return, in m, the part of the compensations' shift of the set position that depends only on the reading."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
@@ -229,7 +229,7 @@ class Control(Block):
             )
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state after a bumpless live change from `old` to this control between two samples.
+        """Return the state after a bumpless live change from `old` to this controller between two samples.
 
         Only parameter values may differ. Raises StructureError if a block, a choice or the presence of a parameter
         differs.
@@ -307,7 +307,7 @@ def _less(force: Any, carried: Any) -> Any:
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
     """Return the state and the force that a law's step returned; during tracing, the state must keep its structure.
 
-    Raises StructureError, naming what the law returned, if this is not the case.
+    Raises StructureError, naming what the law returned, if the result has another form or structure.
     """
     # exported code calls the second part `found_1`: a local name of traced code is a name in the export (`Names`)
     if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
@@ -324,7 +324,7 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can clear the memory, which is impossible if a ring is not part of a `History` or `Track`."""
+    """Check that a reset can clear the memory; it cannot clear a ring buffer outside a `History` or `Track`."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "

@@ -27,8 +27,8 @@ class Shared(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """The forces on an axis over a sample: the commands after and before the handover, and a constant force on the
-    load.
+    """The forces on an axis over a sample: the drive commands after and before the handover within the sample (see
+    `Columns`), and a constant force on the load.
     """
 
     new: Number  # N
@@ -200,7 +200,7 @@ class Core:
         columns: Mapping[str, Columns],
         index: int,
     ) -> Row:
-        """Return the state at the end of the substep without friction."""
+        """Return the state at the end of the substep as it would be without friction."""
         position, velocity = self._joined(states, shared)
         before = (*position, *velocity, *(x for name in self.axes for x in states[name].drive))
         free: list[Any] = []
@@ -380,10 +380,11 @@ def share_mass(mechanics: Mechanics) -> bool:
 def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h: Number) -> None:
     """Set the velocity of a body that sticks at the end of a substep to exactly zero.
 
-    The last coordinate with a factor of 1 cancels all others; only the last one makes the sum row · q' exactly 0.  The
-    body is assumed to decelerate uniformly to rest at x + v h/2, so it keeps its position if it was at rest.  With the
-    friction force alone, which is a mean over the substep, it would creep under a loaded spring.  Where two bodies
-    share a coordinate, as in a modal model, the second is exact and the first is at rest up to rounding.
+    The velocity of the last coordinate with a factor of 1 is set to minus the contribution of all others; with any
+    other coordinate, rounding would keep the sum row · q' from being exactly 0.  The body is assumed to decelerate
+    uniformly to rest at x + v h/2, so it keeps its position if it was at rest.  With the friction force alone, which is
+    a mean over the substep, the body would creep under a loaded spring.  Where two bodies share a coordinate, as in a
+    modal model, the second is exact and the first is at rest up to rounding.
     """
     last = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if last is None:

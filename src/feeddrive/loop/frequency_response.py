@@ -1,4 +1,4 @@
-"""Frequency response functions (FRF): measured, or of a linear model at many frequencies."""
+"""Frequency response functions (FRF): measured, or computed from a linear model at many frequencies."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -43,13 +43,15 @@ _DISC = float(np.sqrt(-np.log(0.05)))
 
 
 def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
-    """Return γ² = 1/(1 + ν var(G)/|G|²): the ordinary coherence of ν + 1 averages that would give this variance."""
+    """Return γ² = 1/(1 + ν var(G)/|G|²), ν = `freedom`: the ordinary coherence that gives this variance with ν + 1
+    averages.
+    """
     power = np.abs(response) ** 2
     return power / (power + freedom * variance)
 
 
 def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = AVERAGES) -> np.ndarray:
-    """Return var(G) = |G|² (1 - γ²)/(γ² averages) of each line, from the ordinary coherence γ²; in the unit of |G|².
+    """Return var(G) = |G|² (1 - γ²)/(γ² averages) of each frequency line, from the ordinary coherence γ².
 
     A coherence below 0.001 counts as 0.001.  Source: Bendat & Piersol, Random Data, section 9.2.
     """
@@ -115,7 +117,7 @@ class FRF(Result):
             )
 
     def _check(self, name: str, most: float) -> None:
-        """Check that an array has one number per line, finite and between 0 and `most`."""
+        """Check that an array has one number per frequency line, finite and between 0 and `most`."""
         if getattr(self, name) is None:
             return
         values = np.asarray(getattr(self, name), float)

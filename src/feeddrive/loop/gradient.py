@@ -291,9 +291,9 @@ def require_slopes(
     moving  seeds that an input can affect; a choice that depends only on a counter is ignored
     kinds   kinds of the blocks whose choices are checked
 
-    A number counts as 0 within its rounding error, a reading within one encoder count: for s = 1e-17, √|s| has a slope
-    of 1e8, which is meaningless for the loop.  A choice is at its threshold if its two operands are equal.  Nothing is
-    checked for a graph without such operations, or if the numbers themselves are not finite.
+    A number counts as 0 if it is within its rounding error, and a reading if it is within one encoder count: for s =
+    1e-17, √|s| has a slope of 1e8, which is meaningless for the loop.  A choice is at its threshold if its two operands
+    are equal.  Nothing is checked for a graph without such operations, or if the numbers themselves are not finite.
     """
     there = [index for index in graph.lines if index in values]
     steep = [index for index in there if graph.name(index) != "select"]
@@ -349,8 +349,8 @@ def _operands(graph: Graph, index: int) -> tuple[int, ...]:
 def _at_edge(
     graph: Graph, index: int, operands: tuple[int, ...], values: Mapping[int, Any], rounding: Mapping[int, float]
 ) -> bool:
-    """True if, within rounding errors, the argument of a root is 0 or a choice at its threshold has two different
-    values.
+    """True if, within rounding errors, the argument of a root is 0, or a choice is at its threshold and its two values
+    differ.
     """
     if len(operands) == 1:
         return bool(abs(values[operands[0]]) <= rounding[operands[0]])
@@ -363,8 +363,8 @@ def _at_edge(
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
-    """Return the rounding error of each number below some nodes, to first order; for readings it is the encoder
-    count.
+    """Return the rounding error of each number on which some nodes depend, to first order; for readings it is the
+    encoder count.
     """
     # 4 ε: above the rounding of one operation, ε/2, and of the elementary functions
     unit, errors = 2.0**-50, dict[int, float]()
@@ -459,7 +459,7 @@ def gradient(
     friction, and verify with the actual friction.
     The derivative with respect to a dead time of whole substeps is the right-hand one.
     Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
-    a root or logarithm at 0 during the run makes the gradient infinite or undefined.
+    a root or logarithm of 0 during the run makes the gradient infinite or undefined.
     """
     check_system(loop)
     checked_signals(loop, (), arithmetic)

@@ -50,9 +50,9 @@ class Guard(Block):
 
     A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
     observers to the present position.  An `enable` that is NaN counts as off.
-    A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a level axis; on a hanging
-    one it is the force that carries the weight, so that the axis stays at rest while the brake closes and, since a law
-    starts from the acting force, after it has opened.
+    A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a horizontal axis; on a
+    vertical one it is the force that carries the weight.  A vertical axis then stays at rest while the brake closes, and
+    also after the brake has opened, since a law starts from the acting force.
     When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that their offset has no
     effect.
     If the axis moves at enable, law and observers start in motion: from the readings of the previous sample, and
@@ -66,8 +66,8 @@ class Guard(Block):
     latched, and a loop that does not run commands the `safe_force`.
 
     Every conditional operation first tests `usual`: the numbers are valid, and the loop is enabled and running.  A
-    compiler merges all these tests into one branch, so that nearly every sample is short; the others take a third
-    longer.
+    compiler merges all these tests into one branch, so that nearly all samples are computed quickly; the others take a
+    third longer.
     """
 
     following_error_limit: Number | None = parameter(
@@ -99,7 +99,7 @@ class Guard(Block):
     )
 
     class Prepared(NamedTuple):
-        """The sample time in s, and the largest allowed motion in a sample in m; empty without a velocity limit."""
+        """The sample time in s, and the largest motion allowed per sample in m (empty without a velocity limit)."""
 
         T: Number
         fastest: tuple[Number, ...]
@@ -175,14 +175,14 @@ class Guard(Block):
         return setpoint, motor, load
 
     def start(self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number) -> State:
-        """Return the state: disabled, without a trip, at the readings of one sample before the first step."""
+        """Return the state one sample before the first step: disabled, without a trip, at these readings."""
         travel = velocity * prepared.T
         return self.State(ops.zero(motor), motor, load, motor - load, travel, setpoint.position)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, motor: Number, load: Number, enable: Number
     ) -> tuple[State, Verdict]:
-        """Judge a sample before the law, in this order: invalid numbers, following error, velocity, travel."""
+        """Check a sample before the law runs, in this order: invalid numbers, following error, velocity, travel."""
         one = motor is load  # one encoder: nothing to align
         ran, enabled = state.mode > 0.5, enable > 0.5
         # written so that NaN, which compares as false, is bad

@@ -48,7 +48,9 @@ class Rows(NamedTuple):
 
 
 class Port(NamedTuple):
-    """The inputs of one axis's forces to the joint mechanics, with the lag and dead time of its drive."""
+    """The inputs through which the forces of one axis act on the mechanics shared by all axes, with its lag and dead
+    time.
+    """
 
     rows: Rows
     lag: Number | None  # bandwidth of the current loop, rad/s; None without one
@@ -89,7 +91,7 @@ class Hold(NamedTuple):
 
 
 class JointHold(NamedTuple):
-    """The exact hold of several axes that move as one: x = (all q, all q', the drive forces that lag)."""
+    """The exact hold of several axes with coupled mechanics: x = (all q, all q', the drive forces that lag)."""
 
     change: Matrix
     axes: tuple[Columns, ...]

@@ -314,9 +314,10 @@ def linearize(
               follows `cut` instead of the controller, and `force` is the output of the controller
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
     velocity  of the axis, m/s, at which friction is linearized; at 0 the axis sticks
-    position  m, for forces that depend on it; for a machine both are numbers for all axes, or mappings by axis
+    position  m, for forces that depend on it; for a machine, velocity and position are numbers for all axes or mappings
+              by axis
     settle    samples that the loop first runs at constant velocity, for friction with memory
-    stored    function of name and value that rounds a parameter or prepared number of the controller, if it is stored
+    stored    function of name and value that rounds a parameter or prepared number of the controller that is stored
               with fewer digits
 
     A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
@@ -326,7 +327,8 @@ def linearize(
     bounds.
     A part that blends in after the start counts as fully active.
     Raises ParameterError for an unknown name, an input that is named twice, and parameters with which the model
-    overflows; NoSlopeError, naming the line, for a law without a finite slope there, such as √|s| at s = 0.
+    overflows; NoSlopeError, naming the source line, for a law without a finite slope at this operating point, such as
+    √|s| at s = 0.
     """
     samples = samples_of_a_period(
         loop, inputs, outputs, velocity=velocity, position=position, settle=settle, stored=stored
@@ -382,7 +384,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity of each axis, each given as one number for all axes or as numbers by axis."""
+    """Return position and velocity of each axis; each may be given as one number for all axes or as numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
@@ -562,7 +564,8 @@ def images_closed(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
         L(f) = L₀₀ - L₀ᵢ (1 + Lᵢᵢ)⁻¹ Lᵢ₀,    1/(1 + L(f)) = [(1 + L)⁻¹]₀₀,    det(1 + L) = (1 + L(f)) det(1 + Lᵢᵢ)
 
-    gain  the harmonics of an opened loop, shape (lines, N, N), of which the first is the sine itself
+    gain  the harmonics of an opened loop, shape (lines, N, N); index 0 is the sine itself, the others (i) are its
+          images
     """
     others = np.eye(gain.shape[1] - 1) + gain[:, 1:, 1:]
     back = np.linalg.solve(others, gain[:, 1:, :1])
@@ -609,7 +612,7 @@ def lifted(
 
 
 def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: str = "cut") -> tuple[FRF, np.ndarray]:  # noqa: A002
-    """Return the gain L of a loop opened from `output` to `input`, with its images closed, and det(1 + L) of the
+    """Return the gain L of a loop opened from `output` to `input`, with the image loops closed, and det(1 + L) of the
     images.
 
     See `images_closed` for both.
@@ -644,7 +647,9 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the response of table position to set position and its exact derivatives up to snap: Σ Hₙ (j2πf)ⁿ.
+    """Return the response of table position to set position and its exact derivatives up to snap.
+
+    It is Σ Hₙ (j2πf)ⁿ, where Hₙ is the response to the n-th derivative alone.
 
     For a multirate law it is the component at the excited frequency, as in `compliance`.
     """
@@ -675,7 +680,7 @@ def linear_model(
 
 
 def _port(loop: System, axis: str | None) -> tuple[str, Loop]:
-    """Return the signal prefix of an axis, which must be named for a machine, and its loop alone."""
+    """Return the signal prefix and the loop of an axis, which must be named for a machine."""
     check_system(loop)
     ports = dict(zip(loop.loops(), loop.ports(), strict=True))
     name = next(iter(ports)) if axis is None and len(ports) == 1 else axis

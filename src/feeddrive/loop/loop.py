@@ -90,7 +90,7 @@ class Loop(Block):
     """An axis, its controller and the sample time.
 
     At sample k the encoders read the plant at t = kT, `Control` computes the force, which acts after the dead time, and
-    the plant advances to (k+1)T in `axis.substeps` substeps with exact linear hold.
+    the plant advances to (k+1)T in `axis.substeps` substeps with an exact hold of the linear mechanics.
     """
 
     control: Control = part("all that runs on the controller")
@@ -156,7 +156,7 @@ class Loop(Block):
     ) -> State:
         """Return the state of an axis at `position` (m) and `velocity` (m/s), with the controller just switched on.
 
-        The controller has read the position one sample before, so that its first velocity is right.
+        The controller is assumed to have read the position one sample earlier, so that its first velocity is correct.
         """
         return self.started(prepared.control, timing, setpoint, position, velocity)
 

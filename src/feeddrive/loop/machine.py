@@ -34,7 +34,7 @@ class Controls:
     """The controllers of axes by name with the couplings between them: a machine without its physics.
 
     for each axis:   its guard checks setpoint and readings
-    couplings:       correct the velocity commands of the laws, from the setpoints and readings behind the guards
+    couplings:       correct the velocity commands of the laws, from the setpoints and readings that the guards pass on
     for each axis:   compensation, law, filters, feedforward, limit
     """
 
@@ -142,7 +142,7 @@ class Drive(Block):
 
 
 class Controlled(Block):
-    """The controller of an axis among others, with its drive."""
+    """The controller of one axis of a machine, with its drive."""
 
     control: Control = part("all that runs on the controller")
     actuator: Drive = part("what makes the force")
@@ -164,7 +164,7 @@ class Controllers(Block):
         couplings: tuple[Any, ...]
 
     def controls(self) -> Controls:
-        """Return the controllers as the machine runs them."""
+        """Return the `Controls` that the machine runs."""
         there = [coupling for coupling in self.couplings if coupling is not None]
         return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
@@ -203,7 +203,7 @@ class Controllers(Block):
         return self.State(type(self.axis)(**answer[0]), answer[1]), outputs
 
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
-        """Return the states after a live change; couplings between the controls keep theirs."""
+        """Return the states after a live change; couplings between the controllers keep their states."""
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
         return state._replace(
             axis=type(self.axis)(
@@ -287,9 +287,7 @@ class Machine(Block):
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The states of the axes by name, the modes of each core, the couplings, and the couplings between
-        controllers.
-        """
+        """The states of the axes by name, the modes of each core, the couplings, and those between controllers."""
 
         axis: Any
         shared: tuple[Shared, ...]

@@ -124,7 +124,7 @@ class Retune(NamedTuple):
     makers: dict[int, str]
 
     def keeping(self, live: Sequence[int]) -> Self:
-        """Return the live change of these states only, for which no other state is needed."""
+        """Return the live change restricted to these states, which must not depend on any other state."""
         places = {old: new for new, old in enumerate(live)}
         states = tuple(self.states[i] for i in live)
         read = set(reachable(self.graph, states))
@@ -275,7 +275,7 @@ def controller_routine(system: System, name: str) -> Routine:
 
 
 def _check_rings(state: Any, name: str) -> None:
-    """Check that rings are short: on a target each access evaluates every cell."""
+    """Check that ring buffers are short, since on a target each access to one evaluates every cell."""
     for path, value in tree.leaves(state):
         if isinstance(value, Ring) and value.length > LONGEST_RING:
             raise StructureError(

@@ -1,4 +1,5 @@
-"""A compiled program with its values, states and statistics: one variant, or many in lanes on all threads.
+"""A compiled program with its values, states and statistics: one variant, or many variants in vector lanes on all
+threads.
 
 A run begins with its sampled inputs, prepared numbers and initial state.
 Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
@@ -295,7 +296,7 @@ class Beginning:
 
 
 class _Structure:
-    """The number of starts of a structure with new numbers, and its machine code once it has been compiled."""
+    """The number of runs of one structure that began with new numbers, and its machine code, once compiled."""
 
     def __init__(self) -> None:
         self.begun = 0
@@ -375,14 +376,16 @@ def _prepared(plain: Any, timing: Any) -> Any:
 
 
 def key(held: Any) -> Hashable:
-    """Return the structure of blocks and the bits of their numbers as a cache key; None for tables or lanes."""
+    """Return the structure of blocks and the bits of their numbers as a cache key; None if there are tables or
+    arrays over lanes.
+    """
     structure, values = tree.structure_and_values(held)
     row = _bits(values)
     return None if row is None else (structure, row.tobytes())
 
 
 def _bits(values: Sequence[Any]) -> np.ndarray | None:
-    """Return numbers as an array of floats; None for tables or lanes."""
+    """Return numbers as an array of floats; None if there are tables or arrays over lanes."""
     if np.ndarray in map(type, values):
         return None
     return np.array(values, dtype=np.float64)
@@ -594,7 +597,9 @@ class Prepared:
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """Return the initial states by name, including rings, in the limit of infinite time at constant inputs."""
+        """Return the initial states by name, including ring buffers, in their limit after infinite time at constant
+        inputs.
+        """
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
     def varying(self) -> frozenset[str]:
@@ -757,8 +762,8 @@ class Groups:
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 
     def trial(self, inputs: np.ndarray) -> float:
-        """Return the computing time in s per variant over a short stretch, the shortest of three trials; states are
-        unchanged.
+        """Return the computing time in s per variant over a short range of samples, the shortest of three trials;
+        states are unchanged.
         """
         spans: list[float] = []
         for _ in range(3):

@@ -39,8 +39,8 @@ def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tup
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
     a whole sample.  Values by name change the controller that is active at that time.
 
-    Raises ParameterError for a sample or time that is outside the run or named twice, a name outside the controller, or
-    a value out of bounds, and StructureError for a change of the structure.
+    Raises ParameterError for a sample or time that is outside the run or named twice, a name that is not in the
+    controller, or a value out of bounds, and StructureError for a change of the structure.
     """
     placed: dict[int, Control | Mapping[str, float]] = {}
     for key, change in (changes or {}).items():
@@ -171,7 +171,7 @@ class Recorded(Mapping[str, np.ndarray]):
 class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
-    Row k is the sample at `time[k]` = kT; see `loop.Signals` for what each signal is.  For a machine its name is
+    Row k is the sample at `time[k]` = kT; see `loop.Signals` for the meaning of each signal.  For a machine its name is
     prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`, or an empty
     prefix for a single axis.
     """

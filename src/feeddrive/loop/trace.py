@@ -25,7 +25,8 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """The graph of one sample between named numbers, which the engine runs, linearizes and differentiates.
+    """The graph of one sample with named inputs, states and outputs, which the engine runs, linearizes and
+    differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
     inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
@@ -164,7 +165,7 @@ def apply(name: str, *values: Any) -> Any:
 
 
 def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
-    """Return the value of every node below the outputs, for inputs and tables by name, in plain Python."""
+    """Return the value of every node on which the outputs depend, for inputs and tables by name, in plain Python."""
     results: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(graph, outputs):

@@ -34,7 +34,7 @@ _SHIFTER = 6755399441055744.0
 
 
 class Printer:
-    """A writer of the lines of one function, block after block."""
+    """The writer of one function as LLVM text; it collects the lines of one basic block after another."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -308,7 +308,7 @@ class Printer:
 
 
 def intrinsics(plan: Plan) -> list[str]:
-    """Return declarations of everything that the operations of a plan call."""
+    """Return the declarations of all functions that the operations of a plan call."""
     used = {plan.graph.nodes[i][0] for i in plan.order}
     kinds = [("f64", "double")]
     if plan.lanes > 1:
@@ -331,7 +331,9 @@ _ATTRIBUTES = 'nounwind alignstack=64 "min-legal-vector-width"="512" "prefer-vec
 
 
 def text(plan: Plan, name: str, target: str, *, flush: bool = True) -> str:
-    """Return the module of a plan for a target triple; with `flush`, subnormal numbers become 0 on x86 and aarch64."""
+    """Return the LLVM module of a plan for a target triple; with `flush`, subnormal numbers become 0 on x86 and
+    aarch64.
+    """
     writer = _TimeLoop(plan)
     entry = writer.entry()
     body = writer.body()
@@ -468,7 +470,7 @@ class _TimeLoop:
 
 
 def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
-    """Return declarations, and the lines that set and restore the mode in which subnormal numbers are 0."""
+    """Return the declarations, and the lines that set and restore the mode in which subnormal numbers count as 0."""
     if target.startswith("x86_64"):
         return (
             ["declare void @llvm.x86.sse.stmxcsr(ptr)", "declare void @llvm.x86.sse.ldmxcsr(ptr)"],

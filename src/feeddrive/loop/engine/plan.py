@@ -1,11 +1,11 @@
 """The plan from which a code printer works: lowered graph, memory order, kinds of nodes, lazy branches.
 
-A single run computes operations that only one branch of a `select` needs only if that branch is taken.
+In a single run, an operation that only one branch of a `select` needs is computed only if that branch is taken.
 
 Both branches of `where` are pure, so a value that is not selected need not be computed; the results remain
-bit-identical.  It pays off where an expensive branch is rarely taken, such as the exponential of Stribeck friction,
-which is negligible at high speed.  Cheap branches are always computed: a mispredicted branch costs about twenty
-operations.
+bit-identical.  Skipping it pays off where an expensive branch is rarely taken, such as the exponential of Stribeck
+friction, which is negligible at high speed.  Cheap branches are always computed: a mispredicted branch costs about
+twenty operations.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,7 +19,7 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """The kinds of all nodes, in order: True if a node changes between samples, varies between lanes, or is a truth
+    """The kinds of all nodes, by index: whether a node changes between samples, differs between lanes, and is a truth
     value.
     """
 
@@ -60,7 +60,7 @@ def _pass(graph: Graph, moving: set[int], varying: set[int]) -> Kinds:
 
 @dataclass(frozen=True)
 class Plan:
-    """A program ready to be printed. Each tuple is in the order of its memory: (name, node)."""
+    """A program ready for code generation. Each tuple lists names and nodes in memory order."""
 
     graph: Graph
     constants: tuple[tuple[str, int], ...]
@@ -139,10 +139,11 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each selection, all selections by the same condition that can be evaluated at the first of them.
+    """Return, for each selection, all selections with the same condition that can be evaluated in place of the first.
 
-    Several results that only one side needs, such as the forces of a tooth in the cut, then share one branch.  All
-    their operands were traced before the first selection, so none of the selections depends on another.
+    Several results that are needed on only one side of the condition, such as the forces of a tooth in the cut, then
+    share one branch.  All their operands were traced before the first selection, so none of the selections depends on
+    another.
     """
     open_: dict[int, list[int]] = {}
     groups: list[list[int]] = []
@@ -162,9 +163,9 @@ def _ordered(
 ) -> tuple[int, ...]:
     """Return the order of evaluation: with lanes, that of the trace; for a single run, the longest chains first.
 
-    The longest chains are those of the next states with the most dependent operations in a row.  A single run waits for
-    such a chain in every sample; a processor that starts it early fills the latency with other operations.  With lanes
-    there are enough other operations, and the order of the trace keeps fewer numbers alive.
+    The longest chains are the longest sequences of dependent operations that lead to the next value of a state.  A
+    single run waits for such a chain in every sample; a processor that starts it early fills the latency with other
+    operations.  With lanes there are enough other operations, and the order of the trace keeps fewer numbers alive.
 
     A ring is written in place, after all reads of its previous contents.  Selections that are evaluated together are
     consecutive.
@@ -231,7 +232,9 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
-    """Return the graph below the roots in operations that printers support, and the new node of each old one."""
+    """Return the graph of the roots, rewritten in operations that printers support, and the new node of each old
+    one.
+    """
     return rebuilt(graph, roots, lambda target, name, values: composed(target, name, values, arithmetic))
 
 
@@ -273,7 +276,9 @@ class Branch(NamedTuple):
 
 
 def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
-    """Return the operations that belong to each branch, in order, but not to a branch inside it."""
+    """Return, for each branch, the operations that belong to it but not to a branch inside it, in order of
+    evaluation.
+    """
     places = _places(plan)
     costs: dict[Branch, int] = {}
     nodes = plan.graph.nodes
@@ -299,7 +304,7 @@ def lazy_branches(plan: Plan) -> dict[Branch, list[int]]:
 
 
 def _places(plan: Plan) -> dict[int, Branch | None]:
-    """Return, for each operation, the innermost branch outside which it is not needed; None if it is always needed."""
+    """Return, for each operation, the innermost branch that contains all its uses; None if it is always needed."""
     nodes, moving = plan.graph.nodes, plan.kinds.moving
     needs: dict[int, list[Branch | None]] = {node: [None] for _, node in plan.outputs}
     for state in plan.states:
