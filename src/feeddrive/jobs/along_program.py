@@ -1,4 +1,6 @@
-"""Results that a part program adds to a row of a job: figures along the program, observers, cuts and chatter."""
+"""Results that a part program adds to a row in the report of a job: figures along the program, observers, cuts and
+chatter.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -28,7 +30,7 @@ from feeddrive.tuning.candidates import PLAIN, candidates
 
 
 def out_of_the_work(job: Job, system: System) -> System:
-    """Return the machine without the cuts of its program, for the analysis of its axes in air."""
+    """Return the machine without the cuts of its program, for the analysis of its axes outside the cut."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
     # the cuts of the program stand behind the couplings of the machine file
@@ -60,7 +62,7 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 # the laws of a job run the same program: one entry is enough
 @lru_cache(maxsize=1)
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
-    """Return a mask of the samples in which the tool cuts a wall of the part (see `on_part`).
+    """Return a mask of the samples in which the tool generates a finished wall of the part (see `on_part`).
 
     Without a [process] section, all samples at feed rate are included.  A cut without such a sample is included
     completely.

@@ -40,7 +40,7 @@ def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
 
 
 def _setpoint(job: Job, log: Log) -> np.ndarray:
-    """Return the logged set positions. Raises LogError if they are missing or not at the control's sample time."""
+    """Return the logged set positions. Raises LogError if they are missing or not at the controller's sample time."""
     T = next(iter(job.loops.values())).sample_time
     if "setpoint_position" not in log.channels:
         raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")

@@ -51,8 +51,8 @@ class Guard(Block):
     A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
     observers to the present position.  An `enable` that is NaN counts as off.
     A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a horizontal axis; on a
-    vertical one it is the force that carries the weight.  A vertical axis then stays at rest while the brake closes, and
-    also after the brake has opened, since a law starts from the acting force.
+    vertical one it is the force that carries the weight.  A vertical axis then stays at rest while the brake closes,
+    and also after it has opened, since a law starts from the acting force.
     When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that their offset has no
     effect.
     If the axis moves at enable, law and observers start in motion: from the readings of the previous sample, and

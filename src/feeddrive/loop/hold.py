@@ -214,7 +214,7 @@ def _times(a: Any, b: Any) -> Any:
 
 
 def _unscaled(x: Any, h: Number, row_is_velocity: bool, column_is_velocity: bool) -> Any:
-    """Convert an entry of the matrix from velocities in positions per substep to velocities in m/s."""
+    """Convert a matrix entry from velocities in position units per substep to velocities in m/s."""
     if matrix.is_zero(x) or row_is_velocity == column_is_velocity:
         return x
     return x / h if row_is_velocity else x * h

@@ -607,7 +607,7 @@ def _owners(block: Any, path: str = "") -> Iterator[tuple[str, Block]]:
 
 
 def _meanings(values: Any, path: str = "", text: str = "") -> Iterator[tuple[str, str]]:
-    """Yield, for each leaf of a tree of named tuples, the docstring of the innermost of them."""
+    """Yield, for each leaf of a tree of named tuples, the docstring of the innermost named tuple that contains it."""
     if isinstance(values, tuple):
         names = getattr(values, "_fields", None)
         text = inspect.getdoc(type(values)) or "" if names else text

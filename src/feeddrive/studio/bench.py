@@ -47,7 +47,7 @@ class Bench:
     machine       its machine file, or that of the reference controller for a measured response; None without one
     axis          axis name in the machine file
     remarks       remarks on the measured responses
-    today         reference controller, shown as `today`, if the initial control differs from it
+    today         reference controller, shown as `today`, if the initial controller differs from it
     file          machine file as named by the user; empty without one
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
@@ -177,7 +177,7 @@ class Bench:
             yield Overlay(reading.replace("_", " of the "), measured, own if same else None, own)
 
     def text(self, values: Mapping[str, float]) -> str:
-        """Return the text of the machine file with changed control parameters; everything else is unchanged."""
+        """Return the content of the machine file with changed controller parameters; everything else is unchanged."""
         self.needed_loop()
         assert self.machine is not None
         return machine_text(self.machine, self.axis, self.by_hand.control(values))

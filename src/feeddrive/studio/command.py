@@ -154,7 +154,7 @@ class StudioRequest(Request):
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
-        """Raise ParameterError if the page is open to the network without a password, or if two start sources are
+        """Raise ParameterError if the page is open to the network without a password, or if two initial sources are
         named.
         """
         if self.tour and self.source is not None:
@@ -267,7 +267,7 @@ def serve_at(
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:
-        """Return an address that opens the page; without a password it is valid once."""
+        """Return an address that opens the page; without a password it is valid only once."""
         return address if password else f"{address}?token={door.tokens.issue(used)}"
 
     redirects = list[Path]()  # what opens the browser, until it has done so

@@ -178,7 +178,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A stored controller, for undo, redo and comparison.
+    """A stored controller snapshot, for undo, redo and comparison.
 
     bench          bench with the blocks of the controller
     base, written  machine file into which it is written, and the controller in that file
@@ -208,13 +208,13 @@ class Desk:
     files     path of each file by its displayed name: the latest uploaded or computed one
     epoch     number of sources opened so far
     base      machine file into which the current controller is written
-    written   control in that file
+    written   controller in that file
     limits    limits by which the loop is judged, which are those of the goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     closing   functions that are called at the end of the session
     done      steps completed on the page, for all sources
-    kept      files that no command of `done` writes, with a description of each
+    kept      files that are not outputs of the commands in `done`, with a description of each
     """
 
     def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
@@ -272,10 +272,10 @@ class Desk:
     def exchange(self, control: Control, file: Path | None = None) -> None:
         """Continue with a controller that may have different blocks, as an undo step.
 
-        file  a machine file to which a command has written it
+        file  a machine file to which a command has written the controller
 
         Without `file`, the controller is written into the current machine file, or into that of the source, if it
-        differs from the control there only in filters and parameters; otherwise it is written into a new file.
+        differs from the controller there only in filters and parameters; otherwise it is written into a new file.
         """
         bench = self.needed.with_control(control)
         self._remember()
@@ -297,7 +297,7 @@ class Desk:
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
 
     def keep(self, name: str, content: bytes, what: str) -> Path:
-        """Write a file that no command writes, and list it in the recipe as a file to be kept.
+        """Write a file that is not the output of a command, and list it in the recipe as a file to be kept.
 
         A number is appended to the name if another file has it.
         """
@@ -312,14 +312,14 @@ class Desk:
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the data of a result, with a remark if it belongs to a control other than the current one."""
+        """Return the data of a result, with a remark if it belongs to a controller other than the current one."""
         same = held.same(self.held())
         return {**words, "said": [*([] if same else [_ANOTHER]), *words["said"]]}
 
     def results(self) -> dict[str, str]:
         """Return the result directories of this source by name, latest last.
 
-        The value is a remark if the result belongs to a control other than the current one, and otherwise empty.
+        The value is a remark if the result belongs to a controller other than the current one, and otherwise empty.
         """
         directories = dict[str, str]()
         for step in self.done:
@@ -392,7 +392,7 @@ class Desk:
     def take(self, control: Control, file: Path | None = None) -> None:
         """Continue with a computed controller, as an undo step.
 
-        file  the machine file to which a command has written it, if any
+        file  the machine file to which a command has written the controller, if any
         """
         changes = difference(self.needed.by_hand.start, control)
         if (

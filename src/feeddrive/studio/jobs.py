@@ -132,7 +132,7 @@ class Job:
                 self._process.kill()
 
     def join(self, seconds: float | None = None) -> None:
-        """Wait until the job has ended, at most `seconds`."""
+        """Wait until the job has ended, but for at most `seconds`."""
         self._thread.join(seconds)
 
     def _end(self) -> None:
@@ -228,7 +228,9 @@ class Job:
 
 
 class _Reporting(Progress):
-    """The progress object in the process of a job: it sends reports to the page, and limits the rate of steps."""
+    """The progress object in the process of a job: it sends reports to the page, and limits how often steps are
+    reported.
+    """
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()

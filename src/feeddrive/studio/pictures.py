@@ -202,7 +202,7 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """The critical operating point of each control (see `Look.leading`)."""
+        """The critical operating point of each controller (see `Look.leading`)."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property

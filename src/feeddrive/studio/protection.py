@@ -215,7 +215,7 @@ class Protected:
         await send({"type": "http.response.body", "body": OPENED.encode()})
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the password form, or check a submitted password: one at a time, with a delay after a wrong one."""
+        """Send the password form, or check a submitted password: one at a time, with a delay after an incorrect one."""
         reason = "This page is protected."
         if scope.get("method") == "POST" and scope.get("path") == "/enter":
             attempt = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]

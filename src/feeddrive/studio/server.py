@@ -272,7 +272,7 @@ class Session:
         return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
     def listen(self, push: Push) -> Callable[[], None]:
-        """Subscribe to unsolicited messages, each with its kind; return a function that unsubscribes."""
+        """Subscribe to unsolicited messages, each labeled with its kind; return a function that unsubscribes."""
         # a page that has just been loaded shows the full range
         self._windows.clear()
         self._pushes.append(push)
@@ -304,7 +304,9 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom all pictures of a room with this x label to a range, or to the full range; return the room name."""
+        """Zoom all pictures of a room that have the requested x label to a range, or to the full range; return the
+        room name.
+        """
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)

@@ -42,7 +42,7 @@ class Shown:
 
     words     JSON data with the keys verdict, failure, bad, said, picture and sections
     charts    charts by name
-    controls  controls of a comparison by name of the law
+    controls  controllers of a comparison, by name of the law
     files     written files by name
     friction  identified friction over velocity
     result    data for further charts
@@ -61,7 +61,8 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
 
     drawn  keys of the pictures to draw; None: all. The others are drawn by the room itself or shown only in the report.
 
-    Pictures that the page cannot draw are left out. A failed outcome always has a sentence.
+    Pictures that the page cannot draw are left out. The result of a failed outcome always contains a sentence on the
+    failure.
     """
     report = outcome.report()
     units = replace(DRAWN, rotary=report.rotary)
@@ -105,7 +106,7 @@ def reported(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def fitted(command: str, request: Request, progress: Progress) -> Shown:
-    """Run an identification, and show its report with files and friction."""
+    """Run an identification, and return its report with files and friction."""
     outcome = perform(command, request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
@@ -124,7 +125,7 @@ def tuned(request: TuneRequest, progress: Progress) -> Shown:
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
-    """Return charts with their texts in the units of an outcome."""
+    """Return charts with their labels in the units of an outcome."""
     units = replace(outcome.units, typographic=True)
     return {name: chart.shown(units) for name, chart in charts.items()}
 
@@ -163,7 +164,7 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """Run a part program on the machine, and show the contour error on the path and its worst places."""
+    """Run a part program on the machine; return the contour error along the path and its worst places."""
     # imported on use: this runs in the process of the job
     from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 

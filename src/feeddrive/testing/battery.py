@@ -5,11 +5,11 @@
 
     TestMyLaw = battery(MyLaw)          # pytest collects the rows as its tests
 
-The rows check that floats, arrays and symbols give bit-identical results, that native code and C agree bit for bit with
-Python, that the Jacobian agrees with finite differences, that all values within the declared bounds give finite
+The tests check that floats, arrays and symbols give bit-identical results, that native code and C agree bit for bit
+with Python, that the Jacobian agrees with finite differences, that all values within the declared bounds give finite
 numbers, and more.
 
-One row changes the parameters of a block of a control live, in a steady state without following error.  The axis
+One test changes the parameters of a controller block live, in a steady state without following error.  The axis
 follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.  All
 outputs of the block are then constant and must remain so after a live change, unless the new parameters require another
 value: compensating a larger share of a disturbance takes a different force.  The required value is the output of the
@@ -106,7 +106,9 @@ class Steady:
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples, omitting ring buffers, whose content shows when read."""
+        """Return the numbers of the state after some samples, omitting ring buffers, whose content shows up in the
+        outputs once it is read.
+        """
         self.outputs(count, errors)
         return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
 
@@ -228,8 +230,8 @@ def _changed(
 def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
     """Return the change of the outputs due to rounding of readings and state and to rounding left in the outputs.
 
-    With a gain of 1e17 N/m, as in a predictive law with a short horizon, it is 100 N; with a filter that amplifies high
-    frequencies by 1e6 it is 0.1 N.
+    With a gain of 1e17 N/m, as in a predictive law with a short horizon, the change is 100 N; with a filter that
+    amplifies high frequencies by 1e6 it is 0.1 N.
     """
     last = change.before[-1]
     size = np.abs(last) + _SMALL * _usual(last.size)
@@ -242,10 +244,11 @@ def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[fl
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """Return True if states at equal intervals lie on straight lines; other gains would expose an unfinished transient.
+    """Return True if states at equal intervals lie on straight lines; under other gains, a transient that has not ended
+    would become visible.
 
-    After errors they must be equal to the last bit, as the state of an integrator is, unlike the slow end of an
-    observer's transient.
+    After following errors, the states must be bit-identical: those of an integrator are, whereas those of a slowly
+    decaying observer are not.
     """
     if exactly:
         return bool(np.all(first == second) and np.all(second == third))
@@ -343,7 +346,8 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
 
 
 def check_slopes(exercise: Exercise) -> None:
-    """Compare derivatives of the graph with central differences, where one-sided ones and other step sizes agree.
+    """Compare derivatives of the graph with central differences, wherever one-sided differences and other step sizes
+    confirm them.
 
     Raises AssertionError with the output and its error.
     """

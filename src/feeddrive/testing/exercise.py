@@ -1,9 +1,9 @@
 """A block exercised on floats, on symbols and in a C loop.
 
 An `Exercise` calls everything that runs in a step of a block's family as one pure function of some numbers.  It runs
-this function on floats or arrays, traces it on symbols, and compiles it, for the rows of the battery.
+this function on floats or arrays, traces it on symbols, and compiles it, for the tests of the battery.
 
-The C text of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature and memory
+The C source of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature and memory
 layout are those of the native code, and the results are bit-identical:
 
     void name(int64_t count, int64_t first, const double *constants, const double *inputs, double *states,
@@ -43,7 +43,7 @@ from feeddrive.loop.trace import Program
 
 
 class _Writer:
-    """A writer of the text of nodes, which collects the lines of the current part."""
+    """The writer of graph nodes as C source; it collects the lines of the current part."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -70,7 +70,9 @@ class _Writer:
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")
 
     def node(self, index: int) -> None:
-        """Write one operation, inside the expression that uses it if there is only one in the same part of the text."""
+        """Write one operation; if only one expression in the same part uses it, it is written inside that
+        expression.
+        """
         node = self.plan.graph.nodes[index]
         if node[0] in ("input", "table", "ring"):
             return
@@ -99,7 +101,7 @@ class _Writer:
 
 
 def text(plan: Plan, name: str) -> str:
-    """Return the C text of a plan of one variant, with `name` as its only visible function."""
+    """Return the C source of a plan of one variant, with `name` as its only visible function."""
     assert plan.lanes == 1, "C text is written for one variant"
     writer = _Writer(plan)
     writer.name(name)
@@ -172,7 +174,7 @@ def text(plan: Plan, name: str) -> str:
 
 
 def compiled(source: str, folder: Path, *flags: str) -> ctypes.CDLL:
-    """Compile C text with warnings as errors and load it; skip the test without a compiler."""
+    """Compile C source with warnings as errors and load it; skip the test if there is no compiler."""
     compiler = next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
     if compiler is None:
         pytest.skip("no C compiler (gcc, clang or cc) on this machine: the C text was NOT compiled and NOT compared")
@@ -504,5 +506,5 @@ class Exercise(NamedTuple):
 
 
 def flat(answers: Answers) -> list[Any]:
-    """Return all numbers except the cells of ring buffers, which show in the values read from them."""
+    """Return all numbers except the cells of ring buffers, whose content shows up in the values read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

@@ -1,4 +1,4 @@
-"""Tuning of controllers: optimization within robustness limits, and classical tuning rules."""
+"""Tuning of controls: optimization within robustness limits, and classical tuning rules."""
 
 from feeddrive.language.lazy_package import make_lazy
 

@@ -33,7 +33,7 @@ _SAFE = ("guard", "force_limit")
 class Knob:
     """An adjustable parameter of a controller.
 
-    name         dotted name below the controller, such as law.Kv or filters.0.frequency
+    name         dotted name within the controller, such as law.Kv or filters.0.frequency
     block        kind of the block that holds it
     value        present value, SI
     low, high    range of adjustment, within the bounds of the parameter
@@ -168,7 +168,7 @@ class ByHand:
         return {knob.name: knob.value for knob in self.knobs}
 
     def control(self, values: Mapping[str, float]) -> Control:
-        """Return the controller with other values.
+        """Return the controller with these values.
 
         Raises ParameterError for a parameter that is unknown, out of bounds, or not allowed at a sample time.
         """

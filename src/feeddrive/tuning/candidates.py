@@ -58,7 +58,7 @@ class Candidate:
         return replace(self, loop=replace(self.loop, control=control))
 
     def adapted(self, move: Reference, seed: int) -> Loop:
-        """Return the loop after the step that follows tuning, in which the control learns from a move."""
+        """Return the loop after the step that follows tuning, in which the controller learns from a move."""
         if self.then == "trials":
             return iterate_trials(self.loop, move, _TRIALS, seed=seed).loop
         if self.then == "stops":
@@ -114,8 +114,8 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
     Every law of the catalogue and every user-defined law is tried. Filters, limit, guard, friction feedforward and
     velocity encoder are those of the present controller. Each law has acceleration and velocity feedforward, either its
-    own, that of the present controller, or one computed from the axis's mass and viscous friction. Every law also gets
-    these two as its axis model.
+    own, that of the present controller, or one computed from the axis's mass and viscous friction. Every law also
+    receives this mass and friction as its axis model.
     """
     axis = axis_model(loop)
     offered: list[Candidate] = []
@@ -143,7 +143,7 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def names_of(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
-    """Return the row names for a law; a kind or a class selects its forms without additional blocks.
+    """Return the row names for a law; a kind or a class selects all forms of this law without additional blocks.
 
     Raises ParameterError for an unknown law, suggesting similar names.
     """
@@ -259,8 +259,8 @@ def _beside(
 
 
 def _learning(loop: Loop, feedforward: Feedforward) -> Loop:
-    """Return the loop with a learning compensator that uses the same basis functions as one given the axis's friction
-    model.
+    """Return the loop with a learning compensator; it includes a basis function for Stribeck friction if `feedforward`
+    does.
 
     Without a basis function for the breakaway friction, which acts at the start of an acceleration, the estimated mass
     absorbs part of it, which differs from trial to trial.

@@ -37,8 +37,9 @@ class Below:
         X_load(f) = X_load(f₁) (f₁/f)²,    X_motor/X_load = 1 + ρ,  ρ(f) = ρ(f₁) (f/f₁)²
         y = X_d (1 + C_motor X_u (ρ_d - ρ_u)) / (1 + L),    L = -X_u (C_motor (1 + ρ_u) + C_load)
 
-    u is the command, d the force on the table. With integral action, y is nearly 1/C, regardless of the mass. The
-    extrapolation therefore only serves to reveal a law that recovers slowly from a disturbance.
+    X is the response of a reading to the command (u) or to a force on the table (d), C the response of the controller
+    to a reading, and y the compliance. With integral action, y is nearly 1/C, regardless of the mass. The extrapolation
+    therefore only serves to reveal a law that recovers slowly from a disturbance.
     """
 
     def __init__(self, point: OperatingPoint) -> None:
@@ -123,7 +124,8 @@ class Answer:
 def answer(point: OperatingPoint, response: Response, below: Recovery | None = None) -> Answer:
     """Return the closed loop, with derivatives and first-order variances.
 
-    The loop gain is L = -C·X_u, the compliance y = y_d + y_u (C·X_d)/(1 + L).
+    The loop gain is L = -C·X_u, the compliance y = y_d + y_u (C·X_d)/(1 + L). C is the controller; X and y are the
+    responses of the two readings and of the table to the command (u) and to a force on the table (d).
     """
     C, dC = response.value, response.slope
     xu, xd = point.by_force, point.by_load
@@ -140,7 +142,7 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """Return the variance of Σ factor · reading for one source (0: the command, 1: a force on the table).
+    """Return the variance of Σ factor · response of a reading to one source (0: the command, 1: a force on the table).
 
     On lines where the motor reading is the load reading times a ratio, their errors are fully correlated; on all others
     they are assumed to be independent.
@@ -158,7 +160,11 @@ def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarr
 def _of_compliance(point: OperatingPoint, C: np.ndarray, back: np.ndarray, S: np.ndarray) -> np.ndarray:
     """Return the variance of the compliance.
 
-    The derivatives are ∂y/∂X_u = C_k y_u back S² + back S (load) and ∂y/∂X_d = y_u S C_k + 1 (load).
+    The derivatives are, with the symbols of `answer`, S = 1/(1 + L), back = C·X_d, and k for the reading,
+
+        ∂y/∂X_u = C_k y_u back S² + back S (load),    ∂y/∂X_d = y_u S C_k + 1 (load)
+
+    The terms marked (load) exist for the load reading only.
     """
     variance = np.zeros(S.size)
     if point.variance is None:
@@ -188,8 +194,8 @@ def unstable(answer: Answer) -> bool:
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     """Return True if an axis and a controller, given by [A B; c d] of each sample, form an unstable loop.
 
-    The criterion is the eigenvalues of the transition of axis state x and control state ξ over one period, which is the
-    product over the samples k of
+    The criterion is the eigenvalues of the transition of axis state x and controller state ξ over one period, which is
+    the product over the samples k of
 
         x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
 

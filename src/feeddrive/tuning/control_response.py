@@ -43,7 +43,9 @@ class TracedControl:
     _walks: dict[tuple[str, ...], Walk] = field(default_factory=dict)
 
     def walk(self, tunables: tuple[str, ...]) -> Walk:
-        """Return the evaluator of entries and derivatives for a set of tunables; it is cached with its machine code."""
+        """Return the evaluator of the matrix entries and their derivatives with respect to a set of tunables, cached
+        with its machine code.
+        """
         return self._walks.setdefault(tunables, Walk(self, tunables))
 
 
@@ -56,7 +58,7 @@ def traced_control(control: Control, begun: Any) -> TracedControl:
 
 
 def _trace(control: Control, begun: Any) -> TracedControl:
-    """Trace one sample of the control symbolically, with forward derivatives with respect to states and readings."""
+    """Trace one sample of the controller symbolically, with forward derivatives with respect to states and readings."""
     graph = Graph()
 
     def symbol(name: str) -> Number:
@@ -86,7 +88,7 @@ def _trace(control: Control, begun: Any) -> TracedControl:
 
 
 class Walk:
-    """The evaluator of the entries of a traced controller and their derivatives with respect to the tunables.
+    """The evaluator of the matrix entries of a traced controller and their derivatives with respect to the tunables.
 
     The first evaluations of a structure run in Python. Later ones run as machine code of the same graph and its
     symbolic derivatives, which is bit-identical and 100 to 1000 times faster.
@@ -133,8 +135,8 @@ class Walk:
         return values, slopes
 
     def _compiled(self) -> tuple[Native, list[str]]:
-        """Return the machine code of the entries and their derivatives with respect to each tunable, and the names of
-        its inputs.
+        """Return the machine code that evaluates the matrix entries of the linear model and their derivatives with
+        respect to each tunable, and the names of its inputs.
         """
         graph = self.traced.graph
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
@@ -194,9 +196,10 @@ class ControlResponse:
         u = C1 x1 + C2 x2,   C = c (z - A)⁻¹ B + d,   ∂C = w ∂A x + ∂c x + w ∂B + ∂d
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
 
-    A, B, c, d are the derivatives of the step with respect to states and readings, and ∂ denotes their derivatives with
-    respect to the tunables. Both follow from forward differentiation of the law's own code. Guard and force limit are
-    left out, and parts that are blended in count as fully active, as in `linearize`.
+    u is the force, x1 and x2 are the readings of motor and load. A, B, c, d are the derivatives of the step with
+    respect to states and readings, and ∂ denotes their derivatives with respect to the tunables. Both follow from
+    forward differentiation of the law's own code. Guard and force limit are left out, and parts that are blended in
+    count as fully active, as in `linearize`.
 
     For a multirate law with a period of N samples, the response at f includes the feedback of the images f + k/(NT)
     through the loop of the same controller and the axis. C_mk are the harmonics of the lifted controller, X is the
@@ -405,8 +408,8 @@ class ControlResponse:
     def _kept_lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the result of `_lifted`, which is cached since the lines of the goal and those below them request it
-        in turn.
+        """Return the result of `_lifted`, which is cached, since it is requested both for the lines of the goal and for
+        those below them.
         """
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:

@@ -106,7 +106,7 @@ class Limits:
 class Judged(NamedTuple):
     """A figure of a loop compared with its limit.
 
-    value  in SI; None if the figure does not exist, as a margin without a crossover, which satisfies every limit
+    value  in SI; None if the figure does not exist, such as a margin without a crossover; it then satisfies every limit
     """
 
     limit: Limit
@@ -152,8 +152,8 @@ NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
 class Bound(NamedTuple):
-    """A bound at one frequency of one operating point: its slack, derivatives, and standard deviation from the
-    measurement.
+    """A bound at one frequency of one operating point: its slack with derivatives, and the standard deviation due to
+    the measurement.
 
     figure  the limited figure; None for the bound that ensures that a notch attenuates
     """
@@ -173,8 +173,8 @@ class Bound(NamedTuple):
 
 
 def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
-    """Return all bounds of a point that are close to violation; without derivatives, only the closest along the
-    lines.
+    """Return all bounds of a point that are close to violation; without derivatives, only the closest one of each limit
+    over the lines.
     """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
@@ -233,7 +233,7 @@ class Criteria:
     """The evaluation of goal and limits of a controller at all operating points.
 
     goal  a figure with a `Goal`
-    near  True in all searches of a multirate control but the last, to use only the nearest images
+    near  True in all searches of a multirate controller but the last, to use only the nearest images
     """
 
     def __init__(
@@ -406,7 +406,7 @@ def _all_below(deviations: np.ndarray) -> float:
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """Return the number of standard deviations, to replace `sure`, at which all bounds are satisfied with the given
+    """Return the number of standard deviations that must replace `sure` for all bounds to be satisfied with the given
     confidence.
     """
     # assumes that a larger reserve raises all distances alike; the caller repeats the search with it
@@ -427,7 +427,7 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 
 
 def require_covered(answers: Sequence[Answer]) -> None:
-    """Raise NotIdentifiableError, naming the band, if lines that a tuning needs are missing.
+    """Raise NotIdentifiableError, naming the band, if frequency lines that a tuning needs are missing.
 
     The lowest crossover must lie above twice the first line. Between half and twice its frequency, neighboring lines
     may not be further apart than a factor of 1.6. The loop gain must have fallen to 0.3 at the last line, unless the
@@ -465,7 +465,8 @@ def require_covered(answers: Sequence[Answer]) -> None:
 def require_good(answers: Sequence[Answer], sure: float) -> None:
     """Raise NotIdentifiableError, naming the band, if the noise is too large for a tuning.
 
-    The check extends to three times the highest crossover: k σ(L) may not exceed half of |1 + L|.
+    The check extends to three times the highest crossover: `sure` standard deviations of L toward -1 may not exceed
+    half of |1 + L|.
     """
     for loop in answers:
         f, L, point = loop.point.frequency, loop.gain, loop.point

@@ -1,5 +1,5 @@
-"""Manual filter design: start values for the loop, frequency response, differences of two filter lists, and drag
-handles.
+"""Manual filter design: start values for the loop, frequency response, the difference between two filter lists, and
+drag handles.
 """
 
 import dataclasses
@@ -186,7 +186,7 @@ class Difference:
 
     removed  indices in the old filter list
     added    filters appended to the remaining ones
-    values   changed parameters, by dotted name below the controller with the new filter list
+    values   changed parameters, by dotted name within the controller with the new filter list
     """
 
     removed: tuple[int, ...]
@@ -242,7 +242,7 @@ def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
 
 
 def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:
-    """Return the indices of the old blocks that become all the new ones, in order; None if that is impossible."""
+    """Return the indices of the old blocks that together become the new ones, in order; None if that is impossible."""
     best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # cost and indices, by count of matched blocks
     for i, old in enumerate(before):
         # downwards, so that each old block is matched at most once

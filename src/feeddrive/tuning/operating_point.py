@@ -153,15 +153,15 @@ _WIDTH = 5  # lines over which a noisy curve is averaged before its curvature is
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """The frequency responses of an axis at one position and load, in m/N on lines in Hz, of the motor and load
-    readings.
+    """The frequency responses (m/N) of the motor and load readings of an axis at one position and load; lines are in
+    Hz.
 
     by_force     responses to the command, shape (2, lines)
     by_load      responses to a force on the table, shape (2, lines)
     moved        responses of the table itself to command and force, shape (2, lines)
     variance     variance of by_force after smoothing, shape (2, lines); None for a model
     load_variance  variance of by_load, likewise
-    coherence    measured coherence of by_force, shape (lines,), the smaller one of both readings; None if unknown
+    coherence    measured coherence of by_force, shape (lines,), the smaller of the two readings; None if unknown
     at_drive     True if no response to a force on the table is known: the stiffness then refers to a force at the drive
     ratio        ratio of motor to load reading, for by_force and by_load, shape (2, lines), where their errors are
                  correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
@@ -230,9 +230,9 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
 
     whole, inner  the responses of the controller with and without position loop, on the lines of the point
 
-    For a single-rate control it is (L - Lv)/(1 + Lv). A position loop that runs every N-th sample is a single-rate loop
-    with sample time NT; its gain is exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own
-    Nyquist frequency.
+    With L and Lv, the loop gains at the actuator with and without the position loop, the result is (L - Lv)/(1 + Lv)
+    for a single-rate controller. A position loop that runs every N-th sample is a single-rate loop with sample time NT;
+    its gain is exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist frequency.
     """
     f, step = point.frequency, point.sample_time
     L, Lv = (-np.einsum("kl,kl->l", response.value, point.by_force) for response in (whole, inner))

@@ -157,8 +157,8 @@ _PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
 class PlacedPole:
     """A pole that a law or an observer places by its parameters, without delay and sampling.
 
-    name       dotted name of its frequency below the controller, such as law.axial_frequency, whether set or derived by
-               a rule
+    name       dotted name of its frequency within the controller, such as law.axial_frequency, whether set or derived
+               by a rule
     s          the pole, 1/s; for a complex pair, the one in the upper half plane
     frequency, damping  names of the parameters that move the pole; empty if there is none
     """

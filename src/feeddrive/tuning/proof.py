@@ -89,8 +89,8 @@ def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the poles of the whole loop, its limits on other lines, and a simulation with friction, counts and force
-    limit.
+    """Check the poles of the whole loop, the limits on frequency lines other than those of the search, and a simulation
+    with friction, encoder counts and force limit.
     """
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
@@ -125,8 +125,9 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
     """Simulate the loop with a force step on the table of a sliding axis, with friction, guard and force limit.
 
-    The response is the difference of two runs, with and without the force. Neither has encoder counts and noise, which
-    would differ between them. A third run has both; it must neither trip the guard nor need more than the force limit.
+    The response is the difference of two runs, with and without the force. Neither has encoder quantization and noise,
+    which would differ between them. A third run has both; it must neither trip the guard nor need more than the force
+    limit.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)

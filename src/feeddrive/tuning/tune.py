@@ -1,4 +1,5 @@
-"""Tuning: optimize gains and filters of a control within limits, on measured or modelled axes, and verify the result.
+"""Tuning: optimize gains and filters of a controller within limits, on measured or modelled axes, and verify the
+result.
 
 The module contains, in this order, the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the
 recommendation in words (`Tuned`), and the functions for users (`tune_control`, `assess`).
@@ -113,8 +114,8 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
 
 
 def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Return, for each tunable, its exponent of the bandwidth factor when the whole loop is made faster; 0 for
-    filters.
+    """Return, for each tunable, the exponent of the bandwidth factor with which it scales when the whole loop is made
+    faster; 0 for filters.
     """
     return np.array(
         [
@@ -284,8 +285,8 @@ class Tuner:
         """Return the results of all searches, and the reasons why the best one is not settled; empty if it is.
 
         After the first search, each round adds two that are independent of it and of each other: one from the best of a
-        population over the whole range, and one by continuation in Ms from the best of other points. The best result is
-        settled when both kinds have reached it and widening the ranges does not improve it further.
+        population over the whole range, and one by continuation in the limit of Ms from the best of other points. The
+        best result is settled when both kinds have reached it and widening the ranges does not improve it further.
         """
         powers = speeds(control, names)
         ends, kinds = [search.descend(first)], ["start"]
@@ -494,7 +495,7 @@ class Tuner:
         return "" if limit is None else limits.text(limit)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
-        """Raise NotIdentifiableError, naming the band in which the noise costs most."""
+        """Raise NotIdentifiableError, naming the band in which the measurement noise degrades the goal most."""
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
@@ -657,7 +658,7 @@ class HeldBack:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(Result):
-    """A control tuned for a goal within limits at all points, with its proof.
+    """A controller tuned for a goal within limits at all points, with its proof.
 
     tunables, started    values by dotted name, new and present (NaN: new filter)
     goal              the figure that is optimized
@@ -670,7 +671,8 @@ class Tuned(Result):
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the controller, if there was no search
-    cascade_before    velocity and position loop of the present control separately; None if it is not a P-PI controller
+    cascade_before    velocity and position loop of the present controller separately; None if it is not a P-PI
+                      controller
     cascade           the same loops for the new controller
     """
 
@@ -933,7 +935,7 @@ def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
-    """Return the first limit that a control violates, as a clause; empty if it satisfies all limits."""
+    """Return the first limit that a controller violates, as a clause; empty if it satisfies all limits."""
     for loop in before:
         for verdict in judged(limits, loop, room):
             if not verdict.keeps:
@@ -971,7 +973,7 @@ def tune_control(
     limits      `Limits`, or `Limit`s of figures of the catalogue (`figures.limitable`)
     control     the start of the search; a loop supplies its controller, and its axis if no points are given
     points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
-    tunables    dotted names below the controller, such as law.Kp; default: those of the law
+    tunables    dotted names within the controller, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
                 added where they improve the goal
     confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
@@ -983,8 +985,8 @@ def tune_control(
     Stability is checked by encirclement of -1 at every step. A tuning for loops is verified by simulation with
     friction, encoder counts and limits (`Tuned.holds`). If the searches from different starts do not agree, further
     ones are run (`Tuned.settled`).
-    Raises UnstableError if no control within the limits is found, NotIdentifiableError if the measurement is too poor
-    for a tuning, with the band in which to measure again, and ParameterError for inconsistent arguments.
+    Raises UnstableError if no controller within the limits is found, NotIdentifiableError if the measurement is too
+    poor for a tuning, with the band in which to measure again, and ParameterError for inconsistent arguments.
     """
     if points is None:
         if not isinstance(control, Loop):

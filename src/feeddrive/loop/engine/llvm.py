@@ -182,7 +182,7 @@ class Printer:
         self.names[index] = self.emit(f"select {condition}, {kind} {a}, {kind} {b}")
 
     def branch(self, group: tuple[int, ...]) -> None:
-        """Write selections by one condition so that only the branch taken is computed."""
+        """Write selections with a common condition so that only the branch taken is computed."""
         first, nodes = group[0], self.plan.graph.nodes
         labels = {branch: f"branch{first}.{branch}" for branch in (1, 2)}
         self.lines.append(f"  br i1 {self.names[arguments(nodes[first])[0]]}, label %{labels[1]}, label %{labels[2]}")

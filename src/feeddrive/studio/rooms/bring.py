@@ -96,7 +96,7 @@ class Bring(Room):
     @act
     def tour(self, _: Asked) -> None:
         """Simulate and open the log of the tour; the identification starts from the machine file of the simulated
-        control.
+        controller.
         """
         out = self.desk.folder / "tour"
         request = TourRequest(out=out)

@@ -94,7 +94,7 @@ class Goal(Room):
 
     @act
     def level(self, asked: Asked) -> None:
-        """Set a limit to an ordinate in a picture: a sensitivity in dB, or a dynamic stiffness in N/um."""
+        """Set a limit to the ordinate to which it was dragged: a sensitivity in dB, or a dynamic stiffness in N/um."""
         height = asked.number("value")
         name = asked.choice("field", (_PEAK, _SOFT))
         if name == _PEAK:

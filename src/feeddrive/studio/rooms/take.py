@@ -214,7 +214,7 @@ class Take(Room):
 
     @act
     def verify(self, asked: Asked) -> None:
-        """Run the equality proof of an export again, with this machine's compiler."""
+        """Verify again, with this computer's compiler, that exported code and simulation give identical results."""
         target = asked.choice("target", self.exports)
         request = VerifyRequest(self.desk.folder / f"export_{target}")
 

@@ -87,7 +87,9 @@ def _gain(units: Units, ratio: float) -> float:
 
 
 def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
-    """Return the picture for the figure of a verdict, and the position in its first panel; None without one."""
+    """Return the picture for the figure of a verdict, and the position in its first panel; None if the figure has no
+    value or frequency.
+    """
     value = verdict.judged.value
     if value is None or verdict.frequency is None:
         return None
@@ -121,7 +123,7 @@ class _Seen(NamedTuple):
 
 
 class Tune(Room):
-    """The room for manual tuning of the control's parameters."""
+    """The room for manual tuning of the controller's parameters."""
 
     name = "tune"
 
@@ -291,7 +293,7 @@ class Tune(Room):
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Restore a stored controller."""
+        """Restore a stored controller snapshot."""
         letter = asked.choice("letter", SNAPSHOTS)
         if letter not in self.snapshots:
             raise ParameterError(f"nothing was kept as {letter} yet")
@@ -300,7 +302,7 @@ class Tune(Room):
 
     @act
     def drop(self, asked: Asked) -> Said:
-        """Delete a stored controller."""
+        """Delete a stored controller snapshot."""
         self.snapshots.pop(asked.choice("letter", SNAPSHOTS), None)
         return self._pictures()
 
