@@ -91,7 +91,7 @@ class Verdict:
     """A figure compared with its limit, at the point and frequency with the smallest margin.
 
     frequency  Hz; None for a figure without a frequency, such as the force noise
-    used       share of the limit that is used up: above 1 the limit is exceeded
+    used       utilization of the limit: above 1 the limit is exceeded
     """
 
     judged: Judged
@@ -119,7 +119,7 @@ class Look:
     """The evaluation of a controller at one set of values: its figures at each point, and each limit at its worst
     point.
 
-    judged  verdicts, the one with the largest used share of its limit first
+    judged  verdicts, the one with the highest utilization of its limit first
     """
 
     figures: tuple[Figures, ...]
@@ -132,7 +132,7 @@ class Look:
 
     @cached_property
     def leading(self) -> Figures:
-        """The figures at the critical point: an unstable one, else that with the largest used share of a limit, else
+        """The figures at the critical point: an unstable one, else that with the highest utilization of a limit, else
         that with the largest Ms.
         """
         worst = self.judged[0].point if self.judged and self.stable else ""

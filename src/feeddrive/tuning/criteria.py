@@ -120,7 +120,7 @@ class Judged(NamedTuple):
 
     @property
     def used(self) -> float:
-        """The share of its limit that the figure uses: above 1 it exceeds the limit; 0 if the figure does not exist."""
+        """The utilization of the limit: above 1 the figure exceeds it; 0 if the figure does not exist."""
         return self.limit.used(self.value)
 
     @property

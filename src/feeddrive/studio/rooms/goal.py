@@ -1,4 +1,4 @@
-"""The room Goal: automatic tuning within limits, which can also be dragged in the pictures, with live progress."""
+"""The room Goal: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
 
 from __future__ import annotations
 
