@@ -79,7 +79,7 @@ class Declaration:
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """Yield the conditions for a number or symbol: finite, unless declared otherwise, and within its bounds."""
+        """Yield the conditions on a number or symbol: finite (unless declared otherwise) and within its bounds."""
         # a NaN fails any comparison: no test for it is needed, on a target either
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
@@ -126,7 +126,7 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
 class Declared:
     """The base class of frozen dataclasses with declared fields: blocks, requests, sections of files.
 
-    The constructor checks each field against its declaration, then all fields together by `check`.
+    The constructor checks each field against its declaration, and then calls `check`, which compares fields.
     """
 
     def __post_init__(self) -> None:
@@ -196,9 +196,9 @@ def parameter(
     most: float | None = None,
     infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. With a default of None the leaf is absent unless set; an absent leaf changes the graph.
+    """Declare a leaf. With a default of None it is absent unless set; whether it is present affects the graph.
 
-    infinite   True if the value may be infinite, such as a limit that never acts
+    infinite   True if the value may be infinite, as for a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -421,8 +421,8 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
     """Raise ParameterError for the first violated rule of a block; for variants, name the first one that violates it.
 
-    The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  A block with
-    symbols is a trace: its rules become conditions on the target and are not checked here.
+    The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  In a trace,
+    the parameters are symbols: the rules become conditions on the target and are not checked here.
     """
     plain = _plain(block)
     if plain is None:
@@ -472,7 +472,7 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
 def checked(kind: str, name: str, declaration: Declaration, value: Any) -> Any:
     """Return the checked and converted value of a field.
 
-    Raises ParameterError that names block, parameter, value, bound and unit.
+    Raises a ParameterError whose message names block, parameter, value, bound and unit.
     """
     where = f"{kind}.{name}" if kind else name
     match declaration.role:

@@ -32,7 +32,7 @@ class FeeddriveError(Exception):
         super().__init__(*(Text(argument) if isinstance(argument, str) else argument for argument in args))
 
     def __format__(self, form: str) -> str:
-        """Return the message; in an f-string of feeddrive its quantities are kept as numbers."""
+        """Return the message; in an f-string of a feeddrive module, its quantities remain numbers."""
         message = self.args[0] if len(self.args) == 1 else str(self)
         text = message if isinstance(message, str) else str(message)
         return marked(text) if not form and keeps_marks() else format(str(self), form)
@@ -118,13 +118,13 @@ class WrongSignError(ParameterError):
 
 
 class WorkerError(FeeddriveError):
-    """Worker processes of a long-running job that crashed or cannot be reached; finished results are kept."""
+    """Crashed or unreachable worker processes of a long-running job; its finished results are preserved."""
 
     exit_code = 1
 
 
 class CancelledError(FeeddriveError):
-    """A job that was canceled on request; the message states which results were kept, usually none."""
+    """A job that was canceled on request; the message states which results were saved, usually none."""
 
     # 128 + 2: the exit code of shells after SIGINT
     exit_code = 130
@@ -151,7 +151,7 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """Replace line breaks and other control characters, which may come from a damaged file; keep quantities."""
+    """Replace line breaks and other control characters, such as come from damaged files; quantities are preserved."""
     if text.isprintable():
         return text
     kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))

@@ -7,8 +7,8 @@ Arithmetic is never rearranged or simplified, so its results are bit-identical t
 source.  Only two reductions are made, which change no result: common subexpressions are stored once, and constants are
 folded.
 
-CasADi is not used, since its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, the missing table read and
-the encoding of `where` would all need workarounds, and it occupies 277 MB; this module is sufficient here.
+CasADi is not used: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, its lack of table lookup and its
+encoding of `where` would all need workarounds, and it occupies 277 MB. This module is sufficient here.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Graph:
     """
 
     def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
-        """Create an empty graph; `counted` returns the bound of a fixed-count loop (`ops.most`), None if unknown."""
+        """Create an empty graph; `counted` returns the bound of a fixed-count loop (`ops.most`), if it is known."""
         self.counted = counted
         self.nodes: list[Node] = []
         self.lines: dict[int, Line] = {}
@@ -166,7 +166,7 @@ class Graph:
         return self.nodes[index][0]
 
     def origin(self, index: int) -> int:
-        """Return the leaf of a ring, following its writes back to the origin."""
+        """Return the ring leaf from which a node originates, found by following the writes back."""
         while self.nodes[index][0] == "put":
             index = self.nodes[index][1]
         return index

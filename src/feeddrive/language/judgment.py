@@ -16,7 +16,7 @@ class Judgment(Enum):
     """A judgment of a command on its own result.
 
     commands   the commands that can return it
-    says       the beginning of its sentence, or a part of it
+    says       the beginning, or another part, of the sentence that states the judgment
     exit_code  the exit code of the command line: 1 if the judgment is bad
     """
 

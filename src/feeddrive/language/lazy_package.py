@@ -60,7 +60,8 @@ def make_lazy(
 ) -> None:
     """Make a package import its public names on first use; call this at the end of its `__init__.py`.
 
-    names        public names, separated by blanks, by module relative to the package; "" for public modules
+    names        maps each module, relative to the package, to its public names, separated by blanks; "" stands for
+                 the package itself, whose public names are modules
     other        returns the values of names that are not public, or raises AttributeError
     no_function  error message if the package is called as a function
     """

@@ -91,7 +91,7 @@ def expm1(x: Any) -> Any:
 
 
 def tanh(x: Any) -> Any:
-    """Return tanh x = m / (m + 2) with m = e²ˣ - 1 of |x|, with the sign of x."""
+    """Return tanh x = m / (m + 2) with m = e^(2|x|) - 1, with the sign of x."""
     # tanh 20 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 20.0))
     size = m / (m + 2.0)
@@ -132,7 +132,7 @@ _COS = [(-1.0) ** i / math.factorial(2 * i) for i in range(2, 10)]
 
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
-    """Return k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    """Return k and r with x = k π/2 + r and |r| <= π/4, with π/2 split into four parts (Cody & Waite 1980)."""
     # up to 1e9 rad k is below 2³⁰, and its products with the high parts of π/2 are exact
     held = where(absolute(x) <= 1e9, x, 0.0)
     k = floor(held * (2.0 / math.pi) + 0.5)
@@ -165,12 +165,12 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Return sin x, reduced to a quarter turn."""
+    """Return sin x, by reduction of the angle to a quarter turn."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x, reduced to a quarter turn."""
+    """Return cos x, by reduction of the angle to a quarter turn."""
     return _wave(x, 1.0)
 
 
@@ -179,7 +179,10 @@ TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def atan(x: Any) -> Any:
-    """Return atan x = z - z³/3 + z⁵/5 - ..., by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
+    """Return atan x from z - z³/3 + z⁵/5 - ..., with a reduction of x to z.
+
+    y = |x|, or 1/|x| if |x| > 1;  z = y, or (y - 1)/(y + 1) if y > tan π/8
+    """
     size = absolute(x)
     inverted = size > 1.0
     # the other branch of a choice is computed, too: it must not divide by 0

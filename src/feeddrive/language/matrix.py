@@ -110,7 +110,7 @@ def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Without
     the 1 no precision is lost for a small A, so that rounding does not make an axis at rest creep.
 
-    at_least  minimum number of squarings for every A of this kind: exported C omits branches for fewer
+    at_least  number of squarings that every A of this kind needs at least: exported C has no branches for fewer
     """
     return expm1_doubled(a, at_least)[0][-1]
 

@@ -30,7 +30,8 @@ class Names:
     names.by_node   node -> Name; the first name wins
     names.makers    node -> dotted name of the block whose code computed it
 
-    An element of a tuple combines both names: `middle.velocity` becomes `middle_velocity`, the first of `z` is `z_0`.
+    An element of a tuple gets a combined name: `middle.velocity` becomes `middle_velocity`, the first element of `z` is
+    `z_0`.
     Arithmetic is not affected.
     """
 

@@ -41,7 +41,7 @@ class Progress:
         self._cancelled.set()
 
     def step(self, what: str, done: int | None = None, of: int | None = None, part: str = "") -> None:
-        """Report the start of a step after `done` of `of` steps; `part` names one of several parallel jobs.
+        """Report the start of a step, with `done` of `of` steps completed; `part` names one of several parallel jobs.
 
         Raises CancelledError if the job was canceled.
         """
@@ -54,7 +54,7 @@ class Progress:
             raise CancelledError("stopped; nothing was written")
 
     def remark(self, message: str | Table) -> None:
-        """Report a remark before the end of the job, such as an assumption on which it depends."""
+        """Report a remark before the end of the job, such as an assumption on which the result depends."""
         self.show_remark(message)
 
     def counted(self, of: int) -> Progress:

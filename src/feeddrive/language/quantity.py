@@ -5,7 +5,7 @@
     Units(length="inch").text(rms)                   # 0.0002315 in
     Units(rotary=True).text(rms)                     # 5.88 urad: lengths of a rotary axis are angles
 
-`Units` is the only renderer of numbers, also for tables (`table.py`) and texts (`text.py`).
+`Units` is the only renderer of numbers, including those in tables (`table.py`) and strings (`text.py`).
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ _LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
 
 
 def _usual(unit: str) -> str:
-    """Return the unit in which a quantity is shown if none is stated."""
+    """Return the unit in which a quantity is shown if no display unit is stated."""
     return _USUAL.get(unit) or (f"u{unit}" if _COMPLIANT.match(unit) else unit)
 
 
 def number(value: float | None, digits: int = _DIGITS) -> str:
-    """Return a number with `digits` significant digits, without an exponent if it is readable; `-` for None.
+    """Return a number with `digits` significant digits, without an exponent where that is readable; `-` for None.
 
     Trailing zeros are omitted, and all digits before the decimal point are written: 0.5, 12345.
     """
@@ -92,7 +92,7 @@ def _numeral(value: float, form: str) -> str:
 class Units:
     """The display units of a reader, one choice for each kind of quantity.
 
-    length       for errors and positions; `um` selects the usual unit of each (um or mm)
+    length       unit of errors and positions; `um` selects the usual unit of each (um or mm)
     force        N or kN
     frequency    Hz or rad/s
     gain         dB or ratios
@@ -163,7 +163,7 @@ class Units:
         return numeral if quantity.bare or not name else f"{numeral}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
-        """Return the text of a mark: a quantity, or the name of a unit."""
+        """Return the text that a mark stands for: a quantity, or the name of a unit."""
         if mark.value:
             return self.text(_quantity(mark))
         if not mark.unit:
@@ -293,7 +293,7 @@ def span(low: SupportsFloat, high: SupportsFloat, unit: str, form: str = "", bet
 
 
 def quantities(text: str) -> tuple[Quantity, ...]:
-    """Return the quantities in a text, in order."""
+    """Return the quantities in a string, in order."""
     return tuple(_quantity(mark) for mark in marks(text) if mark.value)
 
 

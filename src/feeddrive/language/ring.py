@@ -24,7 +24,7 @@ class Ring:
     Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
     r1.put(...), never two from r. A reset does not clear cells: a selection between an existing ring and a new one
     takes the existing one. A number in the state next to the ring counts the cells that are valid after a reset (see
-    `History`). Therefore a control with a guard rejects a ring that is not part of a `History` or a `Track`.
+    `History`). Therefore a controller with a guard rejects a ring that is not part of a `History` or a `Track`.
     """
 
     __slots__ = ("cells", "length")
@@ -145,7 +145,7 @@ class History(NamedTuple):
         return cls(Ring(length), nothing, nothing, initial)
 
     def settled(self) -> History:
-        """Return the history after a long time: every cell holds the initial value."""
+        """Return the history of a signal that was constant for a long time: every cell holds the initial value."""
         return History(
             Ring(self.ring.length, np.full(self.ring.length, float(self.initial))),
             self.head,
@@ -194,7 +194,7 @@ class Track(NamedTuple):
         return cls(empty, tuple(Ring(length) for _ in initial), nothing, nothing, tuple(initial))
 
     def settled(self) -> Track:
-        """Return the track after a long time: every cell holds the initial value."""
+        """Return the track of signals that were constant for a long time: every cell holds the initial value."""
         length = self.values[0].length
         held = tuple(Ring(length, np.full(length, float(x))) for x in self.initial)
         still = tuple(Ring(length, np.zeros(length)) for _ in self.initial)
@@ -238,7 +238,7 @@ class Track(NamedTuple):
         return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """Return the rates at the older neighbor of the point `count` steps before the newest; 0 before the first."""
+        """Return the rates at the sample just before the point `count` steps before the newest; 0 before the first."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )

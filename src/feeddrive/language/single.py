@@ -1,12 +1,12 @@
 """Elementary functions in single precision, and the reference evaluation of a graph in single precision.
 
 The functions are those of `mathematics.py` with 24 bits instead of 53: the same range reductions with shorter constants
-and shorter series, truncated where the next term is below 2⁻²⁷ of the result.  Every constant is a float, so that a
-printed program and the reference below use the same constants.  They run on the symbols of a graph whose operations are
-in single precision: `exponent` and `power_of_two` use 32 bits.
+and shorter series, truncated where the next term is below 2⁻²⁷ of the result.  Every constant is a
+single-precision number, so that exported code and the reference below use the same constants.  The functions run on the
+symbols of a graph whose operations are in single precision: `exponent` and `power_of_two` use 32 bits.
 
 For the accuracy against 30-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
-return NaN beyond 1e4 rad, where neighboring floats are a thousandth of a radian apart.  Subnormal numbers count as 0.
+return NaN beyond 1e4 rad, where neighboring numbers are a thousandth of a radian apart.  Subnormal numbers count as 0.
 
 The reference evaluates a graph one operation after the other.  Each operation is rounded separately, subnormal numbers
 count as 0 with their sign, and the elementary functions are those above: its results equal those of a float build on
@@ -38,7 +38,7 @@ from feeddrive.language.primitives import (
 
 
 def held(value: float) -> float:
-    """Round a double to the nearest float."""
+    """Round a double to the nearest single-precision number."""
     return float(np.float32(value))
 
 
@@ -97,7 +97,7 @@ def expm1(x: Any) -> Any:
 
 
 def tanh(x: Any) -> Any:
-    """Return tanh x = m / (m + 2) with m = e²ˣ - 1 of |x|, with the sign of x."""
+    """Return tanh x = m / (m + 2) with m = e^(2|x|) - 1, with the sign of x."""
     # tanh 10 rounds to 1
     m = expm1(2.0 * minimum(absolute(x), 10.0))
     size = m / (m + 2.0)
@@ -125,7 +125,7 @@ def log(x: Any) -> Any:
 
 
 def _reduced_angle(x: Any) -> tuple[Any, Any]:
-    """Return k and r with x = k π/2 + r and |r| <= π/4, by the four parts of π/2 (Cody & Waite 1980)."""
+    """Return k and r with x = k π/2 + r and |r| <= π/4, with π/2 split into four parts (Cody & Waite 1980)."""
     r = where(absolute(x) <= MOST_ANGLE, x, 0.0)
     k = floor(r * PER_QUARTER + 0.5)
     for piece in HALF_PI:
@@ -155,17 +155,20 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Return sin x, reduced to a quarter turn."""
+    """Return sin x, by reduction of the angle to a quarter turn."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x, reduced to a quarter turn."""
+    """Return cos x, by reduction of the angle to a quarter turn."""
     return _wave(x, 1.0)
 
 
 def atan(x: Any) -> Any:
-    """Return atan x = z - z³/3 + z⁵/5 - ..., by |x| -> 1/|x| above 1 and z = (y - 1)/(y + 1) above tan π/8."""
+    """Return atan x from z - z³/3 + z⁵/5 - ..., with a reduction of x to z.
+
+    y = |x|, or 1/|x| if |x| > 1;  z = y, or (y - 1)/(y + 1) if y > tan π/8
+    """
     size = absolute(x)
     inverted = size > 1.0
     y = where(inverted, 1.0 / maximum(size, 1.0), size)
@@ -199,9 +202,10 @@ def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int,
 
 
 def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[np.ndarray]:
-    """Return the values of some nodes in single precision, for inputs and tables by name: numbers, or arrays.
+    """Return the values of the nodes `outputs` in single precision.
 
-    All arrays have the same length.  Constants and leaves are rounded to float first.
+    `leaves` are the values of inputs and tables by name: numbers, or arrays of equal length.  Constants and leaves are
+    rounded to single precision first.
 
     Raises KeyError for a missing leaf.
     """

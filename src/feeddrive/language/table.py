@@ -1,7 +1,7 @@
 """Tables of quantities, and the base class of results, which have a short table, a plot and a DataFrame.
 
-Results import neither matplotlib nor pandas.  Plots and frames are registered by type of result: by
-`plot/registry.py` for the packages below `plot/`, for the others in the module of the result.
+Results import neither matplotlib nor pandas.  Plots and frames are registered by type of result:
+`plot/registry.py` registers those in the packages below `plot/`, the module of the result registers all others.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class Table:
     def record(self, units: Units = USUAL) -> dict[str, Any]:
         """Return the table as a JSON object: columns with units, cells in SI; a quantity has value, unit and error.
 
-        units  display units for its sentences; also determines linear or rotary units
+        units  display units for its sentences; they also determine whether the units are linear or rotary
         """
         rows = [[_recorded(cell, row, units) for cell in row] for row in self.rows]
         heads = [

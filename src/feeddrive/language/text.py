@@ -1,8 +1,8 @@
-"""Texts that keep their quantities as numbers, so that they can be rendered in other units later.
+"""Strings whose quantities remain numbers, so that they can be rendered in other units later.
 
 A quantity in an f-string of feeddrive leaves a mark: its number, unit and error, and its text in the usual units; in an
 f-string of other code it is plain text, so that users never see a mark.
-`Text` is a str in the usual units that also keeps the marks, so that the same text can be rendered in other units.
+`Text` is a str in the usual units that also keeps the marks, so that the same string can be rendered in other units.
 User-written text, such as the name of a row, is never parsed.  (Python before 3.14 has no template strings, which would
 make marks unnecessary.)
 
@@ -37,7 +37,7 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """The mark of a quantity in an f-string: numbers as written by `repr`, empty strings if absent.
+    """The mark of a quantity in an f-string; its fields are strings: numbers as written by `repr`, empty if absent.
 
     flags  s: the unit is the same for a rotary axis; b: shown without its unit
     plain  the text in the usual units
@@ -58,12 +58,12 @@ class Reader(Protocol):
     """The units of a reader, see `quantity.Units`."""
 
     def read(self, mark: Mark) -> str:
-        """Return the text of a mark."""
+        """Return the text that a mark stands for."""
         ...
 
 
 def marks(text: str) -> list[Mark]:
-    """Return the marks in a text, in order."""
+    """Return the marks in a string, in order."""
     return [parsed for mark in _MARK.finditer(marked(text)) if (parsed := _mark(mark[1]))]
 
 
@@ -77,13 +77,13 @@ def _mark(content: str) -> Mark | None:
 
 
 def split(text: str) -> list[tuple[str, bool]]:
-    """Split a text into pieces in order; the flag of a piece is True for a mark."""
+    """Split a string into pieces in order; the flag of a piece is True for a mark."""
     pieces = re.split(f"({_BEGIN}[^{_END}]*{_END})", text)
     return [(piece, piece.startswith(_BEGIN)) for piece in pieces if piece]
 
 
 def plain(text: str) -> str:
-    """Return a text with each mark replaced by its text in the usual units."""
+    """Return a string with each mark replaced by its quantity in the usual units."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
@@ -94,7 +94,7 @@ def plain(text: str) -> str:
 
 
 def resolve(text: str, units: Reader) -> str:
-    """Return a text with each mark rendered in the units of a reader."""
+    """Return a string with each mark rendered in the units of a reader."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
@@ -105,12 +105,12 @@ def resolve(text: str, units: Reader) -> str:
 
 
 def marked(text: str) -> str:
-    """Return a text including its marks."""
+    """Return a string with its marks."""
     return text.marked if isinstance(text, Text) else text
 
 
 class Text(str):
-    """A text whose quantities remain numbers; as a str it shows them in the usual units.
+    """A string whose quantities remain numbers; as a plain str it shows them in the usual units.
 
     In an f-string it keeps its quantities; `str.join`, slices and other str methods return plain text: see `joined`.
     """
@@ -118,7 +118,7 @@ class Text(str):
     marked: str
 
     def __new__(cls, text: str = "") -> Text:
-        """Create a text from an f-string or another text."""
+        """Create a `Text` from an f-string or another string."""
         source = marked(text)
         instance = super().__new__(cls, plain(source))
         instance.marked = source
@@ -143,16 +143,16 @@ class Text(str):
         return str(escape(self.marked))
 
     def shown(self, units: Reader) -> str:
-        """Return the plain text in the units of a reader."""
+        """Return the string, without marks, in the units of a reader."""
         return resolve(self.marked, units)
 
 
 def joined(between: str, texts: Iterable[str]) -> Text:
-    """Join texts, keeping their quantities; `str.join` returns plain text."""
+    """Join strings, with their quantities preserved; `str.join` returns plain text."""
     return Text(between.join(map(marked, texts)))
 
 
 def capitalized(text: str) -> Text:
-    """Return a text with its first letter capitalized, keeping its quantities."""
+    """Return a string with its first letter capitalized and its quantities preserved."""
     source = marked(text)
     return Text(source[:1].upper() + source[1:])

@@ -1,7 +1,7 @@
 """Trees of named numbers: blocks with parts, named tuples of states, plain tuples.
 
-`leaves`, `rebuild`, `tables` and `structure` walk a tree by its own fields: `law.Kv` of a control, `control.law.Kv` of
-a loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
+`leaves`, `rebuild`, `tables` and `structure` name a leaf by its fields: `law.Kv` in a `Control`, `control.law.Kv` in a
+loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
 under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  Outside
 a loop, the path of a parameter of a single block is its dotted field name.
 """

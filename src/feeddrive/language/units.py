@@ -246,8 +246,8 @@ def scaled(value: Any, factor: float) -> Any:
 def shortest(value: float, factor: float) -> str:
     """Return the shortest decimal that `scaled` converts to a value: 0.2 for 2e-7 and the factor 1e-6.
 
-    If no number converts exactly to the value, the decimal of the quotient is returned, which converts to it within
-    one rounding.
+    If no number converts exactly to the value, the decimal of the quotient is returned; it converts to the value within
+    one rounding error.
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
@@ -257,7 +257,7 @@ def shortest(value: float, factor: float) -> str:
 
 
 def rounded(value: float, digits: int) -> float:
-    """Round a number to significant digits."""
+    """Round a number to `digits` significant digits."""
     return float(f"{value:.{digits}g}")
 
 

@@ -99,7 +99,7 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """The digest of all inputs of the machine code except the processor: texts, types, constants, called files."""
+        """The digest of all that determines the machine code except the processor: source, types, constants, calls."""
         with _lock:
             if self in _keyed:
                 first = self.sources[0]
@@ -147,7 +147,7 @@ class Unit:
     # text
 
     def function(self, source: Source) -> Function:
-        """Return the LLVM function of a kernel, printed at the first call, after the functions that it calls."""
+        """Return the LLVM function of a kernel, generated at the first call, after the functions that it calls."""
         with _lock:
             function = self._functions.get(source)
             if function is not None:
@@ -313,7 +313,7 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 
 
 def unit_of(source: Source) -> Unit:
-    """Return the unit of a kernel's file, which contains all kernels that the file defines at the first call."""
+    """Return the unit of a kernel's file; it contains all kernels that the file has defined by the first call."""
     with _lock:
         unit = cast("Unit | None", source.unit)
         if unit is None:
@@ -373,11 +373,11 @@ class _Compiled(NamedTuple):
 
 
 class Kernel(Generic[_P, _R]):
-    """A function of numbers and arrays whose results are bit-identical, and errors equal, interpreted and compiled.
+    """A function of numbers and arrays with bit-identical results and equal errors, whether interpreted or compiled.
 
-    The first call of a kernel compiles all kernels of its file and of those that they call. A call checks types: int is
-    accepted for float, no array is copied. `python` is the decorated function; `with interpreted():` runs it
-    instead.
+    The first call of a kernel compiles all kernels of its file and of the files whose kernels they call. A call checks
+    the types of its arguments: an int is accepted for a float, and no array is copied. `python` is the decorated
+    function; `with interpreted():` runs this function instead of the machine code.
     """
 
     def __init__(self, python: Callable[_P, _R]) -> None:
@@ -548,7 +548,7 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """Return what an argument must be: float or an array's dtype, the number of indices and of record columns."""
+    """Return what an argument must be: float or an array's dtype, its number of indices, and its number of columns."""
     cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
     return cell, kind.dimensions, kind.width if kind.layout else 0
 

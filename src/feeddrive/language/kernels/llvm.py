@@ -1,7 +1,7 @@
 """Kernels as LLVM text: names and records, expressions, assignments, statements, and the whole function.
 
 A record has no memory of its own: as a variable, parameter or result it is stored as separate fields, and in an array
-as the numbers of a row.  It therefore costs no more than its numbers.
+as the numbers of a row.  It therefore costs no more than separate numbers.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class RecordArithmetic(Arithmetic):
 
     @abstractmethod
     def expression(self, node: ast.expr) -> Value:
-        """Print an expression with one value; implemented by `Expressions`."""
+        """Emit an expression with one value; implemented by `Expressions`."""
 
     @abstractmethod
     def constant(self, value: object, node: ast.expr) -> Value:
@@ -82,7 +82,7 @@ class RecordArithmetic(Arithmetic):
     # constructors
 
     def constructed(self, layout: Layout, node: ast.Call) -> Value:
-        """Print a constructor call, `Stretch(begin, end, peak=v)`: positional fields, named ones, then defaults."""
+        """Emit a constructor call, `Stretch(begin, end, peak=v)`: positional fields, named ones, then defaults."""
         names = [*layout.fields]
         if len(node.args) > len(names):
             what = f"'{shown(node)}' has {len(node.args)} values for {len(names)} fields"
@@ -97,7 +97,7 @@ class RecordArithmetic(Arithmetic):
         return Value(Type("record", 0, layout), "", parts=tuple(fields[name] for name in names))
 
     def replaced(self, node: ast.Call, base: ast.expr) -> Value:
-        """Print `stretch._replace(peak=v)`: a copy of the record with the named fields replaced."""
+        """Emit `stretch._replace(peak=v)`: a copy of the record with the named fields replaced."""
         record = self.expression(base)
         layout = record.type.layout
         if layout is None or record.type.dimensions or node.args:
@@ -246,10 +246,10 @@ class Names(RecordArithmetic):
 
 
 class Expressions(Names):
-    """The part of the compiler that prints expressions."""
+    """The part of the compiler that emits expressions."""
 
     def expression(self, node: ast.expr) -> Value:
-        """Print an expression with one value."""
+        """Emit an expression with one value."""
         print_it = _PRINTERS.get(type(node))
         if print_it is None:
             kind = type(node).__name__
@@ -257,21 +257,21 @@ class Expressions(Names):
         return print_it(self, node)
 
     def number(self, node: ast.expr) -> Value:
-        """Print an expression that must be a float or an integer."""
+        """Emit an expression that must be a float or an integer."""
         value = self.expression(node)
         if value.type not in (FLOAT, INT):
             self.refuse(node, f"'{shown(node)}' is of type {value.type}", _as_number(value.type))
         return value
 
     def truth(self, node: ast.expr) -> str:
-        """Print an expression that must be a bool; return its operand."""
+        """Emit an expression that must be a bool; return its LLVM operand."""
         value = self.expression(node)
         if value.type != BOOL:
             self.refuse(node, f"'{shown(node)}' is of type {value.type}, not bool", "compare it: x != 0.0")
         return value.text
 
     def whole(self, node: ast.expr) -> Value:
-        """Print an expression that must be an integer."""
+        """Emit an expression that must be an integer."""
         value = self.expression(node)
         if value.type != INT:
             self.refuse(node, f"'{shown(node)}' is of type {value.type}, not int", "write int(...) or floor(...)")
@@ -280,7 +280,7 @@ class Expressions(Names):
     # arithmetic
 
     def unary(self, node: ast.UnaryOp) -> Value:
-        """Print `-x`, `+x` or `not x`."""
+        """Emit `-x`, `+x` or `not x`."""
         if isinstance(node.op, ast.Not):
             return Value(BOOL, self.value(f"xor i1 {self.truth(node.operand)}, true"))
         if isinstance(node.op, ast.Invert):
@@ -295,14 +295,14 @@ class Expressions(Names):
         return self.overflowing("ssub", "0", value.text, node)
 
     def binary(self, node: ast.BinOp) -> Value:
-        """Print a binary operation, such as `a + b`."""
+        """Emit a binary operation, such as `a + b`."""
         left = self.number(node.left)
         return self.operation(node.op, left, self.number(node.right), node)
 
     # comparisons and choices
 
     def compare(self, node: ast.Compare) -> Value:
-        """Print a comparison, `a < b`, or a chain, which short-circuits at the first false comparison."""
+        """Emit a comparison, `a < b`, or a chain, which short-circuits at the first false comparison."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
@@ -327,7 +327,7 @@ class Expressions(Names):
         raise AssertionError("a comparison has two sides")
 
     def logic(self, node: ast.BoolOp) -> Value:
-        """Print `and` or `or`, with short-circuit evaluation."""
+        """Emit `and` or `or`, with short-circuit evaluation."""
         ends, after, before = list[tuple[str, str]](), self.label(), self.facts
         for value in node.values[:-1]:
             truth, onward = self.truth(value), self.label()
@@ -343,7 +343,7 @@ class Expressions(Names):
         return Value(BOOL, self.phi("i1", ends))
 
     def choice(self, node: ast.IfExp) -> Value:
-        """Print `a if c else b`."""
+        """Emit `a if c else b`."""
         labels = self.label(), self.label()
         after = self.label()
         self.choose(self.truth(node.test), *labels)
@@ -407,7 +407,7 @@ class Expressions(Names):
         return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
 
     def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
-        """Print bounds checks of several indices; checks known to hold are not repeated."""
+        """Emit bounds checks of several indices; checks known to hold are not repeated."""
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
@@ -431,14 +431,14 @@ class Expressions(Names):
     # calls
 
     def call(self, node: ast.Call) -> Value:
-        """Print a call with one result."""
+        """Emit a call with one result."""
         results = self.results(node)
         if len(results) != 1:
             self.refuse(node, f"'{shown(node)}' gives {len(results)} numbers", "assign them to as many names")
         return results[0]
 
     def results(self, node: ast.Call) -> list[Value]:
-        """Print a call of a kernel or of a built-in function of the language."""
+        """Emit a call of a kernel or of a built-in function of the language."""
         if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
             return [self.replaced(node, node.func.value)]
         function = self.outside(node.func)
@@ -462,7 +462,7 @@ class Expressions(Names):
         return [printers[0](self, node)]
 
     def kernel(self, called: Source, node: ast.Call) -> list[Value]:
-        """Print a call of a kernel in this or another file; its errors propagate."""
+        """Emit a call of a kernel in this or another file; its errors propagate."""
         wanted = called.signature
         if len(node.args) != len(wanted.parameters):
             numbers = f"{len(node.args)} arguments for {len(wanted.parameters)}"
@@ -492,7 +492,7 @@ class Expressions(Names):
         return [assembled(kind, results) for kind in wanted.results]
 
     def angle(self, function: Elementary, node: ast.Call) -> Value:
-        """Print a call of sin, cos, tan, atan or atan2."""
+        """Emit a call of sin, cos, tan, atan or atan2."""
         if len(node.args) != function.arity:
             self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", f"give {function.arity}")
         arguments = ", ".join(f"double {self.as_float(self.number(argument))}" for argument in node.args)
@@ -506,14 +506,14 @@ class Expressions(Names):
         return node.args[0]
 
     def sqrt(self, node: ast.Call) -> Value:
-        """Print the correctly rounded square root; a negative number raises an error."""
+        """Emit the correctly rounded square root; a negative number raises an error."""
         x = self.as_float(self.number(self.one(node)))
         # unordered: a NaN passes, as through math.sqrt
         self.check(self.value(f"fcmp uge double {x}, {number(0.0)}"), ValueError, "math domain error", node)
         return Value(FLOAT, self.value(f"call double @llvm.sqrt.f64(double {x})"))
 
     def absolute(self, node: ast.Call) -> Value:
-        """Print `abs(x)`."""
+        """Emit `abs(x)`."""
         x = self.number(self.one(node))
         if x.type == FLOAT:
             return Value(FLOAT, self.value(f"call double @llvm.fabs.f64(double {x.text})"))
@@ -523,7 +523,7 @@ class Expressions(Names):
         return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
 
     def extreme(self, node: ast.Call) -> Value:
-        """Print `min` or `max`: a later argument is taken only if strictly smaller or larger (NaN, -0.0)."""
+        """Emit `min` or `max`: a later argument wins only if strictly smaller or larger (matters for NaN, -0.0)."""
         values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(value.type != kind for value in values):
@@ -531,7 +531,7 @@ class Expressions(Names):
         return self.best(values, ast.Lt if self.outside(node.func) is min else ast.Gt)
 
     def to_whole(self, node: ast.Call) -> Value:
-        """Print `int`, `floor` or `ceil`, which round towards zero, down or up."""
+        """Emit `int`, `floor` or `ceil`, which round towards zero, down or up."""
         x = self.expression(self.one(node))
         function = self.outside(node.func)
         if x.type == INT:
@@ -543,11 +543,11 @@ class Expressions(Names):
         return self.rounded(x.text, function, node)
 
     def to_float(self, node: ast.Call) -> Value:
-        """Print the conversion of an integer to the nearest float."""
+        """Emit the conversion of an integer to the nearest float."""
         return Value(FLOAT, self.as_float(self.number(self.one(node))))
 
     def length(self, node: ast.Call) -> Value:
-        """Print the length of an array along its first index."""
+        """Return the length of an array along its first index, an integer."""
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
@@ -555,7 +555,7 @@ class Expressions(Names):
 
 
 def _as_number(kind: Type) -> str:
-    """Return the remedy for a value of another type used as a number."""
+    """Return the remedy for a value that must be a number but has another type."""
     if kind.layout and not kind.dimensions:
         return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"
@@ -590,7 +590,7 @@ _LARGEST_LOCAL = 256  # largest size of an array of `zeros`, which is on the sta
 
 
 class Assignments(Expressions):
-    """The part of the compiler that prints assignments to names, cells and rows."""
+    """The part of the compiler that emits assignments to names, cells and rows."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
@@ -630,7 +630,7 @@ class Assignments(Expressions):
         return Variable(value.type, slots)
 
     def assign(self, node: ast.Assign) -> None:
-        """Print an assignment: `a = b`, `a = b = c`, `a, b = c, d`, `row = m[k]`, `m[k] = a, b`, `name = zeros(3)`."""
+        """Emit an assignment: `a = b`, `a = b = c`, `a, b = c, d`, `row = m[k]`, `m[k] = a, b`, `name = zeros(3)`."""
         if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
@@ -720,7 +720,7 @@ class Assignments(Expressions):
             self.add(f"store {kind.llvm} {value.text}, ptr {address}")
 
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
-        """Print `name = zeros(3, 2)`: memory on the stack, cleared at each call."""
+        """Emit `name = zeros(3, 2)`: memory on the stack, cleared at each call."""
         (target, *more), sizes = node.targets, list[int]()
         for argument in call.args:
             length = argument.value if isinstance(argument, ast.Constant) else self.outside(argument)
@@ -741,7 +741,7 @@ class Assignments(Expressions):
         self.store(target.id, Value(Type("float", len(sizes)), place, tuple(map(str, sizes)), target.id), node)
 
     def change(self, node: ast.AugAssign) -> None:
-        """Print `a += b`; the old value is read before b is computed."""
+        """Emit `a += b`; the old value is read before b is computed."""
         if isinstance(node.target, ast.Name):
             old = self.number(ast.copy_location(ast.Name(node.target.id, ast.Load()), node.target))
             new = self.operation(node.op, old, self.number(node.value), node)
@@ -793,14 +793,14 @@ class _Loop(NamedTuple):
 
 
 class Statements(Assignments):
-    """The part of the compiler that prints statements, up to the whole kernel."""
+    """The part of the compiler that emits statements, up to the whole kernel."""
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
         super().__init__(source, callee)
         self.loops: list[_Loop] = []
 
     def function(self, symbol: str, number: int) -> Function:
-        """Return the whole kernel as an LLVM function; `number` is added to the indices of its failures."""
+        """Return the whole kernel as an LLVM function; `number` is added to its failure indices."""
         tree, signature = self.source.tree, self.source.signature
         stored, upward = assigned(tree)
         self.names = frozenset([*stored, *signature.names])
@@ -849,7 +849,7 @@ class Statements(Assignments):
         return function._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
-        """Print a sequence of statements."""
+        """Emit a sequence of statements."""
         for node in body:
             print_it = _STATEMENTS.get(type(node))
             if print_it is None:
@@ -858,7 +858,7 @@ class Statements(Assignments):
             print_it(self, node)
 
     def inner(self, body: Iterable[ast.stmt]) -> None:
-        """Print the statements of a loop or branch."""
+        """Emit the statements of a loop or branch."""
         self.depth += 1
         self.block_of(body)
         self.depth -= 1
@@ -878,7 +878,7 @@ class Statements(Assignments):
         self.begin(self.label())
 
     def branch(self, node: ast.If) -> None:
-        """Print `if`, `elif`, `else`."""
+        """Emit `if`, `elif`, `else`."""
         yes, no, after = self.label(), self.label(), self.label()
         self.choose(self.truth(node.test), yes, no)
         before, outcomes = self.assigned, list[frozenset[str] | None]()
@@ -899,7 +899,7 @@ class Statements(Assignments):
         self.begin(after)
 
     def repeat(self, node: ast.While) -> None:
-        """Print a `while` loop."""
+        """Emit a `while` loop."""
         head, body, after = self.label(), self.label(), self.label()
         endless = isinstance(node.test, ast.Constant) and node.test.value is True
         self.jump(head)
@@ -913,7 +913,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def count(self, node: ast.For) -> None:
-        """Print a `for` loop over a range with a literal step; the range is evaluated once."""
+        """Emit a `for` loop over a range with a literal step; the range is evaluated once."""
         call, target = node.iter, node.target
         if not isinstance(call, ast.Call) or self.outside(call.func) is not range or call.keywords:
             self.refuse(node, f"for over '{shown(call)}'", "loop over range(...)")
@@ -963,7 +963,7 @@ class Statements(Assignments):
         return self.emit(f"select i1 {some}, i64 {count}, i64 0")
 
     def turn(self, node: ast.While | ast.For, loop: _Loop) -> None:
-        """Print the body of a loop."""
+        """Emit the body of a loop."""
         if node.orelse:
             self.refuse(node.orelse[0], "a loop with else", "set a bool before break, and test it after the loop")
         self.loops.append(loop)
@@ -972,7 +972,7 @@ class Statements(Assignments):
         self.jump(loop.onward)
 
     def forget(self, loop: ast.While | ast.For) -> set[str]:
-        """Discard the cached values of the variables that a loop changes, and return their loads."""
+        """Discard the cached values of the variables that a loop changes; return their load instructions."""
         # the head is also reached from the end of the body, where these variables have other values
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
         changed = {load for variable in held for load in variable.loads}
@@ -980,7 +980,7 @@ class Statements(Assignments):
         return changed
 
     def lasting(self, changed: set[str]) -> dict[str, str]:
-        """Return the known facts without those that involve the given loads."""
+        """Return the known facts without those based on the given load instructions."""
         return {fact: value for fact, value in self.facts.items() if fact not in changed}
 
     def after(self, loop: _Loop) -> None:
@@ -989,18 +989,18 @@ class Statements(Assignments):
         self.begin(loop.out)
 
     def leave_loop(self, node: ast.Break) -> None:
-        """Print `break`."""
+        """Emit `break`."""
         self.loops[-1].outcomes.append(self.assigned)
         self.jump(self.loops[-1].out)
         self.dead()
 
     def go_on(self, node: ast.Continue) -> None:
-        """Print `continue`."""
+        """Emit `continue`."""
         self.jump(self.loops[-1].onward)
         self.dead()
 
     def give_back(self, node: ast.Return) -> None:
-        """Print `return`."""
+        """Emit `return`."""
         signature = self.source.signature
         wanted = signature.results
         if node.value is None or (isinstance(node.value, ast.Constant) and node.value.value is None):
@@ -1020,7 +1020,7 @@ class Statements(Assignments):
         self.dead()
 
     def leave(self, values: Sequence[Value]) -> None:
-        """Return from the function with status 0."""
+        """Emit the return from the function with status 0."""
         returned = struct_type(self.source.signature.results)
         leaves = [leaf for value in values for leaf in value.leaves]
         aggregate = f"{{ {', '.join(['i64 0', *[f'{leaf.type.llvm} poison' for leaf in leaves]])} }}"
@@ -1029,7 +1029,7 @@ class Statements(Assignments):
         self.add(f"ret {returned} {aggregate}")
 
     def throw(self, node: ast.Raise) -> None:
-        """Print `raise` with a constant message."""
+        """Emit `raise` with a constant message."""
         call = node.exc
         if not isinstance(call, ast.Call) or node.cause or call.keywords or len(call.args) != 1:
             self.refuse(node, f"'{shown(node)}'", "write  raise ValueError('a fixed text')")
@@ -1047,7 +1047,7 @@ class Statements(Assignments):
         self.dead()
 
     def alone(self, node: ast.Expr) -> None:
-        """Print an expression statement: a docstring, or a kernel call for its side effects."""
+        """Emit an expression statement: a docstring, or a kernel call for its side effects."""
         if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             return
         if not isinstance(node.value, ast.Call):
@@ -1055,7 +1055,7 @@ class Statements(Assignments):
         self.results(node.value)
 
     def nothing(self, node: ast.Pass) -> None:
-        """Print nothing, for `pass`."""
+        """Emit nothing, for `pass`."""
 
 
 _STATEMENTS: dict[type[ast.AST], Callable[..., None]] = {

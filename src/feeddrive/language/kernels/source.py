@@ -67,7 +67,7 @@ class Records2(Protocol[_Record]):
 
 
 class KernelError(FeeddriveError):
-    """A function outside the kernel language; the message gives file, line and the replacement."""
+    """A function with a construct outside the kernel language; the message gives file, line and replacement."""
 
 
 class UnfitError(Exception):
@@ -212,9 +212,9 @@ class Signature(NamedTuple):
 
 
 def _alone(lines: Sequence[str], first: int) -> ast.FunctionDef | None:
-    """Return the function that begins at a line and ends before the next text in the first column.
+    """Return the function that begins at a line and ends before the next line that is not indented.
 
-    The result is None if the lines cannot be parsed, because that text is within a multi-line string or brackets.
+    The result is None if the lines cannot be parsed, because that line is within a multi-line string or brackets.
     """
     begun, last = False, first - 1
     for line in lines[first - 1 :]:

@@ -84,7 +84,7 @@ def assembled(kind: Type, leaves: Iterator[Value]) -> Value:
 
 
 class Function(NamedTuple):
-    """A printed kernel."""
+    """A kernel as LLVM text, with the information that its callers need."""
 
     symbol: str
     head: str  # types of results and parameters, as a declaration has them
@@ -111,7 +111,7 @@ class Text:
     """The writer of the lines of one function, block by block.
 
     A function returns {status, results...}.  Status 0 is success; any other status is the 1-based index of a `Failure`
-    in the list of a kernel, with the number of that kernel in the higher bits.
+    in the list of a kernel, and its higher bits identify that kernel.
     """
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
@@ -164,11 +164,11 @@ class Text:
         self.lines.append(f"{label}:")
 
     def jump(self, label: str) -> None:
-        """Jump to another block."""
+        """Emit a jump to another block."""
         self.lines.append(f"  br label %{label}")
 
     def choose(self, condition: str, yes: str, no: str) -> None:
-        """Branch to one of two blocks."""
+        """Emit a branch to one of two blocks."""
         self.lines.append(f"  br i1 {condition}, label %{yes}, label %{no}")
 
     def phi(self, kind: str, ends: list[tuple[str, str]]) -> str:
@@ -176,7 +176,7 @@ class Text:
         return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
-        """Continue if `good`, else end with the error; a condition known to hold is not tested again."""
+        """Emit a check that ends with the error unless `good` holds; a condition known to hold is not retested."""
         if not self.holds(good):
             self.failed.append((str(self.failure(kind, text, node)), self.block))
             self.go_on_if(good, "fail")
@@ -191,23 +191,23 @@ class Text:
         self.facts[f"true {good}"] = good
 
     def failure(self, kind: type[Exception], text: str, node: ast.AST) -> int:
-        """Append an error at a line to the list; return its index."""
+        """Add an error at the line of a node to the list of failures; return its index."""
         self.failures.append(Failure(kind, text, self.source, getattr(node, "lineno", 0)))
         return len(self.failures)
 
     def hand_up(self, status: str) -> None:
-        """Continue if the status of a called kernel is 0, else return that status."""
+        """Emit code that returns the status of a called kernel unless it is 0."""
         self.handed.append((status, self.block))
         self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
 
     def go_on_if(self, good: str, other: str) -> None:
-        """Continue if `good`, else jump to another block, which is marked as unlikely."""
+        """Emit a jump to another block unless `good` is true; the jump is marked as unlikely."""
         after = self.label()
         self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
 
     def end_with(self, failure: str) -> None:
-        """Return the status of an error."""
+        """Emit the end of the function with the status of an error."""
         self.failed.append((failure, self.block))
         self.jump("fail")
 
@@ -223,7 +223,7 @@ def struct_type(results: Sequence[Type]) -> str:
 
 
 def shown(node: ast.AST) -> str:
-    """Return the text of an expression for a message, shortened."""
+    """Return the source of an expression, shortened for a message."""
     text = " ".join(ast.unparse(node).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -261,10 +261,10 @@ _TOO_LARGE = "a whole number beyond 64 bits"
 
 
 class Arithmetic(Text):
-    """The part of the compiler that prints operations on evaluated numbers."""
+    """The part of the compiler that emits operations on evaluated numbers."""
 
     def operation(self, op: ast.operator, left: Value, right: Value, node: ast.AST) -> Value:
-        """Print an operation on two numbers; an integer combined with a float is converted to float."""
+        """Emit an operation on two numbers; an integer combined with a float is converted to float."""
         kind = type(op)
         whole = left.type == INT and right.type == INT
         if whole and kind in _WHOLES:
@@ -292,14 +292,14 @@ class Arithmetic(Text):
         return Value(FLOAT, self.value(f"extractvalue {{ i64, double }} {result}, 1"))
 
     def overflowing(self, operation: str, a: str, b: str, node: ast.AST) -> Value:
-        """Print `+`, `-` or `*` on 64-bit integers, with an overflow check."""
+        """Emit `+`, `-` or `*` on 64-bit integers, with an overflow check."""
         both = self.value(f"call {{ i64, i1 }} @llvm.{operation}.with.overflow.i64(i64 {a}, i64 {b})")
         over = self.value(f"extractvalue {{ i64, i1 }} {both}, 1")
         self.check(self.value(f"xor i1 {over}, true"), OverflowError, _TOO_LARGE, node)
         return Value(INT, self.value(f"extractvalue {{ i64, i1 }} {both}, 0"))
 
     def floor_division(self, left_over: bool, left: Value, right: Value, node: ast.AST) -> Value:
-        """Print integer `//` or `%`: processors round towards zero, Python rounds down; division by -1 may trap."""
+        """Emit integer `//` or `%`: processors round towards zero, Python rounds down; division by -1 may trap."""
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
         # -2⁶³ by -1 overflows, which is undefined in LLVM: divide by 1, and change the sign below
@@ -340,7 +340,7 @@ class Arithmetic(Text):
         return self.value(f"sitofp i64 {value.text} to double")
 
     def compared(self, op: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> str:
-        """Print one comparison, exact also between an integer and a float."""
+        """Emit one comparison, which is exact even between an integer and a float."""
         kind = type(op)
         if kind not in _ORDER:
             remedy = REMEDIES.get(kind) or REMEDIES[ast.Is if kind is ast.IsNot else ast.In]
@@ -378,7 +378,7 @@ class Arithmetic(Text):
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
-        """Print the minimum or maximum; a later number is taken only if strictly smaller or larger (NaN, -0.0)."""
+        """Emit the minimum or maximum; a later number wins only if strictly smaller or larger (for NaN, -0.0)."""
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
         better = order[kind]
@@ -390,7 +390,7 @@ class Arithmetic(Text):
         return Value(one, best)
 
     def rounded(self, x: str, function: object, node: ast.AST) -> Value:
-        """Print the conversion of a float to an integer, rounded towards zero, down or up."""
+        """Emit the conversion of a float to an integer, rounded towards zero, down or up."""
         # 2⁶³ is too large, -2⁶³ is not; a NaN fails both
         below = self.value(f"fcmp olt double {x}, {_TOP}")
         above = self.value(f"fcmp oge double {x}, {number(-(2.0**63))}")
