@@ -112,8 +112,9 @@ class ContourGain(Result):
 
     direction   unit vector of the path, by axis, along which a gain above `largest` is unstable
     gain        the current gain of the machine
-    peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, where
-                L = gain · n G n/Kv; for three axes, the largest singular value in the plane normal to the path
+    peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, with
+                L = gain · n (G/Kv) n, the unit normal n of the path, and the responses G of the axes from set position
+                to reading; for three axes, the largest singular value in the plane normal to the path
     """
 
     place: str
@@ -159,10 +160,11 @@ _MOST = 1e6  # 1/s: no sampled loop is stable beyond
 def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> ContourGain:
     """Return the largest stable gain of a `CrossCoupled` coupling of a machine, for the worst direction of the path.
 
-    The model of the machine without this coupling, from set positions to readings, is closed to A - gain (B/Kv) N C,
-    with N = I - t tᵀ, the path direction t and the Kv of each law. The eigenvalues of that matrix decide stability; the
-    gain is found by bisection to a relative 1e-6 in each direction.  For equal axes it is the largest stable Kv minus
-    Kv.  The rotation of the path direction at V/R is neglected, which is permissible while V/R is far below Kv.
+    The machine without this coupling, from set positions to readings, has the model A, B, C.  With the coupling, the
+    state matrix is A - gain (B/Kv) N C, with N = I - t tᵀ, the path direction t and the Kv of each law; its eigenvalues
+    decide stability.  The gain is found by bisection to a relative 1e-6 in each direction.  For equal axes, it is the
+    difference between the largest stable Kv and the actual Kv.  The path direction rotates at V/R, the feed over the
+    radius of the path; this rotation is neglected, which is permissible while V/R is far below Kv.
     Raises ParameterError if that coupling is not a `CrossCoupled`.
     """
     coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
@@ -221,7 +223,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
 
 
 def _directions(axes: int, count: int) -> list[np.ndarray]:
-    """Return unit vectors over half a circle, or over half a sphere and the axes; one per pair of opposite ones."""
+    """Return unit vectors over half a circle, or over half a sphere and along the axes, without opposites."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
         return [np.array([np.cos(component), np.sin(component)]) for component in angle]
@@ -236,6 +238,6 @@ def _directions(axes: int, count: int) -> list[np.ndarray]:
 
 
 def contour_gains(machine: Machine) -> list[ContourGain]:
-    """Return the largest stable gain of each cross-coupled control of a machine."""
+    """Return the largest stable gain of each `CrossCoupled` coupling of a machine."""
     there = (i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, CrossCoupled))
     return [contour_gain(machine, place) for place in there]

@@ -34,7 +34,7 @@ class Effort(Result):
 
 
 def effort(loop: Loop) -> Effort:
-    """Count the operations of a loop's control in one sample, without the guard, which is the same for all laws.
+    """Count the operations of the controller in one sample, without the guard, which is the same for all laws.
 
     Operations that use only parameters are done once before the run and do not count; repeated operations count once.
     The count depends only on the code of the law, so it is the same on every computer; docs/speed.md lists times.

@@ -43,7 +43,7 @@ def friction_map(
     bins    number of velocities in each direction
 
     The force is averaged over the same window.  Samples whose window contains a reversal or a change of acceleration
-    are left out.  Gravity and other constant forces are not removed: they appear as an offset of both directions.
+    are left out.  Gravity and other constant forces are not removed: they appear as an offset in both directions.
     Raises ParameterError if the motion is shorter than three windows.
     """
     half = max(2, round(0.5 * window / sample_time))
@@ -93,7 +93,7 @@ class Window(NamedTuple):
 
 
 def set_velocity(run: Run) -> np.ndarray:
-    """Return the set velocity in m/s, differentiated from the set position if a reference (a log) contains none."""
+    """Return the set velocity in m/s, or the derivative of the set position if the reference (a log) lacks it."""
     recorded = run["set_velocity"]
     if np.any(recorded) or run.time.size < 2:
         return recorded

@@ -21,8 +21,8 @@ class LoopModel:
     open    the loop cut between control and actuator
     closed  the same model with cut = force
 
-    For a law with a period of several samples both are lifted, and the loop gain is the response to a sine at its own
-    frequency (`loop_gain`).
+    For a law with a period of several samples both are lifted, and the loop gain is that part of the response to a sine
+    which has the frequency of the sine (`loop_gain`).
     """
 
     open: StateSpace | Lifted
@@ -120,7 +120,7 @@ def gain_edge(model: Lifted) -> float | None:
 def delay_edge(model: Lifted) -> int | None:
     """Return the largest number of additional samples of dead time with which the loop is stable, from its poles.
 
-    The result is None if the loop is stable even with 400.
+    The result is None if the loop is stable even with 400 additional samples.
     """
     N, place, row = len(model.samples), model.inputs.index("cut"), model.outputs.index("force")
     n = model.samples[0].A.shape[0]

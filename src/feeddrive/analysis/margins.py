@@ -105,7 +105,7 @@ def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
 
 
 def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
-    """Return the gain crossovers, |L| = 1: for each the index of the interval, the fraction of it, and the margins."""
+    """Return the gain crossovers, |L| = 1: index of the interval, position in it (0 to 1), and margins."""
     x, level, lead, turn = lines
     return [
         (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
@@ -114,7 +114,7 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 
 
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
-    """Return the phase crossovers, L < 0: for each the index of the interval, the fraction of it, and the margin."""
+    """Return the phase crossovers, L < 0: index of the interval, position in it (0 to 1), and margin."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
     # the end of each interval is its start plus its turn: lead itself jumps by 2π where L crosses the positive axis
@@ -129,7 +129,7 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 
 
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
-    """Return interval and fraction at which the line from a[i] to b[i] is zero; a line that stays zero counts once."""
+    """Return index i and position (0 to 1) of each zero on the line from a[i] to b[i]; a lasting zero counts once."""
     crosses = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
     # an interval counts where it ends on zero; the first line has no interval before it
     crosses[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
@@ -179,7 +179,7 @@ class Margins(Result):
 
     @cached_property
     def delay_margin(self) -> float | None:
-        """The smallest additional dead time at which L passes through -1, s; often not at the least phase margin."""
+        """The smallest dead time that, added, takes L through -1, s; often not where the phase margin is least."""
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
     @cached_property
@@ -311,7 +311,7 @@ _HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 
 
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
-    """Return interval and fraction at which |S| = 1/|1 + L| first rises to √½; None if it never does.
+    """Return the interval, and the position in it (0 to 1), at which |S| = 1/|1 + L| first rises to √½; None if never.
 
     Between two lines ln |S| is interpolated linearly over ln f.
     """
@@ -319,7 +319,7 @@ def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
 
 
 def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
-    """Return interval and fraction of the first upward zero crossing, from level[i] < 0 to level[i + 1] >= 0."""
+    """Return index and position (0 to 1) of the first upward zero crossing, from level[i] < 0 to level[i + 1] >= 0."""
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if not rises.size:
         return None
@@ -441,7 +441,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
-    """Return the smoother that uses the widest window of each line; a line with an index below 0 is not smoothed."""
+    """Return the smoother with window number `reach` for each line; lines with a negative number are not smoothed."""
     from scipy.sparse import csr_array
 
     stays = np.flatnonzero(reach < 0)
@@ -524,11 +524,12 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
         θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
 
+    A and B are the two smoothers (center, spread), and z is the quantile of the normal distribution for `level`.
     The parenthesis is the bias caused by noise: the minimum of several noisy distances is below the true one.
 
-    A figure is marked as not sure if less than 95 % of the draws show it, or if less than 95 % lie around one value.
+    A figure is marked as not sure if less than 95 % of the draws have it, or if less than 95 % lie around one value.
     Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then
-    also contains the central part of the draws, as large a share as `level`.
+    also contains the central share `level` of the draws.
 
     Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance includes it.
     Not suitable for resonances narrower than five lines, which no window spans; their interval is that of the

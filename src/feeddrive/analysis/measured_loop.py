@@ -1,4 +1,4 @@
-"""A control on a measured axis response: margins and responses without a plant model."""
+"""A controller combined with a measured axis response: margins and responses without a plant model."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,7 +30,7 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredLoop(Result):
-    """The loop gain of a control on a measured axis, and its compliance if that of the open axis was measured.
+    """The loop gain of a controller on a measured axis, and the compliance if that of the open axis was measured.
 
     Margins alone do not prove that the closed loop is stable: see `encirclement`.
     """
@@ -89,7 +89,7 @@ def measured_loop(
     velocity: float = 0.05,
     frequency: np.ndarray | None = None,
 ) -> MeasuredLoop:
-    """Combine a control with the measured frequency responses of an axis, all in m/N at the same frequencies.
+    """Combine a controller with the measured frequency responses of an axis, all in m/N at the same frequencies.
 
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
@@ -117,7 +117,7 @@ def measured_loop(
         by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
-        """Return the force of the control in response to an input of the axis."""
+        """Return the force of the controller in response to an input of the axis."""
         return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
     gain = -answered(load, motor).delayed(delay)
@@ -143,7 +143,7 @@ def measured_loop(
 def _responses(
     control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the responses from the readings of motor and load to the force, of the control alone."""
+    """Return the responses of the controller alone, from the readings of motor and load to the force."""
     law = control.law
     if T is None:
         raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")
@@ -163,7 +163,7 @@ def _responses(
 
 
 def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_encoder: bool) -> np.ndarray:
-    """Return the response of a control that is given as force over position error."""
+    """Return the response of a controller that is specified as force over position error."""
     if not one_encoder:
         raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
     C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)

@@ -383,7 +383,7 @@ class Oscilloscope:
         self.recording.keep(_SPARE * self.window)
 
     def _complete(self, until: float) -> None:
-        """Capture the window that is being filled if it ends before an instant."""
+        """Capture the window that is being filled if it ends by the time `until`."""
         if self._filling is not None and until >= self._filling + (1.0 - self.before) * self.window:
             self.caught, self._filling = self._around(self._filling), None
             self.count += 1
@@ -406,7 +406,7 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """True if no trigger followed the last captured window for longer than a window, the holdoff and 2 s."""
+        """True if no trigger followed the last window within its length, the holdoff and 2 s, whichever is longest."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)
@@ -414,7 +414,7 @@ class Oscilloscope:
         return since < 0.0 or since > max(self.window, _LONG, self.trigger.hold)
 
     def last(self) -> Shown | None:
-        """Return the latest window of the recording, with its zero at its end; None if nothing is recorded."""
+        """Return the latest window of the recording, with time zero at its end; None if nothing is recorded."""
         if not len(self.recording):
             return None
         end = float(self.recording.time[-1])

@@ -1,4 +1,4 @@
-"""Replay of a measured log through a control, a loop or an observer."""
+"""Replay of a measured log through a controller, a loop or an observer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A control that receives setpoint, readings and the applied force, sample by sample."""
+    """A controller that receives setpoint, readings and the applied force, sample by sample."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)
@@ -55,14 +55,14 @@ def commanded(
     force: np.ndarray,
     reading_motor: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the force in N that a control commands at each row of a log, shape (n,).
+    """Return the force in N that a controller commands at each row of a log, shape (n,).
 
-    set_position   m, shape (n,), one row per sample of the control
+    set_position   m, shape (n,), one row per sample of the controller
     reading        m, shape (n,): reading of the load encoder, also used for the motor if `reading_motor` is None
     force          N, shape (n,), as it was commanded at each row
 
-    No plant model is involved: for the control that produced the log the result is the logged force, apart from
-    rounding and the initial state of the control.  The guard is left out.
+    No plant model is involved: for the controller that produced the log the result is the logged force, apart from
+    rounding and the initial state of the controller.  The guard is left out.
     """
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
@@ -166,7 +166,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
               force on the table, which is applied to the model too) and `added_force` in N (one that an experiment
               added at the drive, after the limit); all of shape (n,), one row per sample of the loop
-    skip      number of samples at the start that do not count
+    skip      number of samples at the start that do not count in the errors
 
     A drive may log its command before or after such a force is added.  Of the two interpretations the one closer to the
     model's force is used.
@@ -202,7 +202,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
 
 
 def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) -> tuple[float, Replay]:
-    """Return the factor of the injected forces that fits the log best, and the replay with it; it should be about 1.
+    """Return the factor on the injected forces that fits the log best, ideally 1, and the replay with that factor.
 
         c = -e₀ · d / (d · d),   e₀ the position residual without them, d the change that they cause
 
@@ -221,9 +221,9 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 
 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
-    """Return the part of `added_force` that passes the force limit F if it was added before it, and the replay with it.
+    """Return the part of `added_force` that passes the force limit if added before the limit, and the replay with it.
 
-        a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F,   u the request of the control
+        a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F, the force limit,   u the force that the controller requests
 
     The a' of each run follows from the requests of the previous one, until a' converges, at most 20 times.  The result
     is None if the limit is never active.  The law receives its own command, without the injected part.  `limited` is
@@ -296,7 +296,7 @@ def observe(
     before: float = 0.0,
     velocity: float = 0.0,
 ) -> Observation:
-    """Run an observer on measured positions and commanded forces, with the same native step as in a loop.
+    """Run an observer on measured positions and commanded forces, with the same compiled step as in a loop.
 
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
@@ -340,7 +340,7 @@ def observe(
 
 
 def _program(observer: Observer, prepared_numbers: Any, begun: Any) -> Program:
-    """Trace one step of the observer between named numbers."""
+    """Trace one step of the observer into a program with named inputs, states and outputs."""
     graph = Graph()
     constants: dict[str, int] = {}
     inputs: dict[str, int] = {}

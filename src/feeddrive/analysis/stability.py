@@ -135,7 +135,7 @@ def _slower(law: Law) -> str:
 
 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
-    """Return a clause with stable gains, found by slowing all down by one factor; empty if there are none."""
+    """Return a clause with stable gains, found by slowing the law down by a common factor; empty if there are none."""
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
@@ -239,7 +239,7 @@ def encirclement(
     Below the first line L is assumed to start at +∞, or at -∞ for a negative gain, and to follow the arc of its
     integrators, -90° each, to the nearest branch of its measured phase. Its exact path there does not matter as long as
     |L| > 1. A sampled L is closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay
-    there.
+    there. `closing` is the angle of 1 + L from the last line to this end of the curve.
     Raises ParameterError for fewer than two lines and for an L of exactly -1.
     """
     L = as_frf(loop_gain, frequency)

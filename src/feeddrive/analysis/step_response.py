@@ -68,7 +68,7 @@ class StepResponse(Result):
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
-    """Return the first instant in s after which |error| never exceeds `near`; infinite if it still does at the end.
+    """Return the first instant in s after which |error| never exceeds `near`; infinite if it is exceeded at the end.
 
     time, error  of shape (n,); near in the unit of the error
     """

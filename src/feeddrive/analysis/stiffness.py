@@ -76,7 +76,7 @@ class Stiffness(Result):
     def at(self, frequency: float) -> float:
         """Return the stiffness in N/m at a frequency in Hz, interpolated on log-log axes.
 
-        Raises ParameterError outside the lines.
+        Raises ParameterError for a frequency beyond the first or last line.
         """
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             raise ParameterError(
@@ -193,9 +193,9 @@ def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
         ISE = ∫ |C|² T² / (2 - 2 cos ωT) dω/π
 
-    This is |C|²/ω² of a continuous loop with the step held over each sample, as in `rope_snap` of the model.
-    It is integrated by the trapezoidal rule; below the first line the integrand is constant, since C ~ ω with integral
-    action.
+    The integrand is the |C|²/ω² of a continuous loop, with the step held over each sample as in `rope_snap`.
+    The integral is evaluated by the trapezoidal rule; below the first line the integrand is constant, since C is
+    proportional to ω with integral action.
     """
     # 2 - 2 cos ωT = 4 sin²(ωT/2): the cosine would lose all digits at low frequencies
     kernel = (T / (2.0 * np.sin(np.pi * frequency * T))) ** 2
@@ -223,8 +223,8 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
     motor, load  standard deviations of the two readings in m, whose errors are independent
     shared       True if one encoder gives both readings: its error, `load`, is in both
 
-    The error of a count of length q has the standard deviation q/√12; it is white if the axis moves by at least one
-    count per sample.  For a lifted model the mean square is averaged over the samples of a period.
+    The quantization error of a count of length q has the standard deviation q/√12; it is white if the axis moves by at
+    least one count per sample.  For a lifted model the mean square is averaged over the samples of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
@@ -255,8 +255,8 @@ def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
         σ_u² = σ² 2 T ∫ |C S|² df   from 0 to 1/(2T)
 
-    It is integrated by the trapezoidal rule over lines in Hz; below the first and above the last line the integrand is
-    constant.  C: the control's response from that reading, N/m, with or without dead time; S = 1/(1 + L).
+    The integral is evaluated by the trapezoidal rule over lines in Hz, with a constant integrand below the first and
+    above the last line.  C: the controller's response from that reading, N/m, with or without dead time; S = 1/(1 + L).
     """
     width = trapezoid_weights(frequency)
     width[0] += frequency[0]
@@ -275,7 +275,7 @@ _EDGE = 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 
 
 class Robustness(NamedTuple):
-    """The robustness figures of a loop. If it is unstable, Ms and the rope snap are infinite, the delay margin is 0."""
+    """The robustness figures of a loop. If unstable, it has an infinite Ms and rope snap and a delay margin of 0."""
 
     growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
     sensitivity_peak: float = np.inf  # Ms

@@ -1,4 +1,4 @@
-"""The certificate of a control: its document, and the figures, uncertainty discs and plots computed from it alone."""
+"""The certificate of a controller: its document, and the figures, uncertainty discs and plots based on it alone."""
 
 import json
 import math
@@ -24,7 +24,7 @@ _REFINED = 6
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
-    """Return the control of a certificate, with the sample time T in s."""
+    """Return the controller of a certificate, with the sample time T in s."""
     rates = entry.get("samples", [entry])
     systems = tuple(
         matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
@@ -56,9 +56,9 @@ class LoopResponse:
 
     `bands` are the steps of the disc radius r over frequency, with one radius for all readings or one for each.
 
-    For a multirate control, Hl is the part of the closed-loop force at f + l/(NT) that responds to a sine of 1 N at f
-    at the plant's input: with discs of radius r the loop is stable if r Σ|Hl| < 1 at all f.  For N = 1 that is
-    r |L| < |1 + L|.
+    A multirate controller has a period of N samples.  A sine of 1 N at f, added at the plant's input, causes
+    closed-loop forces Hl at the frequencies f + l/(NT), l = 0 .. N-1: with discs of radius r the loop is stable if
+    r Σ|Hl| < 1 at all f.  For N = 1 that is r |L| < |1 + L|.
     """
 
     control: StateSpace | Lifted
@@ -67,7 +67,7 @@ class LoopResponse:
 
     @property
     def samples(self) -> tuple[StateSpace, ...]:
-        """The control at each sample of a period, one or several."""
+        """The model of the controller at each sample of its period; one if it is not multirate."""
         return self.control.samples if isinstance(self.control, Lifted) else (self.control,)
 
     @cached_property
@@ -106,7 +106,7 @@ class LoopResponse:
     def gains(self, frequency: np.ndarray) -> np.ndarray:
         """Return the loop gain -Ci Pi of each reading, shape (readings, lines).
 
-        For a multirate control, return the effective gain for a sine, in one row.
+        For a multirate controller, return the effective gain for a sine, in one row.
         """
         if isinstance(self.control, Lifted):
             return 1.0 / (1.0 + self.images(frequency)[None, :, 0]) - 1.0
@@ -127,9 +127,9 @@ class LoopResponse:
         return np.maximum(r[left], r[right]).T
 
     def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return |1 + L| and the part of it that the discs use.
+        """Return |1 + L|, the distance of L from -1, and the part of this distance that the discs take up.
 
-        That part is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate control.
+        That part is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate controller.
         """
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
@@ -141,7 +141,7 @@ class LoopResponse:
         return np.abs(1.0 + whole), taken
 
     def size(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the part of |1 + L| that a disc of r = 1 uses: |L|, or |1 + L| Σ|Hl| for a multirate control."""
+        """Return the part of |1 + L| that a disc of r = 1 takes up: |L|, or |1 + L| Σ|Hl| for a multirate law."""
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
             return np.sum(np.abs(images), axis=1) / np.abs(1.0 + images[:, 0])
@@ -203,7 +203,7 @@ _ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """Return the disc radius, in multiples of √variance, that contains all lines simultaneously with the confidence.
+    """Return the disc radius, in multiples of √variance, that contains all lines jointly with a given confidence.
 
     For a complex normal error P(|dG|² > q var) = e^-q; q = ln(lines/(1 - confidence)) covers all lines (Bonferroni),
     for any correlation of their errors.
@@ -274,7 +274,7 @@ def _steps(
 
 
 def _up(radius: float) -> float:
-    """Round up to four significant digits."""
+    """Round upward, to four significant digits."""
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
@@ -283,7 +283,7 @@ def _up(radius: float) -> float:
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
-    """Return the steps of all readings on common edges, in certificate form."""
+    """Return the steps of all readings with common band edges, in the form of a certificate."""
     edges = sorted({to for steps in readings for to, _ in steps})
     bands: list[dict[str, Any]] = []
     low = 0.0
@@ -299,7 +299,7 @@ def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Result):
-    """A proof that a control is robustly stable for a list of plants; `document` holds it as plain values.
+    """A proof that a controller robustly stabilizes a list of plants; `document` contains the proof as plain values.
 
     It is created by `certify_loop` or read from a file; both run the checker first.
     """
@@ -346,7 +346,7 @@ class Certificate(Result):
 
     @cached_property
     def loops(self) -> dict[str, LoopResponse]:
-        """The loop response (control and plant) by plant name, for figures and plots."""
+        """The loop response (controller and plant) by plant name, for figures and plots."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
         control_model = control_of(control, T)

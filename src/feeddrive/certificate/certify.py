@@ -1,4 +1,4 @@
-"""Certification of a control for a list of plants, and the reasons for a refusal."""
+"""Certification of a controller for a list of plants, and the reasons for a refusal."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -156,16 +156,17 @@ def certify_loop(
     velocity: float = 0.05,
     machine: Mapping[str, str] | None = None,
 ) -> Certificate:
-    """Prove robust stability of a deployed control for a list of plants with a disc |dP/P| <= r(f) around each.
+    """Prove robust stability of a deployed controller for a list of plants with a disc |dP/P| <= r(f) around each.
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured separately: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
-        for a multirate control: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f
+        for a multirate controller: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f, with a
+        period of N samples
 
-    The proof is that of `check.py`, in exact integer arithmetic; for a multirate control in floats with a bound on
-    every rounding error. A returned certificate has passed this proof.
+    The proof is that of `check.py`, in exact integer arithmetic; for a multirate controller in floats with a bound
+    on every rounding error. A returned certificate has passed this proof.
 
-    loop         the loop whose control is certified, or a control with `sample_time` in s
+    loop         the loop whose controller is certified, or a `Control` with `sample_time` in s
     plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a tuple:
                  (axis, response), (response of the load, of the motor), (axis, load, motor).
                  None: the axis of the loop
@@ -178,7 +179,7 @@ def certify_loop(
     machine      the source named in the certificate: name, file, sha256
 
     Raises NotCertifiedError, with frequency and amount, if the proof fails; ParameterError for wrong arguments and for
-    a multirate control with two encoders measured separately; NotIdentifiableError for a response that no model fits.
+    a multirate law with two encoders measured separately; NotIdentifiableError for a response that no model fits.
     Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
     """
     control = loop.control if isinstance(loop, Loop) else loop
@@ -273,10 +274,10 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a plant in certificate form; its margin is also searched near the frequencies `also`, Hz.
+    """Return a plant in the form of a certificate; its margin is also searched near the frequencies `also`, Hz.
 
     Raises NotCertifiedError if the nominal loop is unstable or a disc is too wide, and ParameterError for a radius or
-    responses that do not suit the plant.
+    responses that do not fit the plant.
     """
     T = controller.model.sample_time
     nyquist = 0.5 / T
@@ -333,7 +334,7 @@ def _held(model: StateSpace) -> dict[str, Any]:
 
 
 def _control(model: StateSpace | Lifted) -> dict[str, Any]:
-    """Return the matrices of a control in certificate form; for a multirate control, those per sample of a period."""
+    """Return the matrices of a controller in certificate form; for a multirate one, those of each sample."""
     if isinstance(model, StateSpace):
         return _held(model)
     samples = [_held(sample) for sample in model.samples]

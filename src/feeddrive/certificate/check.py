@@ -2,8 +2,8 @@
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-The file works on its own wherever it is copied.  It recomputes figures instead of reading them wherever this is
-possible.  With C = Nc/Dc of the control (from readings to force) and P = Np/Dp of a plant:
+This file works on its own, in any folder.  It recomputes figures, instead of reading them, wherever this is possible.
+With C = Nc/Dc of the controller (from readings to force) and P = Np/Dp of a plant:
 
     F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
@@ -13,15 +13,15 @@ All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are po
 difference is positive if all its Bernstein coefficients are; an interval where they are not is bisected exactly.
 By Rouché's theorem the loop is then stable for every plant in the discs, P (1 + Δ).
 
-A multirate control has a period of N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
+A multirate controller has a period of N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
 
     x(k+N) = A x(k) + B u,   y = C x(k) + D u       u, y: all N samples at the plant's input and of the force
     Hl(f) = closed-loop response of the force, at f + l/(NT), l = 0 .. N-1, to a sine of 1 N at f added to it
     r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
 
 A, B, C, D are computed without rounding and then rounded once.  On an interval |θ - θ0| <= h the states are
-approximated by x0 + t x1, t = θ - θ0, with a bound on the remainder that includes every rounding error.  With R close
-to (ζ0 - A)⁻¹ and W = |R|:
+approximated by x0 + t x1, t = θ - θ0, with a bound on the remainder that includes every rounding error.  With
+ζ = e^(jθ), ζ0 = e^(jθ0), R close to (ζ0 - A)⁻¹ and W = |R|:
 
     (I - E + (ζ - ζ0) R) (x - x0 - t x1) = rest,   |x - x0 - t x1| <= (I - |E| - h W)⁻¹ |rest|,   E = I - R (ζ0 - A)
 
@@ -294,7 +294,7 @@ class Lifted(NamedTuple):
 
 
 def lifted(samples: Sequence[System], plant: System) -> Lifted:
-    """Lift the closed loop of a plant with the samples of a control, from the plant's input to the force."""
+    """Lift the closed loop of a plant and the samples of a controller, from the plant's input to the force."""
     steps = [_closed(sample, plant) for sample in samples]
     n, bits = len(steps[0]) - 1, max(x.denominator.bit_length() for rows in steps for line in rows for x in line) - 1
     into = [0] * len(samples[0]["A"]) + [int(Fraction(x) * 2**bits) for (x,) in plant["B"]]
@@ -536,7 +536,7 @@ def represented(x: float, arithmetic: str) -> bool:
 
 
 def prepared(control: Any) -> Polynomials | list[Any]:
-    """Return the control of a certificate as polynomials, or a multirate control as its systems over a period."""
+    """Return the controller of a certificate as polynomials, or a multirate one as its systems over a period."""
     samples = [system(entry, "control") for entry in control.get("samples", [control])]
     need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
     need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")

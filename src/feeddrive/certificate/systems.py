@@ -1,6 +1,6 @@
-"""The linear systems of a certificate: the deployed control and its plants.
+"""The linear systems of a certificate: the deployed controller and its plants.
 
-Each stored number of the control is rounded to the arithmetic of the controller.  A plant is a sampled model, fitted or
+Each number that the controller stores is rounded to the controller's arithmetic.  A plant is a sampled model, fitted or
 specified, with its measured frequency lines.
 """
 
@@ -35,9 +35,9 @@ _KEPT = 2.0**-300, 2.0**300  # smallest and largest magnitude of a number in a c
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """The linear control from readings to force, with the numbers that the controller stores.
+    """The linear controller from readings to force, with the numbers that it stores.
 
-    model    from `readings` to the force, in the states of the control; for a multirate law, one model per sample
+    model    from `readings` to the force, in the states of the controller; for a multirate law, one model per sample
     numbers  parameters and prepared numbers by name, after rounding
     coarse   numbers that rounding changes by more than 1 %, with the relative change
     """
@@ -70,11 +70,11 @@ def rounded(value: float, arithmetic: str) -> float:
 
 
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
-    """Linearize a control after rounding its parameters and prepared numbers.
+    """Linearize a controller after rounding its parameters and prepared numbers.
 
     The traced step is linearized, so that the matrices are those of the deployed code: a rounded filter coefficient
     moves the actual pole of the controller.  Guard and force limit are omitted.
-    Raises ParameterError for a law with more than 64 samples per period, and for a control with more than 60 states.
+    Raises ParameterError for a law with more than 64 samples per period, and for a controller with more than 60 states.
     """
     law = control.law
     if law.period() > MOST:
@@ -215,7 +215,7 @@ def _modes(values: np.ndarray) -> int:
 
 
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
-    """Return responses of rigid-body motion and modes, in position and velocity, with hold and delay.
+    """Return the responses of rigid-body motion and modes, in position and velocity, with hold and delay.
 
     The shape is (lines, columns).
     """

@@ -245,7 +245,7 @@ def streamed(
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """Return the input of the program in binary: blocks of samples, separated by all parameters."""
+    """Return the binary input of the program: blocks of samples, with the values of all parameters between them."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -334,7 +334,7 @@ def compiler(command: str | None = None) -> list[str]:
 
 
 def version(command: str | None = None) -> str:
-    """Return the first line of the compiler's version text."""
+    """Return the first line of the compiler's version message."""
     done = subprocess.run(
         [*compiler(command), "--version"],
         capture_output=True,

@@ -73,7 +73,7 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Emit statements for nodes in order; nodes that are kept or used more than once become variables."""
+        """Emit statements for nodes in order; nodes in `kept`, and those used more than once, become variables."""
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         # twice: a kept node becomes a variable even if no other node reads it
@@ -101,7 +101,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Emit the test for decaying powers of a matrix, in a separate scope, which frees the stack memory early."""
+        """Emit the test whether the powers of a matrix decay, in a scope of its own, which frees its memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -122,7 +122,7 @@ class Body:
         self.lines += wrapped(line)
 
     def assign(self, targets: Iterable[tuple[str, int]], cast: str = "") -> None:
-        """Emit all assignments as if simultaneous, saving values that would be overwritten before they are read."""
+        """Emit assignments that act as if simultaneous: values overwritten before they are read are saved first."""
         moved = [(place, self.text(index)) for place, index in targets if self.text(index) != place]
         places = {place for place, _ in moved}
         held: dict[str, str] = {}
@@ -223,7 +223,7 @@ RESERVED = re.findall(
 def _bits(real: str, bits: int, place: int, suffix: str) -> dict[str, str]:
     """Return the C functions that read and write the exponent field of a floating-point number of `bits` bits.
 
-    The field starts at bit `place`. They use memcpy, the only conversion between number and bits that C defines.
+    The field starts at bit `place`. The functions use memcpy, since C defines no other conversion from number to bits.
     """
     exponents = (1 << (bits - 1 - place)) - 1
     # 1.5 and not 1: the sum with a negative k keeps its exponent, too
@@ -595,7 +595,7 @@ def _meaning(variable: Variable) -> str:
 
 
 def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """Return a struct with the meaning of each member; C allows no empty struct."""
+    """Return a struct with the meaning of each member; an empty one gets a dummy, since C requires a member."""
     members = members or [("char", "none", "nothing is kept here")]
     lines = [f"    {kind} {member};" for kind, member, _ in members]
     wide = max(len(line) for line in lines)
@@ -732,7 +732,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the lines that set the outputs, with the safe force, if no configuration is valid; empty for a plant."""
+    """Return the lines that set the outputs, with the safe force, while not validly configured; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -783,7 +783,7 @@ def _inline(layout: Layout, index: int, body: Body) -> str:
 
 
 def _refused(holds: str, code: int, sentence: str) -> list[str]:
-    """Return the lines that return the code of a violated condition."""
+    """Return the C lines that test a condition and return its code if it is violated."""
     return [*comment(sentence), *wrapped(f"if (!({holds})) {{"), f"    return {code};", "}"]
 
 

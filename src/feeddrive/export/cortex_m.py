@@ -355,8 +355,8 @@ def write_cortex_m(design: Design, out: Path, *, core: str | None = None) -> Pat
 
     core  `m4f` or `m7` in single precision, `m7dp` in double precision; default: the first core for the precision
 
-    Raises ParameterError for an axis, for a core that is unknown or has another precision, and FileError as
-    `new_directory` does.
+    Raises ParameterError for an axis instead of a controller, for a core that is unknown or has another precision, and
+    FileError as `new_directory` does.
     """
     if design.what != CONTROL:
         raise ParameterError("cortex-m: a microcontroller runs the control; export an axis as fmu2, fmu3 or c")

@@ -1,4 +1,4 @@
-"""A design to export: the checked control or plant of a machine file, and test inputs for the controller."""
+"""A design to export: the checked controller or plant of a machine file, and test inputs for the controller."""
 
 import hashlib
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """A control, an axis, or all axes with their couplings, as a routine and its memory layout."""
+    """A controller, an axis, or all axes with their couplings, as a routine and its memory layout."""
 
     machine: MachineFile
     axis: str
@@ -55,7 +55,7 @@ class Design:
 
     @property
     def loop(self) -> Loop:
-        """The axis with its control."""
+        """The axis with its controller."""
         return self.routine.loop
 
     @property
@@ -94,7 +94,7 @@ class Design:
 
     @property
     def made_by(self) -> str:
-        """A sentence with the version of feeddrive and the machine file with its digest."""
+        """A sentence that states the version of feeddrive, and the machine file with its digest."""
         file = Path(self.machine.file.name).name
         return f"Made by feeddrive {__version__} from {file}, SHA-256 {self.digest}."
 
@@ -181,12 +181,12 @@ def read_design(
     """Return the design of a machine file, or of a bundled machine.
 
     name      prefix of all names on the target; default: `axis_x`, or `plant_x` for a plant
-    axis      required for a control if the file has several axes; a plant without it contains all axes and couplings
+    axis      required for a controller if the file has several axes; a plant is that of all axes, coupled, without it
     what      "control" or "plant"
-    together  True to export the controls of all axes as one design, with the couplings between them
+    together  True to export the controllers of all axes as one design, with the couplings between them
 
     Raises FileError and ParameterError as `read_machine` does, ParameterError for a name that is illegal on a target
-    and for the plant of one coupled axis, StructureError for a control without a guard and for a part that uses
+    and for the plant of one coupled axis, StructureError for a controller without a guard and for a part that uses
     operations outside `ops`, and the errors of `check_exportable`.
     """
     machine = read_machine(source)
@@ -218,7 +218,7 @@ def read_design(
 
 
 def _require_uncorrected(machine: MachineFile, axis: str) -> None:
-    """Raise ParameterError if couplings between the controls correct the control of an axis."""
+    """Raise ParameterError if a coupling between controllers corrects the controller of an axis."""
     for i, coupling in enumerate(machine.couplings):
         if coupling.controls and axis in coupling.axes():
             raise ParameterError(
@@ -239,7 +239,7 @@ def require_alone(design: Design, target: str) -> None:
 
 
 def require_guard(loop: Loop) -> None:
-    """Raise StructureError for a control without a guard; the message gives the lines to add to the machine file.
+    """Raise StructureError for a controller without a guard; the message gives the lines to add to the machine file.
 
     The reaction of a target to invalid readings must be defined and equal to the simulated one.
     """
@@ -343,7 +343,7 @@ class Answers:
 
 
 def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, broken: float = 2e-4) -> Trial:
-    """Return a reproducible trial of `count` random samples of set motion and readings.
+    """Return a reproducible trial of `count` random samples of setpoints and readings.
 
     The reading follows the set position with an error and a jitter whose sizes change every 40 samples, from less than
     one encoder count to more than any limit, so that a quiet loop, limits and trips all occur.  `broken` is the

@@ -196,7 +196,7 @@ def kv_lines(Kv: float) -> tuple[str, ...]:
 
 
 class Item(NamedTuple):
-    """An element of the control: its kind, its path in the machine file, and its values as text."""
+    """An element of the controller: its kind, its path in the machine file, and its values as text."""
 
     kind: str
     path: str
@@ -342,7 +342,7 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
     """Return the elements that a target cannot represent.
 
     held     kinds of elements that the target represents completely
-    outside  reason and consequence by kind; an empty consequence and all other kinds are described by a general text
+    outside  reason and consequence by kind; general wording replaces an empty consequence, and describes other kinds
     """
     parts = []
     for item in items(cascade):

@@ -224,7 +224,7 @@ class FmuVariable(NamedTuple):
 
 
 def is_plant(routine: Routine) -> bool:
-    """Return True if the routine is that of a plant, not of a control."""
+    """Return True if the routine is that of a plant, not of a controller."""
     return routine.memory == "plant"
 
 

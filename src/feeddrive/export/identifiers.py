@@ -1,4 +1,4 @@
-"""Names and texts that are valid on every target: identifiers, reserved words, and ASCII text."""
+"""Names and strings that are valid on every target: identifiers, reserved words, and ASCII text."""
 
 import re
 import unicodedata
@@ -144,7 +144,7 @@ _RAISED = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺ˣʸᵀⁱⁿᵏˢ", "01234
 
 
 def ascii_text(text: str) -> str:
-    """Return a text in ASCII: `s²` becomes `s^2`, `ζ` becomes `zeta`, an unknown character becomes `?`.
+    """Convert a string to ASCII: `s²` becomes `s^2`, `ζ` becomes `zeta`, an unknown character becomes `?`.
 
     `·/` becomes `* /`, so that it does not end a C comment.
     """

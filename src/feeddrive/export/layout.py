@@ -36,7 +36,7 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layout:
-    """A routine expressed in the operations that the code generators can print.
+    """A routine expressed in the operations that the code generators support.
 
     leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
     moving   per node: True if it changes from sample to sample; the others are computed by `configure`
@@ -142,7 +142,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
 
 
 def _lowered_retune(retune: Retune) -> Retune:
-    """Lower the live parameter change; `configure` and `retune` always compute in double precision."""
+    """Reduce the live parameter change to operations of the code generators, in double precision as in `configure`."""
     graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
     leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
     states = tuple(place[i] for i in retune.states)
@@ -150,7 +150,7 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """Return the properties of nodes for the nodes that replace them; if several became one, those of the first."""
+    """Transfer properties of nodes to their replacements; a node that replaces several gets those of the first."""
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -175,7 +175,7 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """Return the subgraph of the roots in operations that can be printed; elementary functions remain calls."""
+    """Return the subgraph of the roots in operations of the code generators; elementary functions remain calls."""
 
     def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(printable, name, values)
@@ -188,7 +188,7 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
-    """Return the result if no operation is needed: for constants, x · 1 and x / 1, which equal x bit for bit."""
+    """Return the result if no operation is needed: of constants, and of x · 1 and x / 1, which are x bit for bit."""
     numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
@@ -217,7 +217,7 @@ def _fields(
 ) -> tuple[Field, ...]:
     """Return the design numbers, named after parameters and prepared numbers, else after variables of the law.
 
-    Any other number is named after the first named number that depends on it: `law_integral_factor`.
+    Any other number is named after the first named value that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
     fields: list[Field] = []
@@ -241,7 +241,7 @@ def _fields(
 
 
 def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], moving: list[bool]) -> dict[int, str]:
-    """Return, for each node, the name of the first named moving number that depends on it."""
+    """Return, for each node, the first named value that depends on it and changes from sample to sample."""
     wanted, results = set(nodes), dict[int, str]()
     reaches: dict[int, set[int]] = {node: {node} for node in nodes}
     for index, node in enumerate(graph.nodes):
@@ -256,7 +256,7 @@ def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], mo
 
 
 def word(name: Name) -> str:
-    """Return `law_velocity`, or `velocity` if the block is the whole control."""
+    """Return `law_velocity`, or `velocity` if the block is the whole controller."""
     owner = target_name(name.owner)
     return f"{owner}_{name.word}" if owner else name.word
 

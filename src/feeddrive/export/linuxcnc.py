@@ -91,7 +91,7 @@ def pins(routine: Routine) -> list[Item]:
 
 
 def settings(routine: Routine) -> dict[Item, float]:
-    """Return the parameters that belong to the component and not to the control, with their values."""
+    """Return the parameters that belong to the component and not to the controller, with their values."""
     T = servo_period(routine)
     return {
         Item(
@@ -237,7 +237,7 @@ def pin(name: str, kind: str, direction: str, meaning: str) -> Item:
 
 
 def parameter(variable: Variable) -> Item:
-    """Return the HAL parameter of a parameter of the control or the axis.
+    """Return the HAL parameter for a parameter of the controller or the axis.
 
     `axis.x.control.law.Kv` becomes `law.Kv` of the component `axis-x`.
     """
@@ -274,7 +274,7 @@ def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) 
 
 
 def plain(words: str) -> str:
-    """Return a text as halcompile and its manual pages accept it: ASCII, without double quotes and backslashes."""
+    """Convert a string to what halcompile and its manual pages accept: ASCII, no double quotes or backslashes."""
     words = words.replace("²", "2").replace("³", "3").replace("µ", "u").replace("·", " ").replace("−", "-")
     words = words.replace('"', "'").replace("\\", "/").replace("\n", " ")
     return words.encode("ascii", "replace").decode()
@@ -369,14 +369,14 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the control of a design as a LinuxCNC component with all files needed to run it; return the README's path.
+    """Write the controller of a design as a LinuxCNC component, with all files to run it; return the README's path.
 
     joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 
     The directory contains `<name>.comp` with `<name>.h`, `<name>.hal`, `<name>.ini`, the axis as `<name>_plant.comp`,
     `desk.ini` and `desk.hal`, and a README.  It is written atomically.
-    Raises ParameterError for a plant instead of a control, for an axis coupled with others (the desk simulates one
-    axis), for a name or sample time that LinuxCNC does not support, a precision other than double, a wrong joint
+    Raises ParameterError for a plant instead of a controller, for an axis coupled with others (the desk test simulates
+    one axis), for a name or sample time that LinuxCNC does not support, a precision other than double, a wrong joint
     number, or a loop that cannot follow LinuxCNC's motion; FileError for a directory that cannot be written.
     """
     out = Path(out)
@@ -533,7 +533,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """Return comment lines that name the settings missing in the machine file, which must not be assumed."""
+    """Return comment lines with a warning that the travel limits are placeholders; empty if the travel is known."""
     if limit.travel_known:
         return []
     return [
@@ -635,10 +635,10 @@ class Limits:
 
 
 def limits(loop: Loop) -> Limits:
-    """Return the limits of the fastest test move that stays at least 30 % below the limits of control and motor.
+    """Return the limits of the fastest test move that stays at least 30 % below the limits of controller and motor.
 
     The move has the trapezoidal velocity profile of LinuxCNC.  Its following error is computed as in LinuxCNC, from the
-    reading one period later.  Raises ParameterError if even the slowest move lacks the margin.
+    reading one period later.  Raises ParameterError if even the slowest move comes closer to a limit.
     """
     least, most = _travel(loop)
     tried = None
@@ -701,7 +701,7 @@ def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | N
 
 
 def _rounded_up(value: float) -> float:
-    """Round up to 1, 2 or 5 times a power of ten, in m, and to at least 10 um."""
+    """Round a length in m up to 1, 2 or 5 times a power of ten, at least 10 um."""
     value = max(value, 1e-5)
     power = 10.0 ** math.floor(math.log10(value))
     # 1e-9: a round number must not become the next one by its rounding

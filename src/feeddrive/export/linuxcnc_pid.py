@@ -192,7 +192,7 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """Return the loop with LinuxCNC's pids in place of its control, on the same axis, at the period of HAL.
+    """Return the loop with LinuxCNC's pids in place of its controller, on the same axis, at the period of HAL.
 
     The guard is unchanged, except that the force of a disabled axis is 0, the output of a disabled pid.
     """
@@ -334,7 +334,7 @@ def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
 
 
 def _along(what: str, *runs: Run | None) -> list[Figure]:
-    """Return the figures of following error and force of both runs during a move."""
+    """Return the peak and RMS following error and the peak force of both runs of a move."""
     errors = [None if run is None else run["following_error"] for run in runs]
     peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
     means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]

@@ -1,7 +1,7 @@
 """LinuxCNC programs in isolated sessions that leave the system unchanged, and runs of controllers in a real HAL.
 
 HAL's shared memory exists once per computer, `halcompile --install` writes to the common component directory, and a
-killed real-time process leaves a residue.  A session therefore has separate IPC, mount, process and network namespaces.
+killed real-time process leaves remnants.  A session therefore has separate IPC, mount, process and network namespaces.
 A running LinuxCNC and its installation are not affected.  Unprivileged use requires a kernel with user namespaces.
 """
 
@@ -221,7 +221,7 @@ def halrun(
 
 
 def _rows(values: np.ndarray, types: str) -> str:
-    """Return rows for halstreamer with all digits and a last column of 1, and a final row of zeros."""
+    """Return rows for halstreamer, with all digits and a last column of ones, followed by a row of zeros."""
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])

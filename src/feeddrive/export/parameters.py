@@ -1,4 +1,4 @@
-"""The target `parameters`: files of a design in the parameter names and units of drive manufacturers."""
+"""The target `parameters`: files that state a design with the parameter names and units of drive manufacturers."""
 
 import csv
 import io
@@ -41,7 +41,7 @@ NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common u
 
 
 class Row(NamedTuple):
-    """A parameter of a manufacturer's control or drive.
+    """A parameter of a manufacturer's controller or drive.
 
     unit      in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page; empty if no manual was available
@@ -87,7 +87,7 @@ class Maker:
 
     notes    header lines of its file: which loop is meant, how the integrator is switched off, and the like
     rotary   true if it supports rotary motors only
-    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` has reasons for others
+    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` gives reasons for others
     filters  function that returns the lines of a filter, given the filter and its index among the filters
     always   parts that it never represents, regardless of the design
     """
@@ -105,7 +105,7 @@ class Maker:
 
 
 def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
-    """Return the lines of a manufacturer's file, and the numbers that do not fit its parameters."""
+    """Return the lines of a manufacturer's file, and the numbers that its parameters cannot hold."""
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:

@@ -1,4 +1,4 @@
-"""The target `st`: a control in Structured Text, import files for PLC tools, a test block, and a README."""
+"""The target `st`: a controller in Structured Text, import files for PLC tools, a test block, and a README."""
 
 import inspect
 import re
@@ -48,7 +48,7 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the design numbers that take too many operations, and those that depend on the same parameters only."""
+    """Return the numbers to fix: those that take too many operations, and those on the same parameters only."""
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}
@@ -88,7 +88,7 @@ def _depending(graph: Graph, others: set[int]) -> list[bool]:
 
 
 class Printing(Protocol):
-    """The part of the printer that `configure` uses: a layout, legal names, and statements."""
+    """The part of the generator that `configure` uses: a layout, legal names, and statements."""
 
     layout: Layout
     fixed: Fixed
@@ -98,15 +98,15 @@ class Printing(Protocol):
     design: dict[str, str]
 
     def section(self, leaves: Mapping[int, str], taken: Iterable[str], real: str) -> Section:
-        """Start a section of statements, given the texts of existing values and the names already taken."""
+        """Start a section of statements, given the code of existing values and the names already taken."""
         ...
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes."""
+        """Return the statements that compute some nodes."""
         ...
 
     def parameter(self, struct: str, i: int) -> str:
-        """Return the text of a parameter."""
+        """Return the expression for a parameter."""
         ...
 
     def narrow(self, text: str) -> str:
@@ -201,7 +201,7 @@ def _refused(layout: Layout, holds: str, code: int) -> list[str]:
 
 
 def _unless_broken(lines: list[str]) -> list[str]:
-    """Return the lines inside an IF block that runs only if no rule has been violated so far."""
+    """Return the lines wrapped in an IF block that runs only if no rule has been violated so far."""
     return ["IF rule = 0 THEN", *(f"{st.INDENT}{line}".rstrip() for line in lines), "END_IF;"] if lines else []
 
 
@@ -218,7 +218,10 @@ CYCLE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Program:
-    """The units of a program, each defined before use; `names` maps dotted parameter names to Structured Text names."""
+    """The functions and function blocks of a program, each defined before use.
+
+    `names` maps dotted parameter names to Structured Text names.
+    """
 
     structures: tuple[Structure, ...]
     units: tuple[Unit, ...]
@@ -244,7 +247,7 @@ def program(layout: Layout, heading: str) -> Program:
 
 
 class Printer:
-    """The printer of a layout as Structured Text, with one legal name for each field."""
+    """The generator of Structured Text from a layout, with one legal name for each field."""
 
     def __init__(self, layout: Layout, heading: str) -> None:
         self.layout, self.heading = layout, heading
@@ -258,7 +261,7 @@ class Printer:
         self.used: dict[str, set[str]] = {"LREAL": set(), "REAL": set()}
 
     def program(self) -> Program:
-        """Return the structures, functions and function blocks of the control."""
+        """Return the structures, functions and function blocks of the controller."""
         reset = self._reset()
         blocks = [configure(self), reset, self._retune(), self._step(reset.sections[st.INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in st.functions(used, self.name, real)]
@@ -304,7 +307,7 @@ class Printer:
         return ("TRUE" if value else "FALSE") if field.truth else st.decimal(value, self.real)
 
     def parameter(self, struct: str, i: int) -> str:
-        """Return the text of a parameter: its field in `struct`, or its value if it is fixed."""
+        """Return the expression for a parameter: its field in `struct`, or its value if it is fixed."""
         path = self.routine.parameters[i].path
         return st.literal(self.values[path]) if path in self.values else f"{struct}.{self.parameters[path]}"
 
@@ -367,7 +370,7 @@ class Printer:
         )
 
     def _prepared(self, struct: str, node: int) -> str:
-        """Return the text of a prepared number: a constant or a field of the design; empty if it is never read."""
+        """Return the expression for a prepared number, a constant or a design field; empty if it is never read."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return st.literal(float.fromhex(constant[1]))
@@ -435,7 +438,7 @@ class Printer:
         )
 
     def _off(self) -> list[str]:
-        """Return the assignments of the outputs under invalid parameters, with the safe force of the machine file."""
+        """Return the assignments of the outputs for invalid parameters, with the safe force of the machine file."""
         printed: list[str] = []
         for name, value in off_outputs(self.routine).items():
             text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(st.literal(value, self.real))
@@ -472,7 +475,7 @@ class Printer:
         return text if self.real == "LREAL" else f"LREAL_TO_REAL({text})"
 
     def computed(self, section: Section, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes, and register the functions that they call."""
+        """Return the statements that compute some nodes, and register the functions that they call."""
         lines = section.compute(nodes)
         self.used[section.real] |= section.statements.used
         return lines
@@ -565,7 +568,7 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    """Return the unit and the meaning of a variable, without a remark on its absence in the machine file."""
+    """Return the unit and the meaning of a variable, without the remark on what its absence means."""
     meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
     return f"{variable.unit}: {meaning}" if variable.unit else meaning
 
@@ -573,7 +576,7 @@ def _meaning(variable: Variable) -> str:
 def structured_text_files(design: Design) -> dict[str, str]:
     """Return the files of the export by name, except machine file and manifest.
 
-    Raises ParameterError for an axis, StructureError for a table with too many entries.
+    Raises ParameterError for an axis instead of a controller, and StructureError for a table with too many entries.
     """
     if design.what != CONTROL:
         raise ParameterError("st: a PLC runs the control; export an axis as fmu2, fmu3 or c")
@@ -597,7 +600,7 @@ def write_structured_text(design: Design, out: Path) -> Path:
 
 
 def header(design: Design) -> str:
-    """Return the comment above the function block: title, usage, and the docstrings of the blocks of the control."""
+    """Return the comment above the function block: title, usage, and the docstrings of the controller's blocks."""
     parts = [
         design.title,
         design.made_by,
@@ -734,7 +737,7 @@ def twincat_file(part: Structure | Unit) -> tuple[str, str]:
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """Return the file of an element. Its GUID depends on the name only, so that a repeated export replaces it."""
+    """Return the file of an element. Its GUID depends on the name only, so that a new export replaces the old one."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 

@@ -170,7 +170,7 @@ def short(value: float) -> float:
 def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -> str:
     """Return an operation as text, parenthesized if it contains an operator.
 
-    `prefix` begins the names of the functions printed along with the block.
+    `prefix` begins the names of the functions generated along with the block.
     """
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -188,7 +188,7 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 
 
 def own(prefix: str, name: str, real: str) -> str:
-    """Return the name of a function printed along with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
+    """Return the name of a function generated with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
@@ -217,7 +217,7 @@ class Assignment:
 
 @dataclass
 class Choice:
-    """An IF statement with assignments and choices in its branches."""
+    """An IF statement with assignments and further IF statements in its branches."""
 
     condition: str
     then: list[Assignment | Choice]
@@ -227,7 +227,7 @@ class Choice:
     makes: set[int] = field(default_factory=set)
 
     def lines(self) -> list[str]:
-        """Return the statement as text; a single choice in the ELSE branch becomes ELSIF."""
+        """Return the statement as text; an ELSE branch that consists of a single IF statement becomes ELSIF."""
         printed = [f"IF {bare(self.condition)} THEN", *_indented(self.then)]
         rest = self.otherwise
         while len(rest) == 1 and isinstance(rest[0], Choice):
@@ -242,7 +242,7 @@ def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
 
 
 def _append(done: list[Assignment | Choice], new: Assignment | Choice) -> None:
-    """Append a statement; merge a choice with the previous one if both have the same condition."""
+    """Append a statement; merge an IF statement with the previous one if both have the same condition."""
     last = done[-1] if done else None
     if isinstance(last, Choice) and isinstance(new, Choice) and last.condition == new.condition:
         for branch, more in ((last.then, new.then), (last.otherwise, new.otherwise)):
@@ -261,7 +261,7 @@ class Statements:
     """The Structured Text statements that compute some nodes of a graph.
 
     `texts` maps leaves, and nodes already computed, to their text.  `declare(node, kind)` returns the name of the
-    variable of a node and, unless the node has a place, declares it with the type `kind`.
+    variable of a node and declares it with the type `kind`, unless the node is assigned directly to an existing field.
     """
 
     def __init__(
@@ -290,7 +290,7 @@ class Statements:
         self._inside: set[int] = set()  # choices nested in another choice
 
     def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
-        """Return the statements for some nodes in the order of the law; nodes in `held` always become variables."""
+        """Return the statements for nodes, in the order of the law; nodes in `held` always become variables."""
         roots, self._held = list(roots), set(held)
         order = self._needed(roots)
         uses = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
@@ -371,7 +371,10 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append a statement, or insert it before a last choice on which it does not depend: choices can then merge."""
+        """Append a statement, or insert it before a final IF statement on which it does not depend.
+
+        IF statements with the same condition can then be merged.
+        """
         last = self.done[-1] if self.done else None
         place = (
             len(self.done) - 1 if isinstance(last, Choice) and not (statement.needs & last.makes) else len(self.done)
@@ -379,13 +382,13 @@ class Statements:
         self.done.insert(place, statement)
 
     def _choice(self, index: int) -> None:
-        """Add a choice, or merge it with the previous choice if both have the same condition."""
+        """Add an IF statement for a selection, or merge it with the previous one if both have the same condition."""
         choice = self._branches(index, self._variable(index, self._kind(index)))
         _append(self.done, choice)
         cast(Choice, self.done[-1]).makes.add(index)
 
     def _kind(self, index: int) -> str:
-        """Return BOOL for a choice between truth values, else the real type."""
+        """Return BOOL for a selection between truth values, else the real type."""
         name, *values = self.graph.nodes[index]
         if name == "select":
             return self._kind(values[1])
@@ -438,7 +441,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the name in the law, else the name of the state that a selection may keep, else a numbered name."""
+        """Return the name in the law, else the state that a selection may leave unchanged, else a numbered name."""
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]

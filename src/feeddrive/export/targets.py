@@ -64,7 +64,7 @@ class Target:
     options     names in `OPTIONS` that its function accepts
     precisions  supported precisions, default first
     plants      True if it can contain a plant
-    together    True if it can contain the controls of several axes as one
+    together    True if it can contain the controllers of several axes as one
     fixed       arguments with which its function is always called
     linear      True if it supports linear axes only: it uses mm, or the units of a motor with its lead
     in_c        True if its code is that of the target c, whose `broken_rule` returns the codes of violated rules
@@ -178,7 +178,7 @@ def write_export(
     together: bool = False,
     **options: Any,
 ) -> tuple[Design, Path]:
-    """Export the control of an axis, or with `plant` the axis itself, to a target; return the design and the README.
+    """Export the controller of an axis, or with `plant` the axis itself, to a target; return the design and the README.
 
     source     a machine file, or the name of a bundled machine; `axis` is required if it has several axes
     plant      export the plant; without an `axis`, all axes of the file with their couplings as one plant
@@ -207,10 +207,10 @@ def write_all(
     together: bool = False,
     **options: Any,
 ) -> list[tuple[Design, Path]]:
-    """Export as `write_export` does; without an `axis`, export the controls of all axes of the machine file.
+    """Export as `write_export` does; without an `axis`, export the controllers of all axes of the file.
 
-    With `together`, or if couplings between the controls exist, they become one design.  Otherwise each has a separate
-    directory `out`/AXIS and, with a `name`, the prefix NAME_AXIS.  All designs are checked before the first is
+    With `together`, or if the controllers are coupled, they become one design.  Otherwise each has a separate directory
+    `out`/AXIS and, with a `name`, the prefix NAME_AXIS.  All designs are checked before the first is
     written.
     """
     machine = read_machine(source)
@@ -470,7 +470,7 @@ def readme(template: str, design: Design, **content: Any) -> str:
     """Return the README of a design in Markdown. It is deterministic: the same content gives the same text.
 
     template  a file of `templates/`; besides `content` it receives `design`, `routine`, `P` (the prefix of all names),
-              `title`, `made_by`, `control` (True for a control, False for an axis), `trips` and `c_rules`
+              `title`, `made_by`, `control` (True for a controller, False for an axis), `trips` and `c_rules`
     """
     return (
         _environment()
@@ -506,5 +506,5 @@ def _environment() -> Environment:
 
 
 def _cell(text: str) -> str:
-    """Return a text escaped for a cell of a Markdown table."""
+    """Return a string escaped for a cell of a Markdown table."""
     return text.replace("|", "\\|")

@@ -107,8 +107,9 @@ def verify_export(
     samples  number of samples in the trial; default: that of the target, a million for C in double precision
     flags    C compiler flags in addition to -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
-    The exported code runs in the program of its target. The expected outputs come from the machine file of the export
-    and the simulator of this version; in single precision, from the same operations in Python, each rounded.
+    The exported code is run by the tool of its target, such as FMPy for an FMU. The expected outputs come from the
+    machine file of the export and the simulator of this version; in single precision, from the same operations in
+    Python, each rounded.
     A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,

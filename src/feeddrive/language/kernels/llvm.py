@@ -523,7 +523,10 @@ class Expressions(Names):
         return Value(INT, self.value(f"select i1 {negative}, i64 {opposite}, i64 {x.text}"))
 
     def extreme(self, node: ast.Call) -> Value:
-        """Emit `min` or `max`: a later argument wins only if strictly smaller or larger (matters for NaN, -0.0)."""
+        """Emit `min` or `max`, as Python computes it.
+
+        A later argument is taken only if it is strictly smaller or larger, which matters for NaN and -0.0.
+        """
         values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
         if kind is None or any(value.type != kind for value in values):

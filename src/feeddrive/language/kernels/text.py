@@ -378,7 +378,10 @@ class Arithmetic(Text):
         return self.value(f"select i1 {equal}, i1 {settled}, i1 {order}")
 
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
-        """Emit the minimum or maximum; a later number wins only if strictly smaller or larger (for NaN, -0.0)."""
+        """Emit the minimum or maximum of numbers, as Python computes it.
+
+        A later number is taken only if it is strictly smaller or larger, which matters for NaN and -0.0.
+        """
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
         better = order[kind]
