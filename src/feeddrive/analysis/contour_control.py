@@ -223,7 +223,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
 
 
 def _directions(axes: int, count: int) -> list[np.ndarray]:
-    """Return unit vectors over half a circle, or over half a sphere and along the axes, without opposites."""
+    """Return unit vectors over half a circle, or over half a sphere and along the axes; no two are opposite."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
         return [np.array([np.cos(component), np.sin(component)]) for component in angle]

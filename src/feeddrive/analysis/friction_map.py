@@ -14,7 +14,7 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionMap(Result):
-    """The mean force against the motion (N) by velocity (m/s), its standard deviation (N) and the number of samples.
+    """The mean friction force (N) by velocity (m/s), its standard deviation (N) and the number of samples.
 
     All arrays have shape (m,); the velocities of both directions are in ascending order.
     """

@@ -18,7 +18,7 @@ _BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which line
 class LoopModel:
     """The linear model of a loop from `cut` and further inputs to `force` and `position_load`, open and closed.
 
-    open    the loop cut between control and actuator
+    open    the loop cut between controller and actuator
     closed  the same model with cut = force
 
     For a law with a period of several samples both are lifted, and the loop gain is that part of the response to a sine

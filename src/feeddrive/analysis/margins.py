@@ -105,7 +105,7 @@ def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
 
 
 def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
-    """Return the gain crossovers, |L| = 1: index of the interval, position in it (0 to 1), and margins."""
+    """Return the gain crossovers, |L| = 1: for each, the index of the interval, the position in it, and the margins."""
     x, level, lead, turn = lines
     return [
         (i, part, _gain_crossover(np.exp(x[i] + part * (x[i + 1] - x[i])), lead[i] + part * turn[i]))
@@ -114,7 +114,7 @@ def gain_crossings(lines: Logarithms) -> list[tuple[int, float, GainCrossover]]:
 
 
 def phase_crossings(lines: Logarithms) -> list[tuple[int, float, PhaseCrossover]]:
-    """Return the phase crossovers, L < 0: index of the interval, position in it (0 to 1), and margin."""
+    """Return the phase crossovers, L < 0: for each, the index of the interval, the position in it, and the margin."""
     x, level, lead, turn = lines
     crossings: list[tuple[int, float, PhaseCrossover]] = []
     # the end of each interval is its start plus its turn: lead itself jumps by 2π where L crosses the positive axis
@@ -179,7 +179,7 @@ class Margins(Result):
 
     @cached_property
     def delay_margin(self) -> float | None:
-        """The smallest dead time that, added, takes L through -1, s; often not where the phase margin is least."""
+        """The smallest added dead time at which L passes through -1, s; often not where the phase margin is least."""
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
     @cached_property
@@ -311,7 +311,7 @@ _HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 
 
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
-    """Return the interval, and the position in it (0 to 1), at which |S| = 1/|1 + L| first rises to √½; None if never.
+    """Return the interval, and the position in it (0 to 1), at which |S| = 1/|1 + L| first rises to √½, or None.
 
     Between two lines ln |S| is interpolated linearly over ln f.
     """

@@ -275,7 +275,7 @@ _EDGE = 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 
 
 class Robustness(NamedTuple):
-    """The robustness figures of a loop. If unstable, it has an infinite Ms and rope snap and a delay margin of 0."""
+    """The robustness figures of a loop; an unstable one has infinite Ms and rope snap, and a delay margin of 0."""
 
     growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
     sensitivity_peak: float = np.inf  # Ms

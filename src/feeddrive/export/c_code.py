@@ -595,7 +595,7 @@ def _meaning(variable: Variable) -> str:
 
 
 def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """Return a struct with the meaning of each member; an empty one gets a dummy, since C requires a member."""
+    """Return a struct with the meaning of each member; an empty one gets a dummy member, as C requires."""
     members = members or [("char", "none", "nothing is kept here")]
     lines = [f"    {kind} {member};" for kind, member, _ in members]
     wide = max(len(line) for line in lines)
@@ -732,7 +732,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the lines that set the outputs, with the safe force, while not validly configured; empty for a plant."""
+    """Return the lines that set the outputs, with the safe force, without a valid configuration; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""

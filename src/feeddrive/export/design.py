@@ -181,7 +181,8 @@ def read_design(
     """Return the design of a machine file, or of a bundled machine.
 
     name      prefix of all names on the target; default: `axis_x`, or `plant_x` for a plant
-    axis      required for a controller if the file has several axes; a plant is that of all axes, coupled, without it
+    axis      required for a controller if the file has several axes; without it, a plant contains all axes and
+              couplings
     what      "control" or "plant"
     together  True to export the controllers of all axes as one design, with the couplings between them
 

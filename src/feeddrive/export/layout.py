@@ -142,7 +142,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
 
 
 def _lowered_retune(retune: Retune) -> Retune:
-    """Reduce the live parameter change to operations of the code generators, in double precision as in `configure`."""
+    """Express the live parameter change in operations that can be emitted, in double precision as in `configure`."""
     graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
     leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
     states = tuple(place[i] for i in retune.states)
@@ -175,7 +175,7 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """Return the subgraph of the roots in operations of the code generators; elementary functions remain calls."""
+    """Return the subgraph of the roots in operations that can be emitted; elementary functions remain calls."""
 
     def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(printable, name, values)

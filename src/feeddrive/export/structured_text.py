@@ -48,7 +48,10 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the numbers to fix: those that take too many operations, and those on the same parameters only."""
+    """Return the numbers to be fixed by the export.
+
+    They are the design numbers that take too many operations, and those that depend on the same parameters only.
+    """
     leaves = layout.leaves
     held: set[int] = set()
     below = {field.name: set(reachable(layout.graph, [field.node])) for field in layout.design}

@@ -112,7 +112,7 @@ def _declared(variables: Iterable[Declared]) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment of one or more lines; an empty list for an empty text."""
+    """Return a comment of one or more lines; an empty list for an empty string."""
     if not text.strip():
         return []
     first, *others = plain(text).strip("\n").split("\n")
@@ -121,7 +121,7 @@ def comment(text: str) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Return a text that can neither begin nor end a comment."""
+    """Return a string changed so that it can neither begin nor end a comment."""
     return text.replace("(*", "( *").replace("*)", "* )")
 
 
@@ -130,7 +130,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """Return the declaration of a variable so large that its square is infinite."""
+    """Return the declaration of a variable with a value so large that its square is infinite."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 

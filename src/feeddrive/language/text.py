@@ -105,7 +105,7 @@ def resolve(text: str, units: Reader) -> str:
 
 
 def marked(text: str) -> str:
-    """Return a string with its marks."""
+    """Return a string that contains the marks of its quantities."""
     return text.marked if isinstance(text, Text) else text
 
 

@@ -99,7 +99,10 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """The digest of all that determines the machine code except the processor: source, types, constants, calls."""
+        """The digest of what determines the machine code, except the processor.
+
+        It covers source, types, constants and called files.
+        """
         with _lock:
             if self in _keyed:
                 first = self.sources[0]

@@ -176,7 +176,7 @@ class Text:
         return self.emit(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for value, block in ends)}")
 
     def check(self, good: str, kind: type[Exception], text: str, node: ast.AST) -> None:
-        """Emit a check that ends with the error unless `good` holds; a condition known to hold is not retested."""
+        """Emit a check that raises the error unless `good` holds; a condition known to hold is not tested again."""
         if not self.holds(good):
             self.failed.append((str(self.failure(kind, text, node)), self.block))
             self.go_on_if(good, "fail")
