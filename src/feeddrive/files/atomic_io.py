@@ -1,9 +1,9 @@
 """Atomic file access: files and result directories are read or written completely or not at all.
 
 A file is written under a temporary name in the same directory, flushed to the disk and renamed; a directory of results
-is built under a temporary name and renamed when it is complete.  Any failure before that, Ctrl-C included, leaves no
-new file and the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but never a
-partial result under the final name.)
+is built under a temporary name and renamed when it is complete.  Any failure before that, including Ctrl-C, leaves no
+new file behind and the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but
+never a partial result under the final name.)
 """
 
 import contextlib
@@ -38,7 +38,7 @@ _WHAT_TO_DO = {
 
 
 def refusal(path: str | Path, what: str, error: OSError) -> FileError:
-    """Return a FileError for an operating system error, with file, reason and remedy."""
+    """Return a FileError that states file, reason and remedy for an operating system error."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     advice = _WHAT_TO_DO.get(error.errno or 0)
     return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the final path for the temporary path in an error, or None if the error names no file."""
+    """Return the path named in an error, a temporary path as the final one; None if the error names no file."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)

@@ -1,4 +1,4 @@
-"""Columns of a measured file: the result of a reader, spellings of units, and roles of columns."""
+"""The columns of a measured file as a reader returns them, the spellings of their units, and their roles in a log."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -98,7 +98,7 @@ class Column:
         return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
 
     def scale(self, role: str) -> float | None:
-        """Return the factor from the numbers in the file to the unit of the role; None if the column has neither."""
+        """Return the factor from the file's numbers to the unit of the role; None without a stated factor or unit."""
         if role in OWN_UNIT or not self.unit:
             return self.factor
         size = units.factor(self.unit, ROLES[role])
@@ -150,8 +150,8 @@ def _row(row: int) -> str:
 class Columns:
     """The columns of a file by name, float64 of shape (n,), possibly of different lengths.
 
-    `unread` lists the columns that were not requested; `left_out` gives the reason for other omitted columns; `place`
-    returns the place of a row in the file.
+    `unread` lists the columns that were not requested; `left_out` gives the reason for each other omitted column;
+    `place` is a function that describes where a row is in the file.
     """
 
     format: str
@@ -233,7 +233,7 @@ def factor_of(path: str, role: str, column: Column, unit: str) -> float:
 def check_sign(path: str, column: Column, unit: str, si: str) -> None:
     """Raise LogError for a factor of ±1 without a unit if the file states a unit of the same dimension other than `si`.
 
-    Such a factor is meant to invert the sign of a column in mm, not to declare its numbers as m.
+    Such a factor is meant to set the sign of a column (in mm, for example), not to declare that its numbers are in m.
     """
     if column.unit or column.factor not in (1.0, -1.0) or not unit:
         return
@@ -288,8 +288,8 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
 def arrow_numbers(column: Any) -> np.ndarray:
     """Return the numbers of a column of a pyarrow table, with NaN for empty cells.
 
-    It avoids pyarrow's `to_numpy`, which imports pandas, if installed; that takes longer than reading a log of 4,000
-    rows.
+    It avoids pyarrow's `to_numpy`, which imports pandas if it is installed; this import takes longer than reading a log
+    of 4,000 rows.
     """
     # DLPack has neither missing values nor bits, in which Arrow stores booleans.
     if column.null_count or not column.num_chunks or str(column.type) == "bool":

@@ -64,9 +64,9 @@ class Drive:
         return size / self.lever if is_torque and self.lever is not None else None
 
     def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:
-        """Return a channel as the force (N) along the table and False, or as the shaft torque (N m) and True.
+        """Return a channel as the force (N) at the table and False, or as the shaft torque (N m) and True.
 
-        Raises ParameterError, with the missing option, for a command or current in the drive's own unit.
+        Raises ParameterError, which names the missing option, for a command or current in the drive's own unit.
         """
         scale = self._scale(log, role)
         if scale is None:
@@ -84,9 +84,9 @@ class Drive:
         return (1.0, role == "torque") if role in ("force", "torque") else self.per_unit(log.units.get(role, ""))
 
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
-        """Return the table travel per motor angle, m/rad, needed when only one of motion and force is at the shaft.
+        """Return the table travel per motor angle, m/rad. Raise ParameterError if the lead is unknown.
 
-        Raises ParameterError if the lead is unknown.
+        It is needed if only one of motion and force is measured at the shaft.
         """
         if self.lever is None:
             other = "N" if "rad" in unit else "N m"
@@ -107,7 +107,7 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive given by the options, with a missing lead, and its gear, taken from the screw in the loop."""
+    """Return the drive given by the options; without a lead option, lead and gear are those of the loop's screw."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear

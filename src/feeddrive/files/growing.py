@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return a status message while content is missing, else an empty string."""
+        """Return a status message as long as there is no content, else an empty string."""
         ...
 
 
@@ -216,7 +216,8 @@ class GrowingTable:
     sample_time  sample time of a table without a time column, s; None: time is counted in samples
     time_unit    unit of a time column that states none; None: s
 
-    Invalid lines are skipped and counted.  An `overrun` of halsampler is a gap; its sample numbers serve as the clock.
+    Invalid lines are skipped and counted.  An `overrun` line of halsampler marks a gap; the sample numbers in its
+    output serve as the clock.
     """
 
     def __init__(

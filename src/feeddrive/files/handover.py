@@ -127,7 +127,7 @@ def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int
     units      machine units per meter: 1000 for mm
     file_type  COMP_FILE_TYPE of the joint. 0: positions actually reached in forward and in reverse motion;
                1: corrections to be added
-    Raises ParameterError for another type and for more rows than LinuxCNC reads.
+    Raises ParameterError for any other type and for more rows than LinuxCNC reads.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")
@@ -151,11 +151,11 @@ def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float 
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """Read a compensation file in machine units, with `units` of them per meter.
+    """Read a compensation file in machine units; `units` is their number per meter.
 
     LinuxCNC accepts any increasing positions; this function requires evenly spaced ones, as written by
-    `write_comp_file`. Raises FileError, with the line, for a row without three numbers, positions that do not increase
-    by a constant spacing, and fewer than two rows, and ParameterError for another type.
+    `write_comp_file`. Raises FileError, with the line, for a row without three numbers, for positions that do not
+    increase by a constant spacing and for fewer than two rows; raises ParameterError for any other type.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")

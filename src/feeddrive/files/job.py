@@ -44,7 +44,7 @@ from feeddrive.loop.machine import Machine, System
 
 
 class Other(Section):
-    """The motion and load of an axis other than the compared one, which is at rest without a reference."""
+    """The motion and load of an axis that is not compared; without a reference this axis is at rest."""
 
     reference: Reference | None = part("its motion", default=None)
     load: Load | None = part("a force on its table", default=None)
@@ -302,7 +302,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return the rows: the axis, or with a machine all its axes, under the present control and each law to compare."""
+    """Return the rows: the axis, or all axes of a given machine, under the present control and each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:

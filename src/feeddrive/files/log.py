@@ -170,7 +170,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal changes only at every m-th sample, as from a slower task, else an empty string."""
+    """Return a remark if the signal changes only at every m-th sample, like that of a slower task, else ""."""
     changes = np.flatnonzero(np.diff(values))
     # a few changes lie on a common grid by chance
     if changes.size < 20:

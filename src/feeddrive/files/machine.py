@@ -104,7 +104,7 @@ class MachineFile(Result):
 
     @property
     def instead(self) -> str:
-        """The hint in the error message of a call that needs a loop."""
+        """The hint for the error raised when a machine file is passed where a loop is needed."""
         first = next(iter(self.loops))
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
@@ -210,7 +210,7 @@ def machine_toml(
 ) -> str:
     """Return the text of a machine file, from which `read_machine` reproduces the machine.
 
-    Raises StructureError for a machine that holds arrays of variants.
+    Raises StructureError for a machine whose parameters are arrays of variants.
     """
     texts = [
         f"{key} = {quoted(value)}" for key, value in (("name", name), ("source", source), ("remark", remark)) if value

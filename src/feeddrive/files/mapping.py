@@ -7,11 +7,12 @@
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-A name may state the quantity, whether it is set or measured, motor or load, and the axis.  It is split into words at
-punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.  A known unit determines the
-quantity; otherwise the words do.  A guess is used only on the user's request.
+A name may state the quantity, whether it is a set or a measured value, whether it belongs to motor or load, and the
+axis.  It is split into words at punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.
+A known unit determines the quantity; otherwise the words do.  A guess is used only on the user's request.
 
-`Mapping` assigns roles to a log's columns, in the same form for the page, a channels file, the command line and Python:
+`Mapping` assigns roles to a log's columns, in the same form for the studio, a channels file, the command line and
+Python:
 
 mapping = Mapping({"position_load": Column(name="x", unit="mm"), "force": Column(name="f", factor=12.0)})
 log = read_log("run.csv", mapping)
@@ -134,7 +135,7 @@ class NameReading:
 
     @property
     def is_weak(self) -> bool:
-        """True for a command that may merely be a set value; an `output` takes precedence over it."""
+        """True for a command that may be only a set value; a channel named `output` takes precedence over it."""
         return self.quantity == "command" and self.is_set
 
     @property
@@ -276,7 +277,7 @@ _OTHER = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
-    """The guessed roles of a log's channels, with reasons, as the `mapping` for `read_log`, and unresolved channels.
+    """The guessed roles of a log's channels as a `mapping` for `read_log`, with reasons, and the unresolved channels.
 
     `needs` lists channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
     the factor's meaning; `unused` lists channels without a role, with the reason; `lost` gives, by role, a column that

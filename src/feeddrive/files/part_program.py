@@ -97,7 +97,7 @@ _SURFACES = 3  # that a tooth may meet
 
 
 class CutSection(Section, kind="cut_section"):
-    """Lines of a part program that cut, and their cutting conditions."""
+    """A range of cutting lines of a part program, and their cutting conditions."""
 
     first_line: int = choice("first line of the part program", least=1, most=10**9)
     last_line: int = choice("last line of it", least=1, most=10**9)
@@ -234,7 +234,7 @@ class Process:
             )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
-        """Return a milling cut between the axes for each active tool, with its conditions as sections over time.
+        """Return a milling cut between the axes for each active tool, with its cutting conditions as sections in time.
 
         substep  substep of the machine, s
 
@@ -375,7 +375,7 @@ _PER = ("", "/s", "/s2", "/s3", "/s4")
 
 
 class SetpointWriter:
-    """A buffered writer of setpoints and stops to files, in constant memory."""
+    """A writer that buffers setpoints and stops and writes them to files, in constant memory."""
 
     def __init__(
         self,
@@ -600,10 +600,10 @@ class PlannedProgram:
     """A part program as the references of its axes, by their names in the machine file.
 
     description  text for reports
-    file         file of the program; recorded setpoints have neither it nor the following fields
+    file         file of the program; this and the following fields are not set for recorded setpoints
     planned      the result of the planner
     line         line of the program by sample, shape (samples,)
-    counted      True for samples in cut or, without a [process], for all at feed rate, shape (samples,)
+    counted      True for each sample in cut or, without a [process], at feed rate, shape (samples,)
     cuts         cutting conditions over time, by the section [process]
     process      the cutting process of the section [process]
     """

@@ -83,7 +83,7 @@ def read_columns(name: str, content: bytes, wanted: frozenset[str] | None) -> Co
 
 
 class OpenedFile:
-    """A measured file, or a log in memory, that is read and parsed once for several functions.
+    """A measured file, or a log in memory, that is read and parsed only once, even if several functions use it.
 
     `read_log`, `read_arrays` and `read_frfs` accept it in place of a path. The complete file is parsed.
     """
@@ -568,7 +568,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
 
 
 def time_units(step: float) -> list[tuple[str, float]]:
-    """Return up to two units, likeliest first, that make the step a plausible servo sample time, and the step in s.
+    """Return up to two pairs (unit, step in s) that make the step a plausible servo sample time, likeliest first.
 
     A step near 1 ms is the likeliest, since whole milliseconds are the most common sample times.
     """

@@ -129,7 +129,7 @@ class _Definitions:
     def _with_inlined(self, section: type[Section], own: Schema) -> Schema:
         """Return the schema of a section that holds the keys of another section if one of its own fields is absent.
 
-        These keys are not required here, since a study may set them by a choice.
+        These keys are not required here, since a study may set them through its choices.
         """
         ((name, other),) = section.inlined.items()
         inner = self.fields(other)

@@ -10,7 +10,7 @@ The reader below, the JSON Schema (`schema.py`) and the reference pages of the k
 Sections have the fields of blocks (`language/block.py`): `parameter`, `choice`, `table`, `part`, and in addition
     text()      a free text
     file_name() the name of a file
-    named()     sections or values by a name: `[axis.x]`, `[axis.y]`
+    named()     sections or values by name: `[axis.x]`, `[axis.y]`
     numbers()   numbers by the path of a parameter, written in quotes or as nested tables
 A part is a block, a section, or a tuple of them (`[[law]]`).
 
@@ -194,7 +194,8 @@ def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool =
 
     rotary   True for a block of a rotary axis: comments name rad, N m and kg m2
 
-    An absent parameter is written as a comment.  Raises StructureError for a block that holds arrays of variants.
+    An absent parameter is written as a comment.  Raises StructureError for a block whose parameters are arrays of
+    variants.
     """
     header = f"[[{key}]]" if listed else f"[{key}]" if key else ""
     return (

@@ -11,7 +11,7 @@ An edit replaces values and sections and keeps all comments, order and whitespac
     edit.text
 
 An edit uses the scanner that locates lines for error messages, so that no second TOML parser is needed: a library such
-as tomlkit would add 8000 lines for these three operations, and may accept texts that tomllib rejects.
+as tomlkit would add 8000 lines for these three operations, and may accept files that tomllib rejects.
 """
 
 from __future__ import annotations
@@ -353,7 +353,8 @@ _PAIR = re.compile(r"^\s*(?:\[[^,]*\]\s*(?:#.*)?$|[\w.\"'-]+\s*=)", re.MULTILINE
 def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> TomlFile:
     """Read a TOML file. Raises FileError with file, line and remedy if it is missing, too large or not TOML.
 
-    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused with its kind in the message
+    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused,
+             and the message names its kind
     quoting  show the line in errors; False for a file that is only referenced by another file
     """
     name, content = str(path), read_whole(path, MOST_BYTES)
@@ -422,7 +423,7 @@ def _short(row: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return a text as a TOML basic string, with every character preserved."""
+    """Return a string as a TOML basic string, with every character preserved."""
     # JSON's escapes are TOML's, but JSON leaves DEL as it is, which TOML forbids
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
@@ -454,7 +455,7 @@ _HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
 class TomlEdit:
-    """A TOML text under edit; `name` is the name of the file in messages.
+    """A TOML text that is being edited; `name` is the name of the file in messages.
 
     Raises FileError for a text that is not TOML, and for a change that would make it invalid.
     """
@@ -531,7 +532,7 @@ class TomlEdit:
         self._check()
 
     def silence(self, key: Key, unit: str = "") -> None:
-        """Comment out the line of a key, in any unit; do nothing if the key is absent."""
+        """Comment out the line of a key, whatever unit the key carries; do nothing if the key is absent."""
         spans = spans_of_values(self.text)
         place, _ = self._find(spans, key, unit)
         if place is not None:

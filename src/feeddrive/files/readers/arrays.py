@@ -5,7 +5,8 @@ along its longer dimension.  Objects are refused: numpy stores them as a pickle,
 
 MATLAB level 5 (save -v5, -v6, -v7): real numeric arrays are read, also in 1×1 structures as `s.x`.  The layout is
 published by MathWorks (MAT-File Format, chapter 1): elements consist of a tag (type, length) and content, padded to 8
-bytes; an array is an element of elements: flags, dimensions, name, numbers; an element may be compressed by zlib.
+bytes; an array is an element that contains further elements (flags, dimensions, name, numbers); an element may be
+compressed by zlib.
 
 `scipy.io.loadmat` is not used: a damaged file can crash it (see tests/files/test_files_reasons.py), it decompresses
 without a memory limit, and it creates objects.  Here every length is checked before it is used, and objects, functions,

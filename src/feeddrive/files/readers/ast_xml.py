@@ -115,7 +115,7 @@ def is_ast(content: bytes) -> bool:
 
 
 def _parsed(name: str, content: bytes) -> _Element:
-    """Parse a text into an element tree. Raise LogError for malformed XML, entities or exceeded bounds."""
+    """Parse XML into an element tree. Raise LogError for malformed XML, entities or exceeded bounds."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of XML that are read; export less"

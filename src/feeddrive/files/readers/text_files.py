@@ -1,8 +1,8 @@
 """Text with columns: CSV, and the files of maxon EPOS Studio, LinuxCNC's halscope and halsampler, TwinCAT Scope View.
 
-CSV may have any separator, a decimal point or comma, and headers, units and a preamble or none.  The layout is detected
-from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A text without
-headers, with one comma in each line and no other separator, has two columns and no decimal comma.
+A CSV file may have any separator, a decimal point or comma, and optionally headers, units and a preamble.  The layout
+is detected from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A
+file without headers, with one comma in each line and no other separator, has two columns and no decimal comma.
 
 Comment lines (#, %, //) and empty lines are skipped; text columns are left out; any other line that is not a row of
 numbers is an error with its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read in chunks:
@@ -31,8 +31,8 @@ LinuxCNC has two layouts of halscope, and one of halsampler:
 
     17 0.000000 1.250000 0                 halsampler: no names, a sample number only with its option -t
 
-halsampler prints six decimals: positions in mm are then exact to a nanometer, but small signals in SI are coarse.  It
-writes `overrun` where samples were lost.
+halsampler prints six decimals: positions in mm are then exact to a nanometer, but small signals in SI units have a
+coarse resolution.  It writes `overrun` where samples were lost.
 
 TwinCAT Scope View (3.4 and its documentation) has a header with one entry for each channel, then alternating times and
 values:
@@ -140,7 +140,7 @@ def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
 
 
 def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
-    """Return the commonest mask of numeric cells in the second half of the lines; it is empty if no two agree."""
+    """Return the commonest mask of numeric cells in the second half of the lines; it is empty if no two masks agree."""
     half = lines[len(lines) // 2 :]
     usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
     return usual if count >= min(2, len(half)) else ()
@@ -452,7 +452,8 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 def _without_remarks(content: bytes) -> tuple[bytes, int]:
     """Strip remarks after the last channel; return the recording and the number of rows with such a remark.
 
-    Spreadsheet programs pad all lines to the longest one (`-24.1,,`), with a remark in some of them.
+    Spreadsheet programs pad all lines with commas to the length of the longest one (`-24.1,,`), and some lines contain
+    a remark there.
     """
     rows = list(_EPOS_ROW.finditer(content))
     if not any(row[3] for row in rows):
@@ -469,7 +470,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """Truncate a header line to its first cells, and the last of them at a comma."""
+    """Truncate a header line to `width` + 1 cells, and the last of these cells at its first comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -532,7 +533,7 @@ def _names_between(name: str, body: bytes) -> list[str]:
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, are the clock.
 
-    An `overrun` before the first line means no loss within the log; elsewhere it is an error that states its line.
+    An `overrun` before the first line means no loss within the log; elsewhere it raises an error that states the line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
