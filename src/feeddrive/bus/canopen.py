@@ -168,7 +168,7 @@ class CANopen:
             return b"".join(self._arrived[message] for message in self._of_told)
 
     def _send(self, content: bytes) -> None:
-        """Send all PDOs and SYNC, preceded by a heartbeat if one is due, so that it stops together with the cycles."""
+        """Send all PDOs and SYNC, after a heartbeat if one is due, so that the heartbeat stops with the cycles."""
         now = time.monotonic()
         if self._beat is not None and now - self._beaten >= self._beat:
             self._network.send_message(_BEAT + self._master, _OPERATING)
@@ -178,7 +178,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return a string for an error message that states whether the node still answers."""
+        """Return a clause for an error message, which states whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)

@@ -174,7 +174,7 @@ class DriveClient:
     """
 
     def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Set up the client. If `paced` is False, each cycle starts on the previous answer; only for virtual drives."""
+        """Set up the client. Without `paced` (virtual drives only), each answer starts the next cycle at once."""
         self.transport, self.drive = transport, drive
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)
@@ -267,7 +267,7 @@ class DriveClient:
         self._values["mode"] = self.mode
 
     def watch(self) -> None:
-        """Set the watchdog of the drive, unless cycles are not paced."""
+        """Set the watchdog of the drive if the cycles are paced."""
         # unpaced, time is counted in frames: a watchdog on the clock would trip while nothing is late
         if self.pace.cycle_time is not None:
             self.remarks += set_watchdog(self.transport, self.drive)
@@ -292,7 +292,7 @@ class DriveClient:
         """Exchange the setpoints of one cycle; return the actual values, or None for a lost frame.
 
         Raises BusError, without sending, if the drive is enabled and the cycle is more than `late_cycles` late: the
-        drive received no target in the meantime, and the next one would be a jump.
+        drive received no target in the meantime, so that the next one would make it jump.
         """
         late, T = self.pace.wait(), self.drive.cycle_time
         if late > self.drive.late_cycles * T and self.state is PowerState.ENABLED:
@@ -434,7 +434,7 @@ class DriveClient:
             self._follow(cia402.DISABLE_VOLTAGE)
 
     def _until(self, wanted: PowerState, sending: dict[PowerState, int], ending: tuple[PowerState, ...] = ()) -> None:
-        """Run cycles with the controlword for each state, until the wanted state or one of `ending` is reached."""
+        """Run cycles with the controlword that `sending` assigns to each state, until `wanted` or an `ending` state."""
         began, cycles = time.monotonic(), 0
         before = self.state
         while self.state is not wanted and self.state not in ending:

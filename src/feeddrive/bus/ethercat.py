@@ -125,7 +125,7 @@ class Segment:
         raise BusError(self._behind("OP", self.soem.OP_STATE))
 
     def _behind(self, name: str, wanted: int) -> str:
-        """Return an error text that names the first station not in the wanted state and its present state."""
+        """Return an error message that names the first station not in the wanted state, and its present state."""
         self.master.read_state()
         # the state may have been reached just after the timeout: then the first station is named
         late = [station for station in self.stations if station.slave.state != wanted] or self.stations
@@ -390,7 +390,7 @@ def opened_socket(interface: str, ethertype: int) -> socket.socket:
 
 
 def not_permitted(interface: str) -> str:
-    """Return the error text, with remedies, for a missing right to open raw sockets."""
+    """Return the error message, with remedies, for a missing permission to open raw sockets."""
     return (
         f"interface '{interface}': raw Ethernet needs CAP_NET_RAW: run as root, give it once by  "
         f"sudo setcap cap_net_raw+ep $(readlink -f {sys.executable}), or try it in a namespace of its own by  "

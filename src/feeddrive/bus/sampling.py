@@ -45,7 +45,7 @@ _NEEDED = ("position", "torque", "statusword")
 
 
 class Sampler:
-    """The exchange with one drive: `open`, then repeatedly `cycle`, which both raise BusError, then `close`."""
+    """The exchange with one drive: call `open`, `cycle` repeatedly, then `close`; `open` and `cycle` raise BusError."""
 
     def __init__(self, transport: Transport, drive: BusDrive) -> None:
         self.transport, self.drive = transport, drive
@@ -123,7 +123,7 @@ def sample(sampler: Sampler, give: Callable[[np.ndarray, np.ndarray], None], sto
 
 
 def _child(file: DriveFile, line: Any) -> None:
-    """Sample in a separate process, so that neither page nor plotting delays a cycle.
+    """Sample in a separate process, so that neither the studio nor plotting delays a cycle.
 
     However the parent process ends, the connection closes with it, and the drive is released properly.
     """

@@ -91,7 +91,7 @@ class Transport(Protocol):
 
 
 class Claim:
-    """An exclusive lock on an interface, since a second master would reset the drives of the first one in motion.
+    """An exclusive lock on an interface, since a second master would reset drives that the first one is moving.
 
     The lock is an abstract socket name in the network namespace of the interface, which the system frees however the
     process ends.  It exists on Linux only; on other systems another master is detected only by its frames.

@@ -44,7 +44,7 @@ class Sample(NamedTuple):
 class DrivenAxis:
     """A plant with its control, simulated step by step by the same native code as in `simulate`.
 
-    A control without a guard gets one without limits, because only a guard can switch the control on and off.
+    A control without a guard is given a guard without limits, because only a guard can switch the control on and off.
     """
 
     def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
@@ -411,7 +411,7 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Run one cycle while switched off, with friction alone braking; return 0, no error."""
+        """Run one cycle with the drive switched off, so that only friction brakes; return 0 for no error."""
         self._target = None
         before = self.axis.last.position
         self.axis.push(0.0, self.samples)

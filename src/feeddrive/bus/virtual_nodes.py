@@ -38,7 +38,7 @@ def serve_ethercat(
     """Serve drives on an interface until `stopped` returns True; several drives form a segment, in order.
 
     watchdog  real time without process data, s, after which an enabled drive enters the fault state; None: the time
-              that a master writes to the registers, while the plant advances only with the frames
+              that the master writes to the registers.  The plant advances only with the frames.
     lose      function of the cycle number that returns True to drop the first drive's answer, for client tests
 
     Raises ParameterError for a missing interface, BusError without access rights.
@@ -284,7 +284,7 @@ class SlaveController:
                 self.firmware.lost()
 
     def _obstacle(self, state: int) -> int:
-        """Return the AL status code of the reason why a state cannot be entered; 0 if it can."""
+        """Return the AL status code that tells why a state cannot be entered; 0 if it can be entered."""
         if state == PREOP and self.state == INIT:
             return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
         if state == SAFEOP and self.state == PREOP:
@@ -440,7 +440,7 @@ def serve_canopen(
 
     # a local class, since its base is in an optional package
     class Node(canopen.LocalNode):
-        """A CANopen node with the object dictionary of the firmware; the package itself handles only the heartbeat."""
+        """A CANopen node with the object dictionary of the firmware; the package stores only the heartbeat time."""
 
         def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
             if index == _HEARTBEAT:

@@ -1,11 +1,12 @@
 """Supervision of a drive in motion, independent of the health that the drive reports.
 
-`Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state and a fault, or
-None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
+`Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state, and to a fault
+or None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
 
     c        one increment, m
     r, w, F  target position, velocity and force that an answer refers to: those sent `lag` cycles before it
     x, v     actual position (0x6064) and velocity (0x606C)
+    T        cycle time, s
     E, M, B  limits.following_error, limits.largest_mass, limits.breakaway_force
 
 Limits.  |x - x_start|, |v|, actual force and x must stay within the drive file's limits.  In csp the following error is
@@ -25,13 +26,14 @@ before 3/4 of the remaining distance to E is used up:
 
     |L - L_j| >= 3 c  and  (|L| > L' + 3/4 (E - L')  or  |L+| > E),    L' = max(0, L_j sgn L)      fault
 
-A dead drive is thus detected before its target leads the last reading by E, if in each cycle the target advances by 3 c
-to half of E - |L_j| and `lag` is not 0; with a slower target it is detected at the first bound, if E - |L_j| is 12 c or
-more.  The criterion is travel, not time: a stuck axis stands still until the force of its loop exceeds friction, which
-takes a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is no false alarm for a drive whose
-following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per cycle: while it is within 2 c
-of a, L differs from its following error by less than that.  A drive with a larger lag at speed causes no false alarm
-either, since its target advances about as far as the axis itself before two counts are shown.
+A dead drive is thus detected before its target leads the last reading by E, if `lag` is not 0 and the target advances
+in each cycle by at least 3 c and at most half of E - |L_j|; with a slower target, the drive is detected at the first
+bound if E - |L_j| is 12 c or more.  The criterion is travel, not time: a stuck axis stands still until the force of its
+loop exceeds friction, which takes a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is no
+false alarm for a drive whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per
+cycle: while the axis is within 2 c of a, L differs from the following error by less than 2 c.  A drive whose lag at
+speed is larger causes no false alarm either, since its target advances only about as far as the axis itself before the
+axis shows two counts.
 
 csv.  No position is controlled, so the travel S commanded by the set velocity since cycle j replaces the lead:
 
@@ -40,39 +42,42 @@ csv.  No position is controlled, so the travel S commanded by the set velocity s
 At standstill, S is the change of the axis's distance from Σ w T since the start; this distance may change sign: there
 is no false alarm for a drive whose distance never exceeds 3/8 E - c.
 
-cst.  Dead time, current loop and filters delay and smooth the force.  If its response is complete within RESPONSE,
-10 ms or `lost_frames` + 2 cycles if that is longer, the acting force is a mean of the forces of that time and not less
-than their minimum F-.  If all have the same sign and F- > B, an axis of a mass of at most M has
+cst.  Dead time, current loop and filters delay and smooth the force.  Let RESPONSE be 10 ms or, if longer,
+`lost_frames` + 2 cycles.  If the force responds completely within RESPONSE, the acting force is a mean of the target
+forces during that time, and not less than their minimum F-.  If all of them have the same sign and F- > B, an axis with
+a mass of at most M has
 
     sgn(F) x'' >= (F- - B)/M = a(t) > 0
 
-Over a push of one sign that began τ ago, the axis has moved by at least v0 τ + q, with q = ∫∫ a.  The initial velocity
-v0 is unknown.  An axis that stayed within 3 c throughout had a v0 with
+During a push of one sign that began τ ago, the axis has moved by at least v0 τ + q, with q = ∫∫ a.  The initial
+velocity v0 is unknown.  For an axis that stayed within 3 c throughout, v0 satisfies
 
     -(3c + q(τ'))/τ' < v0 < (3c - q(τ'))/τ'    for all τ' <= τ
 
 The right side decreases with τ'.  When it falls below the largest left side, no v0 is possible and a live axis must
-have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after its beginning.  The axis is dead if it
-has not shown two counts `lost_frames` + 2 cycles later, the time for which a reading may be held.
+have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after the push began.  The axis is dead if
+it has still not shown two counts `lost_frames` + 2 cycles later, the longest time for which a drive may repeat a
+reading.
 
 Velocity.  The velocity is compared with the position differences in two ways:
 
-1. Frozen values: all values are identical in `lost_frames` + 2 answers after the first, and |v| T summed over them, at
-   most over the memory of 10 RESPONSE, is 2 c or more, so that the drive reports a velocity with constant readings.
-   This fault detects values frozen in motion earlier than any bound above.  A live axis that has moved by 2 c has
-   changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion changes one or the
-   other.  A drive that updates its values only every n cycles, detected by repeated values while |v| T exceeds 1.1 c,
-   may repeat them once more by chance: it is allowed 2 n answers.
-2. Contradiction: a leaky sum over the memory, compared with the largest speed U, from either source, in the same time:
+1. Frozen values: all values are identical in `lost_frames` + 2 answers after the first, although the sum of |v| T over
+   these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but its
+   readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis that
+   has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion
+   changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values while
+   |v| T exceeds 1.1 c, may repeat them once more by chance: it is allowed 2 n answers.
+2. Contradiction: a leaky sum over the memory is compared with the largest speed U, from either source, in that time:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
 
    A velocity delayed by δ leaves at most 2 δ U, after a reversal; a relative error g leaves 10 g RESPONSE U.  A 5 ms
-   filter or an error of 10 % is tolerated, and so is half of each combined; 3/4 E allows for the resolution of v.  The
-   sum is reset after a cycle that began more than a cycle late, as the axis continued for an unknown time.
+   filter or an error of 10 % is tolerated, and so are both at half these values; 3/4 E allows for the resolution of v.
+   The sum is reset after a cycle that began more than a cycle late, as the axis continued for an unknown time.
 
-Not detectable: a wrong force (0x6077) or second encoder (0x60E4); a dead encoder with noise of two counts, until the
-following error exceeds its limit; a dead drive whose target does not move (csp, csv) or stays below B (cst).
+The following faults are not detectable: a wrong force (0x6077) or second encoder (0x60E4); a dead encoder with noise of
+two counts, until the following error exceeds its limit; and a dead drive whose target does not move (csp, csv) or stays
+below B (cst).
 """
 
 import math
@@ -94,7 +99,7 @@ MEMORY = 10.0  # responses over which velocity and positions are compared
 
 
 class Target(NamedTuple):
-    """The command of a cycle; the mode determines which part the drive follows."""
+    """The target values of a cycle; the mode determines which of them the drive follows."""
 
     position: float  # m
     velocity: float  # m/s
@@ -123,7 +128,7 @@ class Fault(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """A reference reading: its cycle, the lead of the target then (csp, m), and the commanded travel since (csv, m)."""
+    """A reference reading: its cycle, the target's lead in it (csp, m), and the travel commanded since (csv, m)."""
 
     position: float
     cycle: int
@@ -135,12 +140,12 @@ class Push(NamedTuple):
     """A force above breakaway in one direction.
 
     forces  forces during the last RESPONSE, oldest first, N
-    sign    its direction; 0 without a push
+    sign    its direction; 0: no push
     time    its duration so far, s
-    speed   smallest gain of speed, m/s
-    way     smallest travel due to that gain, m
+    speed   least speed gained, m/s
+    way     least travel due to that speed, m
     slowest, fastest  bounds of the initial speed, m/s, of an axis that has stayed within `SURE` counts
-    due     the first cycle in which a live axis must have moved; kept when the push ends
+    due     the first cycle in which a live axis must have moved; retained after the push ends
     """
 
     forces: tuple[float, ...] = ()
@@ -161,7 +166,7 @@ class State(NamedTuple):
     sent     targets without an answer, oldest first
     silent   time since the last answer, s
     answer   the last answer
-    same     number of repeated answers after the first with the same values, and their duration, s
+    same     number and duration (s) of the answers that repeat the values of the last one
     renewal  update interval of the values in motion, in answers, at most `lost_frames` + 2
     gap      leaky sum of v T - Δx, m
     speed    largest recent speed, m/s
@@ -273,7 +278,7 @@ class Watch:
         return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
-        """Return the push one cycle later: the smallest motion due to it, and bounds on the axis's initial speed."""
+        """Update the push by one cycle: the least motion that it must have caused, and bounds of the initial speed."""
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push

@@ -41,7 +41,7 @@ class Goal:
     what      the quantity in words, such as `dynamic stiffness`
     of        the quantity that is minimized, as a function of a loop and a band (Hz)
     slope     its logarithm with derivatives, as a function of a loop with derivatives and a band
-    banded    True if the band matters
+    banded    True if it depends on the band
     on_table  True if it refers to a force on the table, so that a response to such a force should be known
     returns   True if it measures the recovery time of the axis, so that it needs integral action
     """
@@ -60,8 +60,8 @@ class Limitable:
     """The declaration of a figure that a tuning can keep within a limit.
 
     option, meaning, entered  the command-line option, its help text, and the unit of its value
-    places    the places at which a loop is near a limit: (loop, limit, noise of both readings in m) -> places
-    where     the critical frequency of the figure in Hz, if there is one
+    places    function of (loop, limit, noise of both readings in m) that yields the places near the limit
+    where     function that returns the critical frequency of a loop in Hz, if there is one
     usual     the default limit
     above, below  range of a limit; a limit is relaxed by scaling its distance from `origin`
     order     order of the bounds in a search; bounds of the same order are sorted by frequency
@@ -99,7 +99,7 @@ class Figure:
     absent   the value if a model lacks this figure, such as an infinite margin of a loop without a crossover
     signals  the signals whose statistics are gathered, by their names on a single axis
     tuned    True if a tuning reports it
-    compared  True if a tuning also reports where it gets worse
+    compared  True if a tuning also reports when it has become worse
     judges_laws  True if a comparison and the benchmark judge every law by it, from its linear model
     goal     how a tuning optimizes it
     limit    how a tuning keeps it within a limit
@@ -218,7 +218,7 @@ class Limit:
         return Text(f"{self.figure.title} {sign} {Quantity(self.bound, self.figure.unit)}")
 
     def keeps(self, value: float | None, room: float = 0.0) -> bool:
-        """Return True if a value satisfies the limit within the tolerance `room`, a share of the limit.
+        """Return True if a value satisfies the limit within the tolerance `room`, a fraction of the limit.
 
         An absent value satisfies it.
         """
@@ -229,7 +229,7 @@ class Limit:
         return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
 
     def used(self, value: float | None) -> float:
-        """Return the share of the limit that a value uses up, above 1 if it exceeds the limit; 0 if it is absent."""
+        """Return the utilization of the limit by a value, above 1 if the limit is violated; 0 for an absent value."""
         if value is None:
             return 0.0
         # a stiffness of 0 exceeds every limit; it must not divide by zero on the way

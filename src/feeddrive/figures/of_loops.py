@@ -1,8 +1,8 @@
 """The figures of a loop, from its linear model or its measured response.
 
-A new goal or limit is one entry here: it automatically becomes an option of `tune`, a field of the studio's Goal, a
-figure of studies and, with `judges_laws`, of `compare` and the benchmark. Write its derivatives above the entry, with
-the tools in `slopes.py`.
+A new goal or limit is declared by one entry here: it automatically becomes an option of `tune`, a field of the studio's
+Goal, a figure of studies and, with `judges_laws`, of `compare` and the benchmark. Write its derivatives above the
+entry, with the tools in `slopes.py`.
 """
 
 import math
@@ -44,7 +44,7 @@ class LinearLoop:
 
     velocity       m/s, sliding velocity of the axis
     known          linear model of the loop, if already computed; the loop must be stable
-    density        lines per decade
+    density        frequency lines per decade
     lowest         Hz, lowest frequency for the minimum stiffness
     reading_noise  white noise of the two readings, m RMS; None: counts and noise of the encoders
 
@@ -95,7 +95,7 @@ class LinearLoop:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness at and above the lowest counted frequency."""
+        """The dynamic stiffness at the lines that count for its minimum."""
         return self._stiffness_on_lines
 
     @cached_property
@@ -137,7 +137,7 @@ class LinearLoop:
 
     @property
     def force_noise(self) -> float | None:
-        """The RMS force caused by the noise of the readings, N; None if they have none."""
+        """The RMS force caused by the noise of the readings, N; None for readings without noise."""
         axis = self.loop.axis
         if self.reading_noise is not None:
             motor, load = self.reading_noise
@@ -155,7 +155,7 @@ class LinearLoop:
 
     @cached_property
     def noise_gain(self) -> float:
-        """The RMS force per RMS of white noise that is equal in size and independent in all readings, N/m."""
+        """The ratio of RMS force to RMS noise, for independent white noise of equal size in all readings, N/m."""
         one = self.loop.axis.one_encoder()
         return force_noise(self.model.closed, 0.0 if one else 1.0, 1.0, shared=one)
 
@@ -258,7 +258,7 @@ class StiffnessOver:
     high: float
 
     def __call__(self, loop: LinearLoop) -> float:
-        """Return the mean stiffness in N/m."""
+        """Return the geometric mean stiffness in N/m."""
         return loop.mean_stiffness(self.low, self.high)
 
 

@@ -65,7 +65,7 @@ class JudgedLoop(Protocol):
 
     @property
     def force_noise(self) -> float | None:
-        """The RMS force caused by the noise of the readings, N; None if they have none."""
+        """The RMS force caused by the noise of the readings, N; None for readings without noise."""
         ...
 
     def stiffness_at(self, frequency: float) -> float | None:
@@ -130,11 +130,11 @@ class SlopedLoop(Protocol):
         ...
 
     def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return frequency, compliance and its derivatives, extended far below the first line."""
+        """Return frequency, compliance and its derivatives, extended to frequencies far below the first line."""
         ...
 
     def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
-        """Return the responses from the errors of the readings (m RMS) to the force."""
+        """Return the response of the control to each reading; `noise` is that of both readings, m RMS."""
         ...
 
 
@@ -149,7 +149,7 @@ class Slope(NamedTuple):
 class Place(NamedTuple):
     """A place at which a loop is near a limit: frequency (0: none), slack, its derivatives and standard deviation.
 
-    line  index of its line, which distinguishes it from other places of the same limit
+    line  index of its frequency line, which distinguishes it from other places of the same limit
     """
 
     frequency: float
@@ -175,7 +175,7 @@ def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
 
 
 def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the logarithm of `mean_compliance` with its derivatives, up to the ends of the band."""
+    """Return the logarithm of `mean_compliance` over the lines within a band, with its derivatives."""
     f = loop.frequency
     width = np.where(_inside(f, band), trapezoid_weights(np.log(f)), 0.0)
     return _mean_square(loop.compliance, loop.compliance_slope, width / np.sum(width))
@@ -214,7 +214,7 @@ def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
 
 
 def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> Slope:
-    """Return the logarithm of the largest compliance in a band with its derivatives; the lines may have weights."""
+    """Return the logarithm of the largest compliance in a band with its derivatives; lines may be weighted."""
     size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
     k = int(np.argmax(size))
     slope = (loop.compliance_slope[k] / loop.compliance[k]).real
@@ -232,7 +232,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
 
 
 def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines at which Ms is near its limit."""
+    """Yield the lines at which |S| is near the limit of its maximum Ms."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -244,7 +244,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines that are near the limit of the small-gain theorem for an additional dead time of some samples."""
+    """Yield the lines that nearly violate the small-gain theorem for an additional dead time of `limit` samples."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
@@ -278,7 +278,7 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
 class _Crossing(NamedTuple):
     """A gain crossover with the derivatives of its phase and frequency.
 
-    line, margin  index of its line, and its frequency and margins
+    line, margin  index of the frequency line, and frequency and margins of the crossover
     turned        derivatives of the phase with respect to the tunables
     along         derivatives of ln f with respect to the tunables
     tilt, bend    d ln|L|/d ln f and d phase/d ln f
@@ -347,7 +347,13 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Iterator[Place]:
-    """Yield the force noise with its derivatives: d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u."""
+    """Yield the force noise σ_u with its derivatives, as a single place.
+
+        d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u
+
+    The sum is over the readings, with control response C and noise σ, and over the lines, with weight w; S is the
+    sensitivity.
+    """
     value = force_noise_of(loop, noise)
     S = 1.0 / (1.0 + loop.gain)
     dS = -(S * S)[:, None] * loop.gain_slope
@@ -372,7 +378,7 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
 
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
-    """Return the lines whose bound is close to violation; without derivatives, only the closest of them."""
+    """Return the lines at which the limit is nearly violated; without derivatives, only the most critical of them."""
     # without slopes nothing is searched: only the critical line is of interest
     near = np.flatnonzero(slack < _NEAR)
     return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
@@ -381,8 +387,8 @@ def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
     """Return the slacks; each local minimum is refined by the smallest |w| between the neighboring lines.
 
-    w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance is a circle, whose
-    closest point may lie far from any line.
+    w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a circle in the
+    complex plane, and its point closest to 0 may lie far from any line.
     """
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:

@@ -107,7 +107,7 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive given by the options; without a lead option, lead and gear are those of the loop's screw."""
+    """Return the drive given by the options; a missing lead, and then a missing gear, are those of the loop's screw."""
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear

@@ -55,7 +55,7 @@ class AdjustRequest(Request):
 
 
 def adjusting(before: Control, after: Control) -> Mapping[str, tuple[str, ...]] | None:
-    """Return the fields `set`, `add` and `remove` that turn one control into another; None if no request can do so.
+    """Return the request fields `set`, `add` and `remove` that turn `before` into `after`; None if no request can.
 
     All three are empty for identical controls.
     """
@@ -74,7 +74,7 @@ def _written(changes: Difference) -> Mapping[str, tuple[str, ...]]:
 
 @command(AdjustRequest)
 def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
-    """Remove and add filters of a control and set its parameters; everything else in the machine file is preserved.
+    """Remove and add filters of a controller and set its parameters; everything else in the machine file is preserved.
 
     The result is the changed machine file. Raises ParameterError for an unknown parameter, filter or kind of filter,
     and for a value out of bounds.

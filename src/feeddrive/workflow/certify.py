@@ -72,7 +72,7 @@ class CertifyRequest(Request):
 
 @command(CertifyRequest)
 def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]:
-    """Prove that a loop, as implemented, is stable for plants with an uncertainty disc; write certificate and report.
+    """Prove that a loop, as implemented, is stable for plants with uncertainty discs; write certificate and report.
 
     Files are written only on request. Raises NotCertifiedError, with frequency and remedy, for a loop that cannot be
     certified.
@@ -122,9 +122,9 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned control at its operating points with a sentence, or None with the reason.
+    """Return the certificate of a tuned controller at its operating points and its summary, or None and the reason.
 
-    With the text of a machine file, the control in that file, with its rounded parameters, is certified.
+    If the text of a machine file is given, the control in that file, with its rounded parameters, is certified.
     """
     of_file: dict[str, str] = {}
     try:

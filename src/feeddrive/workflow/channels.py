@@ -2,9 +2,9 @@
 
 The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
 
-The magnitudes of a log show whether its units are plausible for a feed drive.
-A command rejects a travel of 200 m or a mass of 0.1 kg: it shows the two likeliest interpretations of the units side by
-side, and writes nothing until the unit is given.
+The magnitudes of a log show whether its units are plausible for a feed drive. A command rejects a travel of 200 m or a
+mass of 0.1 kg: it shows the two likeliest interpretations of the units side by side, and writes nothing until the user
+states the unit.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """A doubt about the magnitudes of a log, as a sentence, which is empty if they are plausible for a feed drive.
+    """A doubt about the magnitudes of a log; the sentence `why` is empty if they are plausible for a feed drive.
 
     told      True if the units were given by the user, so that the command continues; otherwise it must stop
     readings  the two likeliest interpretations side by side, if other units make the log plausible
@@ -235,7 +235,7 @@ class _Reading:
 
     @property
     def name(self) -> str:
-        """The units as text: `x in mm, f in N`."""
+        """The units in words: `x in mm, f in N`."""
         return ", ".join(f"{group.column} in {unit}" for group, unit in self.choices)
 
     def options(self, flags: abc.Mapping[str, str]) -> str:
@@ -251,7 +251,7 @@ class _Reading:
         return " ".join(words)
 
     def sentence(self, frame: Frame) -> str:
-        """Return the units and magnitudes as text: `x in mm (travel 200 mm, ...)`."""
+        """Return the units and magnitudes in words: `x in mm (travel 200 mm, ...)`."""
         sizes = [
             Text(f"{span.quantity} {spoken(self.sizes[span.quantity], span.unit)}")
             for span in RANGES[frame]
@@ -362,7 +362,7 @@ def check_response(
 
     The mass is the median over the lines of |F / (ω² x)|; responses that are not motion over force are not checked.
 
-    cure  returns the command line option for a unit of the response, such as um/N
+    cure  function that returns the command-line option which states a given unit of the response, such as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:
@@ -467,7 +467,7 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the named roles, completed by displayed guesses, and the reasons why likely columns were rejected."""
+    """Return the named roles, completed by guesses that the user is shown, and why likely columns were rejected."""
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
@@ -501,7 +501,7 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log without a column of these roles, with rejected columns and reasons, or its roles.
+    """Return the error for a log that lacks these roles; it lists rejected columns with reasons, or the log's roles.
 
     what     the quantity, such as `the force`
     options  the options that name a column for it
@@ -521,7 +521,7 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
 
 
 def requested(channels: MappingLike, path: Path) -> LogRequest:
-    """Return the request for a log with a mapping. Raise FileError, with the remedy, for a missing mapping file."""
+    """Return the request for a log with a given mapping. Raise FileError, with the remedy, for a missing file."""
     if isinstance(channels, Mapping):
         return LogRequest(path, channels)
     if not channels.exists():

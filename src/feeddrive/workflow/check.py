@@ -19,9 +19,9 @@ class CheckRequest(Request):
 
 @command(CheckRequest)
 def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
-    """Check a certificate in exact arithmetic. The result is True if it is proven, else the last line gives the reason.
+    """Check a certificate in exact arithmetic. The result is True if the certificate is proven.
 
-    Raises FileError for a missing file.
+    Otherwise the last line of the outcome gives the reason. Raises FileError for a missing file.
     """
     if not request.file.exists():
         raise FileError(f"{request.file}: no such file")

@@ -1,7 +1,8 @@
 """A command: a function with a declared request, a protocol for progress and cancellation, and a printable outcome.
 
-The same object serves Python, where `fd.tune("ball_screw", goal="stiffness")` returns the result, and the command line
-and the page, which show the outcome.  A command also accepts an object in place of the file from which it is read.
+The same object is called from Python, where `fd.tune("ball_screw", goal="stiffness")` returns the result, and by the
+command line and the studio, which show the outcome.  A command also accepts an object in place of the file from which
+it is read.
 
 `COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
 their modules.  `fd.workflow.NAME` is the command (with _ for -).
@@ -275,7 +276,7 @@ def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
 
 
 def _literal(value: Any) -> str:
-    """Return the Python literal of a value; a path becomes its text, an object its display name."""
+    """Return the Python literal of a value; a path becomes a string, any other object its display name."""
     if isinstance(value, tuple):
         inside: tuple[Any, ...] = value
         return f"({', '.join(map(_literal, inside))}{',' if len(inside) == 1 else ''})"
@@ -328,12 +329,12 @@ class Outcome(Generic[T]):
     remarks   important remarks on the result
     verdict   one sentence with the recommendation or the finding
     notes     consequences of the verdict
-    section   text to paste into a file
+    section   section to paste into a TOML file
     files     paths of the written files, by kind
     details   tables and sentences shown on request (--verbose) after the remarks, and always in reports
-    rotary    True for a rotary axis, shown in rad, N m and kg m2; a result may also declare this
+    rotary    True for a rotary axis, which is shown in rad, N m and kg m2; the result may declare this instead
     judgment  the judgment of the command on its result, which gives the exit code
-    failure   the reason for a bad judgment, if the verdict does not state it
+    failure   the reason for a negative judgment, if the verdict does not state it
     error     the error that ended the command early, after results that are worth keeping
     page      the function that makes the command's specific report, if it has one; it must be picklable
     """
@@ -366,7 +367,7 @@ class Outcome(Generic[T]):
         return self.rotary or bool(getattr(self.result, "rotary", False))
 
     def contents(self, *, verbose: bool = True) -> Iterator[Table | str]:
-        """Yield the tables and texts of the result, in order; without the details unless `verbose`."""
+        """Yield the tables and sentences of the result, in order; without the details unless `verbose`."""
         yield from self.tables
         yield from (Text(f"- {remark}") for remark in self.remarks)
         if verbose:
@@ -378,7 +379,7 @@ class Outcome(Generic[T]):
         yield from (Text(f"- {note}") for note in self.notes)
 
     def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
-        """Yield the tables and texts of the result as shown to a reader, in order and in the reader's units."""
+        """Yield the tables and sentences of the result as shown to a reader, in order and in the reader's units."""
         units = units or self.units
         for item in self.contents(verbose=verbose):
             yield item.grid(units) if isinstance(item, Table) else resolve(item, units)

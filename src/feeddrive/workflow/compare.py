@@ -49,7 +49,7 @@ class CompareRequest(EvaluationRequest):
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     """Compare all laws, tuned to equal robustness, and the present gains on one axis; rank them by criterion.
 
-    Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law, and for `take` without an
+    Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law and for `take` without an
     output directory, and UnstableError if no law can be run.
     """
     machine = read_machine(request.machine)

@@ -144,12 +144,12 @@ def log_names(logs: Sequence[LogLike]) -> str:
 
 
 def column_texts(mapping: Mapping[str, Column]) -> str:
-    """List the column of each role with its factor and unit, for the facts of a report."""
+    """List the column of each role with its factor and unit, for the table of facts in a report."""
     return ", ".join(f"{role}: {column.text()}" for role, column in mapping.items())
 
 
 def narrow(table: Table) -> Table:
-    """Return a table of estimates without its intervals, which only the report shows, to fit 80 columns."""
+    """Return a table of estimates without intervals, so that it fits 80 columns; the report shows the intervals."""
     if table.heads[-1] != "95 % interval":
         return table
     rows = [[*row[:-1], "unknown" if str(row[-1]).startswith("not") else ""] for row in table.rows]

@@ -162,7 +162,7 @@ def check_channel(scope: Oscilloscope) -> None:
 def window_log(
     name: str, shown: Shown, stated: Mapping[str, str] | None = None, channels: Collection[str] | None = None
 ) -> Log:
-    """Return a window as a log whose time is 0 at the trigger, or at the end of the window without a trigger.
+    """Return a window as a log whose time is 0 at the trigger or, without a trigger, at the end of the window.
 
     stated    units of channels whose source states none
     channels  channels to keep; None: all
@@ -197,7 +197,7 @@ def window_log(
 
 
 def between(shown: Shown, a: float, b: float) -> Shown:
-    """Return the part of a window between two times relative to its zero. Raise ParameterError if it is empty."""
+    """Return the part of a window between two times relative to its time zero. Raise ParameterError if it is empty."""
     low, high = min(a, b), max(a, b)
     # cursors are set in the time of the picture, which is 0 at the trigger
     kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)

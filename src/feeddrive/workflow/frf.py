@@ -199,7 +199,7 @@ def _check_mass(
 ) -> list[str]:
     """Raise LogError for a mass that is implausible for a feed drive; if the units were given, return the reason.
 
-    A response without a unit has the scale of the log and is checked by the command that uses it.
+    A response without a unit cannot be checked here; the command that uses it checks it.
     """
     if not estimate.frf.unit:
         return []

@@ -176,7 +176,7 @@ def tables(curve: FrictionCurve) -> list[Table]:
 
 
 def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
-    """Return remarks on the curve and on the effect on the machine file."""
+    """Return remarks on the curve and on its effect on the machine file."""
     texts = list(curve.remarks)
     for name, value in curve.values.items():
         if name.startswith("viscous") and value < 0.0:

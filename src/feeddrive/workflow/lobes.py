@@ -151,7 +151,7 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True if a file contains no axes, like a job, or if a bundled name is only that of a job."""
+    """Return True if a file contains no axes, as a job does, or if a bundled name belongs only to a job."""
     try:
         # machines first: a bundled name may be that of a machine and of a job
         place = find_bundled(path, "machines")

@@ -111,7 +111,7 @@ def _tripped(job: Job, row: Entry) -> bool:
 
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run a bundled example: a ball-screw axis under its present control and three better ones, or a milling cut."""
+    """Run a bundled example: a ball-screw axis under its present controller and three better ones, or a milling cut."""
     return run.run(RunRequest(DEMOS[request.what], out=request.out), progress)
 
 

@@ -178,7 +178,8 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
     The result is a `Tuned`, or for a study a `Robust`.
 
-    If the tuned loop violates a limit or a proof fails, no machine file is written and the outcome has a bad judgment.
+    If the tuned loop violates a limit or a proof fails, no machine file is written and the judgment of the outcome is
+    negative (`judgment.bad`).
     """
     progress.step("reading")
     if request.study is not None:
@@ -223,7 +224,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
 
 def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
-    """Tune one control for the machines of a study."""
+    """Tune one controller for all machines of a study."""
     # imported on use: it loads the sweeps, which tuning one axis does not need
     from feeddrive.study.robust import RobustTuner
     from feeddrive.workflow.tune_study import tuned_study

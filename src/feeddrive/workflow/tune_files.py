@@ -350,7 +350,7 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
 
 
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
-    """Return the text of the machine file with another control of one axis.
+    """Return the text of the machine file with the control of one axis replaced.
 
     A law of the same kind is edited parameter by parameter; for another kind the section is replaced.  Prefilters are
     treated likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of

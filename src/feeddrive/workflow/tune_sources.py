@@ -44,7 +44,10 @@ _APART = 0.25  # relative difference of motor and load beyond which one encoder 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses at one position and load: of load and motor (file, name or none), and to a hammer on the table."""
+    """The responses of load and motor encoder at one operating point, and those to a hammer blow on the table.
+
+    `motor` is a file or the name of a response; `none` if there is only one encoder.
+    """
 
     load: FrfLike
     motor: str | None = None
@@ -112,7 +115,7 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
     """Return the initial control of a search: the present one, another law, or a P-PI with robust margins.
 
     If the present law is requested by name and has no integral action, it is replaced by an initial one that has it
-    where possible. The text names the tuning rule that replaces a missing control; else it is empty.
+    where possible. The string names the tuning rule that provides a missing control; otherwise it is empty.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -294,7 +297,7 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """Raise ParameterError for a response without a unit that differs from the baseline's plant by a factor > 3."""
+    """Raise ParameterError for a response without a unit that is > 3 or < 1/3 times that of the baseline's plant."""
     model = linearize(loop, ["cut"], READINGS)
     # on the lowest lines modes and delays do not matter yet: the ratio is that of mass and friction
     low = point.frequency <= 3.0 * point.frequency[0]
@@ -311,7 +314,7 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
 
 
 def _check_encoders(path: str, loop: Loop) -> None:
-    """Raise ParameterError if the law reads both encoders of an axis on which they differ: one response is too few."""
+    """Raise ParameterError if the law reads both encoders and they differ on the axis: one response is not enough."""
     T = float(loop.sample_time)
     model = linearize(loop, ["cut"], READINGS)
     lines = np.geomspace(1.0, 0.3 / T, 60)
@@ -358,7 +361,7 @@ def _on_the_table(
 
 
 def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]) -> list[Measurement]:
-    """Return the measurements at all positions. A motor file is for one position, a motor name for all of them."""
+    """Return the measurements at all positions. A motor file belongs to one position; a motor name applies to all."""
     # a file has a suffix, the name of a response in a file has none
     named = [motor for motor in motors if motor == _NONE or not Path(motor).suffix]
     if len(motors) > 1 and (named or len(motors) != 1 + len(others)):

@@ -199,7 +199,7 @@ def _share(fresh: Measured) -> dict[str, Any]:
 
 
 def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of one control for the machines of a study.
+    """Return the report of one controller for the machines of a study.
 
     laws   all laws that were tuned on these machines, of which this is the best; None: only this one
     known  facts about the command
