@@ -225,7 +225,7 @@ class DriveClient:
 
     @property
     def reports_velocity(self) -> bool:
-        """True if the drive reports a velocity (0x606C); otherwise `told` contains a difference quotient."""
+        """True if the drive reports a velocity (0x606C); otherwise the velocity is computed from its positions."""
         return "velocity" in self._back.names
 
     @property

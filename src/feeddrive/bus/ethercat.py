@@ -204,8 +204,8 @@ class EtherCAT:
         """Write mapping and assignment, and configure sync managers and FMMUs from the mapping reported by the drive.
 
         SOEM reads each mapping entry from the drive and silently omits entries whose answer is late.  Therefore sizes
-        are compared, the mapping is read back, and a faulty mapping is repeated, starting from INIT.  A mapping counts
-        as fixed only if it differs from the written one in two readings.
+        are compared, the mapping is read back, and a faulty mapping is repeated, starting from INIT.  The drive is
+        taken to have an unchangeable mapping only if two readings differ from the written mapping.
         """
         self._sent, self._told = sent, told
         self.assign()

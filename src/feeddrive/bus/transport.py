@@ -67,7 +67,7 @@ class Transport(Protocol):
         """Map the objects that are sent and received in each cycle."""
 
     def watch(self, seconds: float) -> None:
-        """Set the time without frames after which the watchdog of the drive stops it, in s, and read it back."""
+        """Set the watchdog to stop the drive after `seconds` without frames, and read the setting back."""
 
     def operate(self, content: bytes) -> None:
         """Start the process data exchange with this initial content."""
@@ -93,7 +93,7 @@ class Transport(Protocol):
 class Claim:
     """An exclusive lock on an interface, since a second master would reset drives that the first one is moving.
 
-    The lock is an abstract socket name in the network namespace of the interface, which the system frees however the
+    The lock is an abstract socket name in the network namespace of the interface; the system frees it however the
     process ends.  It exists on Linux only; on other systems another master is detected only by its frames.
     """
 

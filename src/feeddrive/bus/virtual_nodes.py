@@ -516,7 +516,7 @@ def serve_canopen(
 
 
 class _MasterWatch:
-    """The heartbeat consumer of the drive (0x1016:01), which times out once the first heartbeat has been received."""
+    """The heartbeat consumer of the drive (0x1016:01), which is active once the first heartbeat has been received."""
 
     def __init__(self) -> None:
         self.set(0)

@@ -29,9 +29,9 @@ before 3/4 of the remaining distance to E is used up:
 A dead drive is thus detected before its target leads the last reading by E, if `lag` is not 0 and the target advances
 in each cycle by at least 3 c and at most half of E - |L_j|; with a slower target, the drive is detected at the first
 bound if E - |L_j| is 12 c or more.  The criterion is travel, not time: a stuck axis stands still until the force of its
-loop exceeds friction, which takes a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is no
-false alarm for a drive whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4 per
-cycle: while the axis is within 2 c of a, L differs from the following error by less than 2 c.  A drive whose lag at
+loop exceeds friction, which requires a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is
+no false alarm for a drive whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4
+per cycle: while the axis is within 2 c of a, L differs from the following error by less than 2 c.  A drive whose lag at
 speed is larger causes no false alarm either, since its target advances only about as far as the axis itself before the
 axis shows two counts.
 

@@ -82,7 +82,7 @@ def _allowed(places: Iterable[str]) -> Iterator[tuple[str, Figure]]:
 
 
 def _held(origin: str, place: str) -> list[Figure]:
-    """Return the figures in a module, in FILE.py, or under MODULE:NAME, which is a figure or a list of figures."""
+    """Return the figures in a module or in FILE.py, or the figure or list of figures named by MODULE:NAME."""
     try:
         held, name = module_at(place)
         members = getattr(held, name) if name else [value for value in vars(held).values() if isinstance(value, Figure)]

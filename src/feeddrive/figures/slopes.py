@@ -1,6 +1,7 @@
 """Figures of a closed loop with their derivatives with respect to the tunables, for the goals and limits of a search.
 
-Slacks are logarithms or relative differences: 0.01 is about one percent. A limit is satisfied if its slack is >= 0.
+The slack of a limit is its distance from violation, as a logarithm or a relative difference: 0.01 is about one percent.
+A limit is satisfied if its slack is >= 0.
 """
 
 from collections.abc import Iterator, Sequence

@@ -80,7 +80,7 @@ def read_whole(path: str | Path, most: int) -> bytes:
 
 @contextlib.contextmanager
 def written_whole(path: str | Path) -> Generator[Path]:
-    """Yield an empty temporary file next to `path` to write to; it is renamed to `path` at the end of the block.
+    """Yield an empty temporary file next to `path`; at the end of the block this file is renamed to `path`.
 
     On any exception the temporary file is removed and an existing `path` stays unchanged; an OSError becomes a
     FileError.  A symbolic link is followed, and the permissions of an existing file are kept.
@@ -136,8 +136,8 @@ def _flush(path: Path, how: int) -> None:
 def new_directory(path: str | Path) -> Generator[Path]:
     """Yield a directory to write results into; it appears as `path` at the end of the block, or not at all.
 
-    An existing `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files.
-    Raises FileError on entry if it cannot be replaced or written.
+    An existing `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files. Raises
+    FileError on entry if `path` cannot be replaced or written.
     """
     _check_name(path)
     target = Path(os.path.abspath(path))

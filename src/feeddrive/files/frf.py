@@ -582,5 +582,5 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
 
 def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file, which identifies it as an input of a report. Raises FileError."""
+    """Return the SHA-256 of a file, by which a report identifies the file as its input. Raises FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

@@ -147,7 +147,7 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """Read a job file, given by its path or a bundled name, or accept a Job; `log` replaces the log file.
+    """Read a job file, given by path or as the name of a bundled one; accept a Job, too. `log` replaces the log file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
@@ -218,7 +218,7 @@ def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> Machine
 
 
 def _axis(root: TomlTable, machine: MachineFile) -> str:
-    """Return the axis to compare: the named one, the only one, or with a part program the first one."""
+    """Return the axis to compare: the named one, the only one or, with a part program, the first one."""
     axis = read_field(JobSection, root, "axis")
     if axis is None and "program" in root.values:
         # A program moves all of its axes in any case: the axis only selects the loop that the rows compare.

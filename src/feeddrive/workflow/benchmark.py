@@ -39,7 +39,7 @@ class BenchmarkRequest(EvaluationRequest):
 
 @command(BenchmarkRequest)
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
-    """Run every law with its stored design on the fixed plants of the benchmark, and print the citable table.
+    """Run every law with its stored design on the fixed plants of the benchmark, and print a table for citation.
 
     User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, except
     those with a design in `keep`.  Raises ParameterError for an unknown plant, law or version of the rules.

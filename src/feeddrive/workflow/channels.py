@@ -434,7 +434,7 @@ def mapped(
     named     role -> string from the command line; takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
               guess is shown
-    unit      units for columns for which no unit is stated or given
+    unit      units for columns without a stated or given unit
     steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
@@ -620,7 +620,7 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
     """Guess the roles of the columns of a log.
 
-    If its time is implausible for a servo loop, the time column is read in the likeliest unit, which the table shows.
+    If the time stamps are implausible for a servo loop, they are read in the likeliest unit, which the table shows.
     """
     time = None if request.time is None else Column.of(request.time)
     why = "named on the command line"

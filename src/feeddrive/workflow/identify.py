@@ -53,7 +53,7 @@ _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoi
 def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     """Identify mass, friction and dead time from a log, or masses and modes from frequency responses.
 
-    The result, with standard errors, is an `Identified`, or for frequency responses `AxisFits` or a `ModalFit`.
+    The result, with standard errors, is an `Identified` or, for frequency responses, `AxisFits` or a `ModalFit`.
 
     Raises LogError for an unusable log, NotIdentifiableError for one that lacks the required information.
     """
@@ -209,7 +209,7 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:
-    """Return the roles of motion and force: named ones, or if possible a pair whose conversion needs no lead."""
+    """Return the roles of motion and force: the named ones or, if possible, a pair whose conversion needs no lead."""
     motions, forces = (
         [role for role in there if role in named] or there
         for there in ([role for role in roles if role in log.channels] for roles in ((*_POSITIONS, *_ANGLES), _FORCES))

@@ -110,8 +110,8 @@ class IterateRequest(Request):
 def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
     """Learn the feedforward of mass, viscous and dry friction from the error of a logged trial, or of simulated trials.
 
-    The outcome has the next parameters and the section for the machine file.  With a job that runs several axes, such
-    as a part program, and without an axis, all moving axes learn from the same runs, and the contour error is reported.
+    The outcome has the next parameters and the section for the machine file.  If a job runs several axes, as with a
+    part program, and no axis is named, all moving axes learn from the same runs, and the contour error is reported.
     """
     together = _together(request)
     if together is not None:

@@ -1,4 +1,4 @@
-"""`feeddrive lobes`: stability lobes of a milling cut, and whether the cut of a machine chatters."""
+"""`feeddrive lobes`: the stability lobes of a milling cut, and a check whether a machine's cut chatters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report function of each type of result, by name, so that nothing is imported before `result.report()`.
+"""The report functions of all types of results, listed by name: nothing is imported before `result.report()`.
 
 The analysis packages do not depend on reports.  A command adds facts to its report, such as the source of a log.
 """

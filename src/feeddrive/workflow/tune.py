@@ -176,7 +176,7 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
 def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     """Tune gains and filters of an axis within limits; write machine file, certificate and report on request.
 
-    The result is a `Tuned`, or for a study a `Robust`.
+    The result is a `Tuned` or, for a study, a `Robust`.
 
     If the tuned loop violates a limit or a proof fails, no machine file is written and the judgment of the outcome is
     negative (`judgment.bad`).

@@ -9,9 +9,9 @@ The tag of an element is its class; the attribute `name` is its member name:
           <NumericArray name="m_ValueVector" elementtype="complex"><raw name="m_pNumberArray"><![CDATA[...]]></raw> ...
           <NumericArray name="m_FrequencyVector" elementtype="double"> ...
 
-Numbers are encoded in base 85: five characters are a 32-bit word, the most significant first, a period is a zero word,
-and two words are a big-endian IEEE 754 double; complex numbers alternate between real and imaginary parts.  An array
-with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
+Numbers are encoded in base 85: five characters encode a 32-bit word, the most significant first, a period stands for a
+zero word, and two words form a big-endian IEEE 754 double; complex numbers alternate between real and imaginary parts.
+An array with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
 Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document type
 declarations and entities are refused before they are read; depth, number of elements and bytes are bounded.

@@ -175,7 +175,7 @@ class _Channel:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The channels of one clock: `rows` records of `size` bytes from `data`, each preceded by a `before`-byte id."""
+    """The channels of one clock, in `rows` records of `size` bytes at `data`; each begins with a `before`-byte id."""
 
     channels: tuple[_Channel, ...]
     data: int

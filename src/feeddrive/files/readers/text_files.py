@@ -1,4 +1,4 @@
-"""Text with columns: CSV, and the files of maxon EPOS Studio, LinuxCNC's halscope and halsampler, TwinCAT Scope View.
+"""Text files with columns: CSV, and files of EPOS Studio, LinuxCNC's halscope and halsampler, and TwinCAT Scope View.
 
 A CSV file may have any separator, a decimal point or comma, and optionally headers, units and a preamble.  The layout
 is detected from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A
@@ -8,8 +8,8 @@ Comment lines (#, %, //) and empty lines are skipped; text columns are left out;
 numbers is an error with its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read in chunks:
 memory holds the file, its numbers at 8 bytes each, and a few chunks.
 
-EPOS Studio states sampling period and number of rows, which are checked.  Torque is in percent of the motor's nominal
-torque, current in mA, position in counts.
+EPOS Studio (maxon) states sampling period and number of rows, which are checked.  Torque is in percent of the motor's
+nominal torque, current in mA, position in counts.
 
     Date:;2020-07-08 21:13:16
     EPOS Studio Version:;3.6.1.0
@@ -45,9 +45,9 @@ values:
     0<tab>12,5<tab>0<tab>...                   time in ms (or a FILETIME in 100 ns), value, time, value
     EOF                                        optional
 
-A time column may be shared by the channels that follow it.  A log contains the channels of one clock, that of most of
-the wanted channels; the others are left out with their sample time.  As a float, a FILETIME is exact to 3 us, which the
-stated sample time compensates.
+A time column may be shared by the channels that follow it.  Only the channels of one clock are read, the clock of most
+requested channels; the others are left out, and their sample time is stated.  As a float, a FILETIME is exact only to 3
+us; the stated sample time compensates for this.
 """
 
 import csv
@@ -226,7 +226,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Text:
-    """The bytes of a text with their encoding."""
+    """The bytes of a text file, with its encoding."""
 
     content: bytes
     encoding: str
