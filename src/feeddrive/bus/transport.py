@@ -209,9 +209,9 @@ class Lateness(NamedTuple):
 class Pace:
     """The schedule of the bus cycles: cycle k begins at start + k · cycle_time on the monotonic clock.
 
-    With cycle_time = None a cycle begins as soon as the drive has answered.  A delay of more than a cycle is not
-    recovered by sending faster, since the drive would receive jumps: the schedule slips, the motion pauses for the
-    delay, and the log counts such cycles.  `DriveClient.cycle` limits the delay in motion to `late_cycles`.
+    With cycle_time = None, a cycle begins as soon as the drive has answered.  A delay of more than a cycle is not
+    recovered by sending faster, since the setpoints of the drive would jump: the schedule slips, the motion pauses for
+    the delay, and the log counts such cycles.  `DriveClient.cycle` limits the delay in motion to `late_cycles`.
     """
 
     def __init__(self, cycle_time: float | None) -> None:

@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the path named in an error, a temporary path as the final one; None if the error names no file."""
+    """Return the path in an error, with the temporary path replaced by the final one; None if it names no file."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)

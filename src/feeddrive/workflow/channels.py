@@ -362,7 +362,7 @@ def check_response(
 
     The mass is the median over the lines of |F / (ω² x)|; responses that are not motion over force are not checked.
 
-    cure  function that returns the command-line option which states a given unit of the response, such as um/N
+    cure  function that returns the command-line option for a given unit of the response, such as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:

@@ -89,7 +89,7 @@ class ForceScale(Result):
 def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
     """Compute the factor from percent, A, V or pid.output to N or N m from data sheets, and print it for --channels.
 
-    Raises ParameterError with the option that is missing.
+    Raises ParameterError, which names the missing option.
     """
     progress.step("computing")
     result = scale(request)
