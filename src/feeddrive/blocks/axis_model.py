@@ -1,4 +1,4 @@
-"""The axis model given to every law for its start values: masses, delay, encoders, friction."""
+"""The axis model from which every law derives its start values: mass, delay, encoders, friction."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -98,7 +98,7 @@ class Start(NamedTuple):
     remark       a note for the report
     feedforward  feedforward that replaces that of the current controller
     only_with    compensations (`Beside.name`), one of which this form needs; if empty, it is tried alone and with
-                 all that suit
+                 every compensation that suits it
     """
 
     name: str

@@ -36,7 +36,7 @@ OPT_IN = f"a block of your own is found by --blocks FILE.py, by {VARIABLE}, or o
 
 @cache
 def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Return the shipped block classes by family and kind, by folder; the first call imports every block."""
+    """Return the shipped block classes by family and kind, folder by folder; the first call imports every block."""
     families: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
@@ -45,7 +45,7 @@ def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 
 def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Return the block classes by family and kind: shipped, then of installed packages, then of FEEDDRIVE_BLOCKS.
+    """Return the block classes by family and kind: those shipped, of installed packages, and of FEEDDRIVE_BLOCKS.
 
     Raises ParameterError for a place that cannot be imported or holds no block, and StructureError for two blocks of
     one kind.
@@ -140,7 +140,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 def fault_of_user_code(error: Exception) -> FeeddriveError | None:
     """Return a one-sentence error with file and line for an exception in user-defined block code, else None.
 
-    It is for the command line, which shows no traceback; Python users get the original exception.
+    The command line uses it, since it shows no traceback; Python users get the original exception.
     """
     trace, line = error.__traceback__, ""
     while trace is not None:

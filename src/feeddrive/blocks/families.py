@@ -15,7 +15,7 @@ A block is final: it implements the abstract methods and overrides no method wit
 and no general rule keeps every block continuous, since the last output determines only one of several state variables.
 Without it, such a block is refused at a live change and by an export.
 
-Families of blocks that act on several axes of a machine are couplings between them, and milling tools.
+Beside the blocks of a single axis there are couplings, which act on several axes of a machine, and milling tools.
 """
 
 import dataclasses
@@ -77,7 +77,7 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q, and the bodies of drive and encoders."""
+    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q, with rows of S for drive and encoders."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -238,7 +238,7 @@ class Law(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """Return the state for a bumpless start at the reading; pure and traced, since enabling uses it."""
+        """Return the state for a bumpless start from the reading; pure and traced, since every enable runs it."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
@@ -302,7 +302,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """Return the parts of the set motion that it feeds: fewer than `feeds` if some are absent (empty hook)."""
+        """Return the parts of the set motion fed forward: fewer than `feeds` if some are absent (empty hook)."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
@@ -321,7 +321,7 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison combines it with a law, under its `title`, fitted to the move (empty hook)."""
+        """Return True if a comparison combines it, fitted to the move, with a law, under its `title` (empty hook)."""
         return False
 
     @abstractmethod
@@ -349,7 +349,7 @@ class Observer(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, reading: Reading) -> Any:
-        """Return the state at rest at the reading, with `reading.applied` balanced by the disturbance."""
+        """Return the state at rest at the measured position, with `reading.applied` balanced by the disturbance."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
@@ -384,7 +384,7 @@ class Compensation(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """Return the state at rest at the reading."""
+        """Return the state at rest at the measured position."""
 
     @abstractmethod
     def step(
@@ -393,7 +393,7 @@ class Compensation(Block, Retuned, ABC):
         """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """Return the part of the acting force that it provides at the start, N; the law provides the rest (hook)."""
+        """Return the part of the acting force that the block provides at the start, N; the law adds the rest (hook)."""
         return 0.0
 
     def moved(self, state: Any) -> Any:
@@ -401,11 +401,11 @@ class Compensation(Block, Retuned, ABC):
         return 0.0
 
     def settled(self) -> Self:
-        """Return the block after a long time, with blended parts fully active, for linear models (empty hook)."""
+        """Return the block as it acts in the long run, with all blending complete, for linear models (empty hook)."""
         return self
 
     def suits(self, law: Law) -> None:
-        """Raise StructureError, with the reason, if it cannot be combined with this law (empty hook)."""
+        """Raise StructureError, with the reason, if this block cannot be combined with the law (empty hook)."""
 
 
 class Reference(Block, ABC):
@@ -424,7 +424,7 @@ class Reference(Block, ABC):
         """
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the motion from t = 0 as polynomials of time, for machine code; empty if only `at` can (hook)."""
+        """Return the motion from t = 0 as polynomials of time, for machine code; empty if only `at` exists (hook)."""
         return ()
 
 
@@ -464,14 +464,14 @@ class Coupling(Block, ABC):
 
     @abstractmethod
     def axes(self) -> tuple[str, ...]:
-        """Return the names of the axes on which it acts."""
+        """Return the names of the axes on which the coupling acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Return the modes that move with these axes in one exact hold (empty hook)."""
+        """Return the modes that are integrated with these axes in one exact hold (empty hook)."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Return the springs between tables, which then move in one exact hold (empty hook)."""
+        """Return the springs between tables; the axes are then integrated in one exact hold (empty hook)."""
         return ()
 
     def follows(self) -> dict[str, str]:

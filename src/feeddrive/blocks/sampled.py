@@ -46,7 +46,7 @@ def check_order(kind: str, start: float, end: float | None) -> None:
 
 
 def since(t: np.ndarray, start: float) -> np.ndarray:
-    """Return True from the first sample at or after `start`, even if rounding puts its kT just before `start`.
+    """Return a mask, True from the first sample at or after `start`, even if rounding puts its kT just before `start`.
 
     The tolerance of 1e-12 s plus 1e-14 of `start` is far below any sample time and far above the rounding error of a
     product kT, and is enough for a `start` written with 15 digits.
@@ -55,7 +55,7 @@ def since(t: np.ndarray, start: float) -> np.ndarray:
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times in table rows, snapped to a row if rounding misses it, and True where they lie on a row."""
+    """Return times in table rows, snapped to a row if rounding misses it, and a mask of those that lie on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

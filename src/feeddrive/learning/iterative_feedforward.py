@@ -47,9 +47,10 @@ def error_model(
                  mass is fed forward or the law needs two encoders, the axis itself.
     axis_model   As model_based, with the axis of the loop: for a machine file whose axis was identified.
 
-    C comes from the linear model of the control itself, that is, from the simulated code, for any law. For a multirate
-    law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the fast
-    samples.  A trial is assumed to begin where the slow part runs; a different first sample makes almost no difference.
+    C comes from the linear model of the controller itself, that is, from the simulated code, for any law. For a
+    multirate law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the
+    fast samples.  A trial is assumed to begin in a sample in which the slow part runs; a different first sample makes
+    almost no difference.
     Raises UnstableError for a model loop that is not stable, with the nearest admissible mass, and for a controller
     without a stable inverse; ParameterError for another form.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
@@ -332,7 +333,8 @@ def begin_compensation(
                        not feed them forward itself
     stribeck_velocity  m/s, needed with the column `stribeck`
 
-    An Inertia is replaced by its values; an existing compensator keeps its values and gets the missing columns.
+    An Inertia block is replaced by columns with its values; an existing compensator keeps its values and gets the
+    missing columns.
     Raises ParameterError for an unknown column, and StructureError for a term that would be fed forward twice.
     """
     for name in columns or ():
@@ -586,7 +588,7 @@ def _least(block: DisturbanceCompensator, name: str, least_mass: float) -> float
 
 
 def _remarks(loop: Loop) -> list[str]:
-    """Return remarks on properties of the control that change the meaning of the parameters."""
+    """Return remarks on properties of the controller that change the meaning of the parameters."""
     law, remarks = loop.control.law, list[str]()
     share = dict(tree.leaves(law)).get("velocity_feedforward")
     if share is not None and share != 1.0:

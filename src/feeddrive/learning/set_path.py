@@ -1,4 +1,4 @@
-"""Set paths through the inverse of a loop: its lifted response, filtered splines, and zero phase."""
+"""Set paths that compensate the response of a loop in advance: filtered splines, and zero-phase inversion."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -173,7 +173,7 @@ def filtered_splines(
     spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
     window   coefficients solved at once, for a path with a limited preview; window · spacing · T
              should be at least 1/f, with at least 10 coefficients.  None: all at once
-    kept     coefficients of a window that are kept before it slides; default: a quarter of it
+    kept     coefficients of a window that are final before it slides; default: a quarter of it
     Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all precision.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
@@ -288,8 +288,9 @@ class InversePath:
 
 
 def inverse_path(loop: Loop | SetPath) -> InversePath:
-    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters, without loss of precision.
+    """Return the closed loop as polynomials: A from its poles, B from its Markov parameters.
 
+    B from its zeros, computed as eigenvalues, would lose the leading zero coefficients that represent the delay.
     Raises UnstableError for a loop that is not stable, and ParameterError for a multirate loop.
     """
     path = loop if isinstance(loop, SetPath) else set_path(loop)
@@ -326,7 +327,7 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
     When to use: on smooth moves with a loop that is known and linear.  Not suitable against friction, which it does not
     compensate for, or if the gains are changed afterwards; with 20 % of unknown load most of its advantage is lost.
     Raises ParameterError where the polynomials lose their precision, from about degree 10 on (filters, two encoders).
-    Source: Tomizuka 1987; which zeros are kept, and B by Markov parameters, are this library's.
+    Source: Tomizuka 1987; the choice of the zeros not inverted, and B by Markov parameters, are this library's.
     """
     model, T = set_path(loop), float(loop.sample_time)
     path = inverse_path(model)

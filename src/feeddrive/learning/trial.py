@@ -181,7 +181,7 @@ def measured_trial(
 
     and the setpoint at kT is their Taylor extrapolation by minus half a sample, so that extrapolation by half a sample
     restores them.
-    A sample counts as saturated where |force| reaches the force limit of the control.
+    A sample counts as saturated where |force| reaches the force limit of the controller.
     Raises LogError for a different sample time (with the difference and the tolerance), rows that do not match, and a
     log that is too short.
     """

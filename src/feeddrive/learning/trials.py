@@ -215,11 +215,11 @@ def learn_signal(
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 
-    Q has zero phase, since it filters the record; Ĝ_d is that of `error_model`.  Learning converges if |Q (1 - gain L
-    G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
+    Q has zero phase, since it filters the whole record offline; Ĝ_d is that of `error_model`.  Learning converges if |Q
+    (1 - gain L G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
 
     bandwidth  Hz, of the robustness filter Q
-    gain       share of the correction that is taken, > 0 and <= 1
+    gain       share of the correction that is applied, > 0 and <= 1
     references, trials, load, seed, form, plant: as in `iterate_trials`
 
     When to use: if reference and disturbance, of any shape, repeat at the same times.  Do not use it if the reference

@@ -119,7 +119,7 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class LawsContents:
-    """The content of a report on laws. Texts appear verbatim, with HTML escaped.
+    """The content of a report on laws. Its strings appear verbatim, with HTML escaped.
 
     entries   one for each law; the first is the baseline of the comparison
     facts     machine and run, by heading: machine, reference, load, noise, seed ...
@@ -317,7 +317,7 @@ def block_sentence(block: Block) -> Text:
 
 
 def described(control: Control) -> Text:
-    """Describe the parts of a control with their parameter values."""
+    """Describe the parts of a controller with their parameter values."""
     parts = [block_sentence(control.law)]
     parts += [Text(f"compensation {block_sentence(block)}") for block in control.compensation]
     parts += [Text(f"filter {block_sentence(block)}") for block in control.filters]

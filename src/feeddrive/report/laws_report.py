@@ -30,7 +30,7 @@ CURVES = 4
 
 
 def chosen(contents: LawsContents) -> LawsContents:
-    """Return the contents with the laws to plot only: the first, and those with the smallest following error."""
+    """Return the contents reduced to the laws to plot: the first, and those with the smallest following error."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
     # entries compare by identity (eq=False), so that two laws with equal figures stay two; their order is kept
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
@@ -382,7 +382,7 @@ def parameters(contents: LawsContents) -> Table:
 
 
 def _place(name: str) -> int:
-    """Return the sort key of a parameter: the control before the axis."""
+    """Return the sort key of a parameter: those of the controller come before those of the axis."""
     return 0 if ".control." in name else 1
 
 

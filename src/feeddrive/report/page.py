@@ -120,7 +120,7 @@ def _grid(part: Table | Grid | Marked) -> Grid:
 
 
 def _beyond(heads: Sequence[str], rows: Sequence[Sequence[Any]], text: bool = False) -> str:
-    """Return the CSS class of a table that is too wide for a screen of some width in rem; "" if it always fits.
+    """Return the CSS class that states the screen width (rem) below which a table does not fit; "" if it always fits.
 
     Column heads and the first column may wrap between words, other cells only in a table of sentences.
     """
@@ -183,7 +183,7 @@ def _rounded(match: re.Match[str]) -> str:
 
 
 def _own_identifiers(body: str, key: str) -> str:
-    """Rename the identifiers that are referenced, and remove the others."""
+    """Rename the identifiers that are referenced within an SVG element, and remove the others."""
     # a dict and not a set, whose order of texts changes from process to process
     used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
     names = {name: f"{key}{i}" for i, name in enumerate(used)}

@@ -92,19 +92,19 @@ class DisturbanceRejection(Compensation):
             )
 
     def settled(self) -> Self:
-        """Return the block with the full share."""
+        """Return the block as it acts after blending in, that is without `blend_time`."""
         return self if self.blend_time is None else replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:
         return self.Prepared(self.observer.prepare(T), () if self.blend_time is None else (T / self.blend_time,))
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of the observer at rest at the reading, with a share of 0 if it is blended in."""
+        """Return the observer's state at rest at the measured position; the share starts at 0 with a `blend_time`."""
         zero = ops.zero(reading.applied)
         return self.State(self.observer.start(prepared.observer, reading), () if self.blend_time is None else (zero,))
 
     def carries(self, reading: Reading) -> Number:
-        """Return the part of the acting force that the estimate provides at the start, N; 0 if it is blended in."""
+        """Return the part of the acting force that the estimate provides at the start, N; 0 with a `blend_time`."""
         return self.share * reading.applied if self.blend_time is None else 0.0
 
     def step(

@@ -22,7 +22,7 @@ class ModeCompensation(Compensation):
 
         F_c(k)  = -(F̂d(k) - F_friction)                the force on the tool side, from the observer
         ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): exact hold of `MachineMode`, one for each mode
-        p       = Φ(τ) (ξ(k), F_c(k))                   the present mode; the observer's estimate is τ late
+        p       = Φ(τ) (ξ(k), F_c(k))                   the present state; the observer's estimate is τ late
         x_r += p₁,   v_r += p₂,   a_r += F_c/m_s - 2ζω p₂ - ω² p₁
 
     This form needs no differentiation.  Friction does not act on the tool side: a friction model, evaluated at the
@@ -70,7 +70,7 @@ class ModeCompensation(Compensation):
     )
 
     class Prepared(NamedTuple):
-        """The observer's values; for each mode Φ - 1 and Γ over a sample and over the lead, and 1/m_s, 2ζω, ω²."""
+        """The observer's values; for each mode Φ - 1 and Γ over a sample and over the lead τ; 1/m_s, 2ζω, ω²."""
 
         observer: Any
         sample: tuple[Matrix, ...]
@@ -78,7 +78,7 @@ class ModeCompensation(Compensation):
         mode: tuple[Row, ...]
 
     class State(NamedTuple):
-        """The observer's state, x_s (m) and v_s (m/s) of each mode, and with friction the set velocity (m/s)."""
+        """The observer's state, x_s (m) and v_s (m/s) of each mode, and the set velocity (m/s) if there is friction."""
 
         observer: Any
         modes: tuple[tuple[Number, Number], ...]

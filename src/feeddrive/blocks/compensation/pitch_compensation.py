@@ -70,7 +70,7 @@ class PitchCompensation(Compensation):
         return self.State(side, shift, setpoint.position), moved, 0.0
 
     def retune(self, state: State, old: Self, old_prepared: object, prepared: object) -> State:
-        """Return the state unchanged: only the set position jumps to the new table, not the set velocity."""
+        """Return the state unchanged: the set position jumps to the new table, but the set velocity does not jump."""
         return state
 
     def moved(self, state: State) -> Number:

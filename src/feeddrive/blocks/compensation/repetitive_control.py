@@ -20,9 +20,9 @@ class RepetitiveControl(Compensation):
     q is a zero-phase filter whose taps are (weight, 1 - 2 weight, weight) convolved n = `passes` times with itself, and
     l = `lead_samples` is the lead within the previous period.  With T_r, the response from set position to load,
     learning converges if max |q (1 - learning_gain T_r z^l)| < 1 over all frequencies; `tune_repetitive` chooses the
-    lead by this criterion.
+    lead by this criterion.  The ratio of the sensitivities with and without this block,
 
-        |S with it / S| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
+        |S_with / S_without| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
     is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and
     pauses while the force is limited; a trip or an enable clears the memory. The end of a motion does not clear it:
@@ -105,7 +105,7 @@ class RepetitiveControl(Compensation):
         return self.State((shift, *state.shifts[:-1]), window, state.past.push(filtered), wait), moved, 0.0
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state unchanged: the learned shifts are in m."""
+        """Return the state unchanged: the learned shifts are positions in m, which no parameter scales."""
         return state
 
 

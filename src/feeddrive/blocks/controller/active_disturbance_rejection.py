@@ -83,7 +83,7 @@ class ActiveDisturbanceRejection(Law):
         return self.observer.prepare(T)
 
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of the observer at rest at the reading, with a disturbance that balances the force."""
+        """Return the observer's state at rest at the measured position, with a disturbance that balances the force."""
         return self.State(self.observer.start(prepared, reading))
 
     def step(
@@ -132,13 +132,13 @@ class ActiveDisturbanceRejection(Law):
         return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
 
     def _growth(self, T: Number) -> Any:
-        """Return the spectral radius of law, observer, dead time and a free mass."""
+        """Return the spectral radius of the loop of law, observer, dead time and a free mass."""
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
-        """Return the transposed transition matrix of law, observer, dead time and a free mass over one sample.
+        """Return the transposed transition matrix of the loop of `_growth` over one sample.
 
-        Transposing it leaves the eigenvalues unchanged.
+        Transposition leaves the eigenvalues unchanged.
         """
         prepared = self.prepare(T)
         rest = Setpoint(0.0)
@@ -168,7 +168,7 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, by small, then large steps; None if there is none."""
+    """Return the largest admissible value below a rejected one, or None; the search takes small, then large steps."""
     # 0.7²⁰ covers three decades closely; a value that is wrong by its unit lies further off
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -29,13 +29,13 @@ class CascadePPI(Law):
     Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
-    With `position_every` above 1 the position loop is slower, and an `Interpolator` is between the loops.  With
+    With `position_every` above 1 the position loop is slower, and an `Interpolator` sits between the loops.  With
     `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: the position
     loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than the axis.
 
     With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
-    form (7) is exact only then.  An `Inertia` in the same control then feeds the acceleration forward and keeps its own
-    `viscous` at 0.
+    form (7) is exact only then.  An `Inertia` in the same controller then feeds the acceleration forward and keeps its
+    own `viscous` at 0.
 
     When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
     times the wanted crossover, a law that damps it performs better.
@@ -116,13 +116,13 @@ class CascadePPI(Law):
         return self.Kv
 
     def prepare(self, T: Number) -> Prepared:
-        """Return the sample time, which a start in motion needs."""
+        """Return the sample time, which is needed for a start in motion."""
         return self.Prepared(T)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state at the velocity of the reading, with the integral equal to the acting force.
 
-        The position loop runs at once.
+        The position loop runs in the first sample.
         """
         position = reading.position(self.velocity_encoder)
         zero = ops.zero(position)

@@ -77,14 +77,14 @@ class DADSC(Law):
         return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at rest at the reading with s = 0 and the disturbance that balances the acting force."""
+        """Return the state at rest at the measured position, with s = 0 and a disturbance that balances the force."""
         position = reading.position(self.velocity_encoder)
         return self.State(position, ops.zero(position), -reading.applied)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Compute equations (3) to (5)."""
+        """Evaluate equations (3) to (5) of the class docstring."""
         m, b = self.mass, self.viscous
         position = reading.position(self.velocity_encoder)
         v = (position - state.position) / T
@@ -148,7 +148,8 @@ class DADSC(Law):
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
     """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
-    In q = z⁻¹ and D = 1 - q its equation is D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
+    With q = z⁻¹ and D = 1 - q its characteristic equation is
+    D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
     l = λT, k = KT, w = ω_d T; friction is omitted, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
     of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
     precision.

@@ -32,8 +32,8 @@ class GeneralizedPredictive(Law):
     Tune `horizon` and omega_o: a short horizon makes the loop fast, a slow observer makes it quiet.  One move without a
     weight is enough; three moves leave too little delay margin.
     When to use: an axis whose mass and dead time are known and whose set path is smooth.  Not suitable for single
-    precision, since R, 9e6 N/m, is a difference of numbers of 2e9 N/m; for a mode below three times the crossover; or
-    with C = 1 (a very fast observer), which is neither robust nor quiet.
+    precision, since R, about 9e6 N/m, is a difference of numbers near 2e9 N/m; for a mode below three times the
+    crossover; or with C = 1 (a very fast observer), which is neither robust nor quiet.
     Source: Clarke, Mohtadi & Tuffs 1987 (the law, with T for C); Boucher & Dumur 1996 (the three polynomials, on feed
     drives).
     """
@@ -96,7 +96,10 @@ class GeneralizedPredictive(Law):
             )
 
     def prepare(self, T: Number) -> Prepared:
-        """Divide for all j at once: F_j is the remainder of C after j steps; each step adds a term to E_j and G_j."""
+        """Divide the polynomials for all j at once.
+
+        F_j is the remainder of C after j steps; each step adds a term to E_j and G_j.
+        """
         A, B = self._model(T)
         pole = ops.exp(-self.omega_o * T)
         C = (1.0, -2.0 * pole, pole * pole)
@@ -141,7 +144,10 @@ class GeneralizedPredictive(Law):
         return [matrix.dot(row, [each[0] for each in ahead]) for row in G]
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of steady motion through the reading, on a set path through it and with a constant force."""
+        """Return the state for motion at constant velocity and force.
+
+        Actual and set path both pass through the measured position.
+        """
         here, speed = reading.position(self.encoder), reading.velocity
         before = here - prepared.T * speed
         previews = tuple(prepared.preview[0] * x + prepared.preview[1] * speed for x in (here, before))

@@ -80,14 +80,14 @@ class LinearADRC(Law):
         return self.Prepared(gain, kept * kept * kept)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of steady motion at the reading, with a disturbance that balances the acting force."""
+        """Return the state of steady motion through the measured position; the disturbance balances the force."""
         y, force = reading.position(self.encoder), reading.applied
         return self.State(ops.zero(y), reading.velocity, -force, y, (force,) * self.delay_samples)
 
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Compute the equations of the class, with x⁻ relative to the last reading."""
+        """Evaluate the equations in the class docstring, with x⁻ relative to the last reading."""
         y = reading.position(self.encoder)
         commands: tuple[Any, ...] = (reading.applied, *state.pending)
         gained = T * ((commands[-1] + state.disturbance) / self.mass)

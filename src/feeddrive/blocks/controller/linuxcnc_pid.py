@@ -13,14 +13,14 @@ from feeddrive.language.block import Number, choice, parameter, part
 
 
 class LinuxcncPid(Law):
-    """A control made of LinuxCNC's components `pid`, `ddt`, `sum2` and `biquad`, connected as in the export.
+    """A controller made of LinuxCNC's components `pid`, `ddt`, `sum2` and `biquad`, connected as in the export.
 
         command  = units x_set,   feedback = units x_load
         motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
         forward  = acceleration_gain · units a_set + velocity_gain · units v_set + bias      sum2
         output   = position(command, feedback)                        one pid, `forward` at its pin `bias`
         output   = velocity(position(command, feedback), motor)       two pids, `forward` at the second one's `bias`
-        output   = filters(output - forward) + forward, held to ±maxoutput      where there are filters
+        output   = filters(output - forward) + forward, limited to ±maxoutput      where there are filters
         force    = force_per_output · output
 
     The limit and the integral of the last pid thus include the feedforward, and the filters do not delay it.
@@ -29,8 +29,8 @@ class LinuxcncPid(Law):
     Pgain = Kp/c and Igain = Kp/(c Tn), c = units · force_per_output, and `error_previous_target` is off in both.
     With one encoder, one pid is equivalent to both if Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
     Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
-    The limit is the pid's `maxoutput`; a control with this law needs no other limit.
-    Parameters that change in a running loop change the force at once, as a `setp` does: a pid integrates the error, so
+    The limit is the pid's `maxoutput`; a controller with this law needs no other limit.
+    Parameters that change in a running loop change the force at once, as `setp` does: a pid integrates the error, so
     that a new Igain rescales the whole accumulated integral, and a biquad keeps the delayed sums of its old
     coefficients.
 
@@ -44,7 +44,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return no start values: a comparison omits this law, which is the cascade with foreign settings."""
+        """Return no start values: a comparison omits this law, a P-PI cascade in LinuxCNC's parameters."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -83,7 +83,7 @@ class LinuxcncPid(Law):
         filters: tuple[Any, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Return the sample time, which a start in motion needs."""
+        """Return the sample time, which is needed for a start in motion."""
         return self.Prepared(T)
 
     def settled(self) -> Self:

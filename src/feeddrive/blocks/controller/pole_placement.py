@@ -43,8 +43,9 @@ class PolePlacement(Law):
     limit the loop.
 
     `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
-    blocks/plant/two_bodies.py).  "series" is the series in c/k, "exact" the discrete lag of c/k by first-order hold.
-    "rigid" sets both equal; it needs no model of the spring and loses most of the accuracy.
+    blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" is the
+    series in c/k, "exact" the discrete lag of c/k by first-order hold.  "rigid" sets both positions equal; it needs no
+    model of the spring and loses most of the accuracy.
 
     If the force was limited, the term of that sample is removed from the integral one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
@@ -101,7 +102,7 @@ class PolePlacement(Law):
         new: Number = 0.0
 
     class Lead(NamedTuple):
-        """The state of the exact lag: the relaxed leads of the last sample, and the leads (m, m/s)."""
+        """The state of the exact lag: the last leads for an undamped spring, and the leads after the lag (m, m/s)."""
 
         relaxed: tuple[Number, Number]
         lead: tuple[Number, Number]
@@ -200,7 +201,7 @@ class PolePlacement(Law):
         return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at rest at the reading, with aligned encoders and the integral equal to the acting force."""
+        """Return the state at rest at the measured position, with aligned encoders and the force as integral."""
         zero = ops.zero(reading.position_load)
         lead: Any = Nothing()
         if self.commands == "exact":
@@ -252,7 +253,7 @@ class PolePlacement(Law):
         return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
-        """Advance (c s + k) lead = k relaxed and its derivative by one sample, with inputs linear between samples."""
+        """Advance (c s + k) lead = k relaxed_lead and its derivative by one sample, with inputs linear in between."""
         made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
         now = (made.position, made.velocity)
         position, velocity = (

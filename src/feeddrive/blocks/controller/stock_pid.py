@@ -8,7 +8,8 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class StockPid(Block):
-    """One `pid` of LinuxCNC's HAL, bit for bit with its pitfalls.  Its gains have the units of output per command.
+    """One `pid` of LinuxCNC's HAL, reproduced bit for bit including its pitfalls.  Its gains have the units of output
+    per command.
 
         e  = command - feedback, or (previous command) - feedback with `error_previous_target`
         e  limited to ±maxerror, then moved towards 0 by `deadband`
@@ -48,7 +49,7 @@ class StockPid(Block):
     )
 
     class State(NamedTuple):
-        """The command, feedback and their derivatives in the last sample; the integral; -1, 0 or 1 for the limit."""
+        """The last command, feedback and derivatives, the integral, the limit reached (-1, 0, 1), `index_enable`."""
 
         command: Number
         feedback: Number

@@ -26,8 +26,8 @@ class SuperTwisting(Law):
         force = m (x_r'' + λ e_v + u) + b x'
         u     = k1 √|s| sgn s + w,   w' = k2 sgn s,      k1 = root_factor √L,   k2 = sign_factor L
 
-    L is the largest rate of the disturbance over the mass, |dF_d/dt| / m: it must stay below k2.  `form` selects how
-    this is sampled:
+    L is the largest rate of change of the disturbance divided by the mass, |dF_d/dt| / m; it must stay below k2.
+    `form` selects how this is sampled:
 
         explicit   u and w as written, w(k+1) = w + T k2 sgn s
         implicit   β = s - T w:  w⁺ = w + c/T,      u = w⁺ + k1 y sgn β       c, y of β with h = T
@@ -78,7 +78,8 @@ class SuperTwisting(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return slow start values in the zone form.
 
-        L, and thus the width of the zone, is set for disturbances of 5 g per millisecond and for the reading noise.
+        L, and thus the width of the zone, is set for disturbances that change by 50 m/s² per millisecond, and for the
+        reading noise.
         """
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings
@@ -133,7 +134,7 @@ class SuperTwisting(Law):
         )
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at rest at the reading with s = 0 and the acting force."""
+        """Return the state at rest at the measured position with s = 0 and w from the acting force."""
         return self.State(reading.position(self.velocity_encoder), reading.applied / self.mass)
 
     def step(

@@ -10,8 +10,8 @@ class CrossBeam(Coupling):
 
         f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, in opposite directions
 
-    Each drive has its own plant, control and encoder; half of the beam is part of the mass of each.  The word of a part
-    program that moves `axis` moves both.  Both are integrated in one exact hold, so that the beam may have any
+    Each drive has its own plant, controller and encoder; half of the beam is part of the mass of each.  The word of a
+    part program that moves `axis` moves both.  Both are integrated in one exact hold, so that the beam may have any
     stiffness. The remaining difference between their tables is the skew, in m; divided by their distance it is an
     angle.
     Do not use it for a slide on the beam that shifts mass from one drive to the other, since their shares are constant

@@ -80,12 +80,12 @@ class CutSections(Block):
         return {name: row.tolist() for name, row in present.items()}
 
     def cutting(self) -> list[bool]:
-        """Return True for each section in which the tool is engaged."""
+        """Return, for each section, whether the tool is engaged."""
         rows = self.rows()
         return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
 
     def section(self, before: Any, time: Number) -> Any:
-        """Return the section at a time in s, at most one after that of the previous substep."""
+        """Return the index of the section at a time in s: that of the previous substep, or the next one."""
         start: Any = self.start
         # no section is shorter than a substep, so that the table need not be searched
         after = before + 1.0

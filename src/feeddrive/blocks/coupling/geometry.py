@@ -16,7 +16,7 @@ class Geometry(Block):
 
     A positive squareness means that the tool goes towards larger x while y grows: the angle between the axes is less
     than a right angle.  No encoder of an axis sees these errors; they appear only in measurements at the tool, such as
-    a circle test or a part.  Cutting forces and controls act on the axes and do not see them.
+    a circle test or a part.  Cutting forces and controllers act on the axes and do not see these errors.
     Source: ISO 230-1; signs as in the circle test, x += squareness_xy y.
     """
 

@@ -30,8 +30,8 @@ class MillingCut(Coupling):
     F_feed, F_normal and F_axial are the coefficients of the cutter on this chip, integrated over each engaged slice;
     t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
     (regeneration); where it lifts a tooth out of the work, a later tooth cuts the chip of several steps, so that at
-    least three surfaces are needed.  A motion that repeats with the period τ has the chip of the feed, and its force
-    except for rounding.
+    least three surfaces are needed.  A vibration that repeats with the period τ leaves the chip of the feed, and thus
+    the force, unchanged except for rounding.
 
     r is taken at the predicted middle of a substep; r(t - mτ) is predicted in the same way, by cubic Hermite
     interpolation of the positions and velocities at the ends of the substeps.  The force of a straight tooth that
@@ -45,7 +45,7 @@ class MillingCut(Coupling):
     reversed.  The force acts for cut_from <= t < cut_to, with a separate depth, width, speed or direction in each of
     the `sections`; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth
     pitch back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) /
-    (cutting speed) along e_r on each engaged element a, with ṙ extrapolated from the last two velocities.
+    (cutting speed) along e_r on each engaged height a of an edge, with ṙ extrapolated from the last two velocities.
     Do not use it with substeps longer than a tenth of τ, or for a motion along the spindle, which does not change the
     chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
@@ -184,7 +184,7 @@ class MillingCut(Coupling):
     def forces(
         self, state: State, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[State, tuple[Any, Any], Cut]:
-        """Return the state after a substep, the direction of the feed, and the forces, active or not."""
+        """Return the state after a substep, the feed direction, and the forces, whether or not the cut is active."""
         place, velocity = self._relative(motions)
         # motions are those predicted for the middle of the substep; the track keeps its start, which is exact
         ends: list[Any] = [x - 0.5 * h * v for x, v in zip(place, velocity, strict=True)]
@@ -231,7 +231,7 @@ class MillingCut(Coupling):
         return section, self.sections.settings(section, usual)
 
     def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
-        """Return the substeps since the spindle was this many teeth behind, by Newton's method if its speed changes."""
+        """Return how many substeps ago the spindle was this many teeth back, by Newton's method if its speed varies."""
         # the track has no turns: at constant speed the pitch has a fixed time, and nothing is searched
         if len(path.values) == 2:
             return float(teeth) / (self.cutter.teeth * rate * h)

@@ -100,7 +100,7 @@ def lag(edge: Edge) -> Any:
 
 
 def fits_slices(kind: str, edge: Edge) -> Rule:
-    """Return the rule that a slice turns by at most a quarter of a turn.
+    """Return the rule that a slice spans at most a quarter of a turn.
 
     The closed forms require that no slice reaches around the unengaged part.
     """
@@ -236,7 +236,7 @@ def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]
 
 
 def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -> Cut:
-    """Return the forces from the sums over all slices; `depth` is the height of edge per rad, m."""
+    """Return the forces from the sums over all slices; `depth` is the height of an edge in m per rad of its lag."""
     sine, cosine, chip, dc, ds, angle, sines, mixed, cosines = total
     tangential, radial, axial = edge.cutting
     along, across = 0.5 * sine, 0.5 * cosine

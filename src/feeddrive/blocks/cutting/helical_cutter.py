@@ -109,7 +109,7 @@ class HelicalCutter(Cutter):
         return Edge(self.teeth, self.slices, self.diameter, self.axial_depth, self.helix_angle, entry, leave, cutting)
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """Compute the equations of the class at the spindle `angle` in rad, any number of turns."""
+        """Evaluate the equations in the class docstring at the spindle `angle` in rad, which may exceed a turn."""
         sines, areas, cosines = self._sums(angle)
         force = self.specific_energy * chip_load * self.axial_depth
         feed = -force * (sines + self.radial_ratio * areas)
@@ -141,7 +141,7 @@ class HelicalCutter(Cutter):
 
 
 def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
-    """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), each over `turn`.
+    """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), divided by `turn`.
 
     The length is computed as the whole edge minus the parts outside, not as a difference of its ends, which would lose
     all precision at a small lag.  A straight edge cuts with its whole length or not at all.
@@ -155,7 +155,7 @@ def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[A
 
 
 def _pieces(first: Any, length: Any) -> tuple[Any, ...]:
-    """Return the changes of S, W and -cos from v = first to first + length, each over length, which may be 0.
+    """Return the changes of S, W and -cos from v = first to first + length, each divided by length, which may be 0.
 
     With the middle m and sinc = sin(length/2) / (length/2):
         S: sin m cos m · sinc cos(length/2),   W: (1 - (cos²m - sin²m) sinc cos(length/2)) / 2,   -cos: sin m · sinc

@@ -125,7 +125,7 @@ class MechanisticCutter(Cutter):
             yield _material(name, getattr(self, name), "N/m", "N_per_mm", "N/mm", _EDGE)
 
     def edge(self) -> Edge:
-        """Return the edges with the parameters of the class."""
+        """Return the edges with the parameters of this cutter."""
         entry, leave = self.entry, self.exit
         if entry is None or leave is None:
             entry, leave = arc(self.milling, self.radial_depth, self.diameter)
@@ -144,7 +144,7 @@ class MechanisticCutter(Cutter):
         )
 
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
-        """Compute the equations of the class at the spindle `angle` in rad, any number of turns."""
+        """Evaluate the equations in the class docstring at the spindle `angle` in rad, which may exceed a turn."""
         found = self._static(angle, chip_load)
         return found.feed, found.normal, found.axial
 

@@ -1,4 +1,4 @@
-"""Learned friction feedforward: parallel stops on the set position, and a residual over the speed."""
+"""Learned friction feedforward: parallel stop elements driven by the set position, and a residual force."""
 
 from typing import Any, NamedTuple, Self
 
@@ -17,7 +17,7 @@ _WIDTHS = 3.0
 
 
 class FrictionStops(Feedforward):
-    """Friction with its presliding, as a sum of stops with widths δ_i and stiffnesses k_i on the set position.
+    """Friction with presliding: stops (elastic-plastic elements) of widths δ_i and stiffnesses k_i on the set position.
 
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
@@ -48,7 +48,7 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return stops without force, to be learned.
+        """Return stops of zero stiffness, whose widths and stiffnesses are to be learned.
 
         Raises StructureError if the axis has no dry friction.
         """

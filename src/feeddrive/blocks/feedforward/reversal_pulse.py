@@ -13,8 +13,8 @@ class ReversalPulse(Feedforward):
 
         F = s · force · e^(-t / decay_time),   s = sign of the new set velocity, t = time since the reversal
 
-    It helps the drive through presliding, where a constant Coulomb force comes late.  The set velocity is that of the
-    middle of the sample; standstill between two moves in one direction is no reversal.
+    It helps the drive through presliding, where a constant Coulomb force acts too late.  The set velocity is that of
+    the middle of the sample; standstill between two moves in one direction is no reversal.
     Do not use it with a friction feedforward that was learned on reversals and thus contains the pulse.
     Source: the amplitude-adaptive quadrant compensation of CNC controls; Erkorkmaz & Altintas 2001, section 5.
     """

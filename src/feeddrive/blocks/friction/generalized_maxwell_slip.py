@@ -11,7 +11,7 @@ from feeddrive.language.errors import ParameterError
 
 
 class GeneralizedMaxwellSlip(Friction):
-    """Friction with the memory of its reversals: element i has stiffness k_i and bears the share α_i of the level.
+    """Friction that depends on earlier reversals: element i has stiffness k_i and bears the share α_i of the level.
 
         sticking   F_i' = k_i v,   until |F_i| = α_i s(v)
         slipping   F_i' = sgn(v) attraction (α_i - |F_i|/s(v)),   until v changes its sign
@@ -76,7 +76,7 @@ class GeneralizedMaxwellSlip(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """Compute the equations of the class; the body is never stuck."""
+        """Evaluate the equations in the class docstring; the body is never stuck."""
         lines = [
             self._line(i, step, force, slips, velocity)
             for i, (force, slips) in enumerate(zip(state.force, state.slips, strict=True))

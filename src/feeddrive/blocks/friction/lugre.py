@@ -58,7 +58,7 @@ class Lugre(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """Compute the equations of the class, with the level at the initial and then at the middle velocity.
+        """Evaluate the equations in the class docstring, with the level at the initial and then at the middle velocity.
 
         The body is never stuck.
         """

@@ -26,7 +26,7 @@ class MillingForce(Load):
     moves the workpiece instead of the tool, the force on the axis has the opposite sign.
     When to use: an axis that must hold its path while cutting; give each axis of a machine its component.
     Not suitable for chatter, since the chip does not depend on vibration.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c of its axis equations is the negative of this.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c in the paper's axis equations is the negative of this.
     Raises StructureError without exactly one of chip_load and references.
     """
 

@@ -19,9 +19,9 @@ class DisturbanceRecovery(Observer):
 
         F̂d(k) = m (v(k) - v(k-1))/T + b v(k) - F_m(k-1),    v(k) = (x(k) - x(k-1))/T
 
-    Inverting (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force, gives the same
-    result, so that gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or that of
-    `delay_samples` earlier.
+    Inverting the paper's (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force,
+    gives the same result, so that gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or
+    that of `delay_samples` earlier.
 
         exact        without a filter
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
@@ -53,7 +53,7 @@ class DisturbanceRecovery(Observer):
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
-        """α of the poles or the section of the second order, each empty if it is not used."""
+        """The α of the poles, or the second-order section; each is empty if it is not used."""
 
         pole: tuple[Number, ...]
         section: tuple[Section, ...]
@@ -80,7 +80,7 @@ class DisturbanceRecovery(Observer):
         return self.Prepared((), ())
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
+        """Return the state of steady motion through the measured position; the disturbance balances the force."""
         position, held = reading.position(self.encoder), self.viscous * reading.velocity - reading.applied
         kept: tuple[Any, ...] = (held,) * self._poles()
         if prepared.section:

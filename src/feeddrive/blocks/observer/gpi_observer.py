@@ -18,8 +18,8 @@ from feeddrive.language.text import Text
 class GpiObserver(Observer):
     """Position, velocity and disturbance of a rigid axis q'' = u + ξ, with ξ a polynomial of degree taylor_states - 1.
 
-        x̂1' = x̂2 + λ ε,   x̂2' = u + ẑ1 + λ ε,   ẑ1' = ẑ2 + λ ε,  ...,  ẑn' = λ ε         ε = y - x̂1,  u = applied / mass
-        velocity = x̂2,   disturbance = mass · ẑ1
+        x̂1' = x̂2 + λ ε,   x̂2' = u + ẑ1 + λ ε,   ẑ1' = ẑ2 + λ ε,  ...,  ẑn' = λ ε         ε = y - x̂1,  u = applied /
+        mass velocity = x̂2,   disturbance = mass · ẑ1
 
     The λ, one for each state, place the poles of the error; with order = 2 + taylor_states its polynomial is
 
@@ -37,8 +37,8 @@ class GpiObserver(Observer):
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  Do not use it to reject
     disturbances near or above omega_o: their estimate has the wrong amplitude and phase, and subtracting it increases
     the error, 4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Do not use it with an axis
-    mode near omega_o either. `hold = "zero_order"` keeps the reading instead, for comparison: it admits only a
-    fifteenth of the sample time.
+    mode near omega_o either. `hold = "zero_order"` holds the reading constant instead, for comparison: it admits
+    only a fifteenth of the sample time.
     Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is this library's.
     Raises ParameterError for an omega_o too high for the sample time.
     """
@@ -128,7 +128,7 @@ class GpiObserver(Observer):
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion at the reading; its disturbance is given, or balances the force."""
+        """Return the state of steady motion, with `start_disturbance`, else with that which balances the force."""
         position = reading.position(self.encoder)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
@@ -140,7 +140,7 @@ class GpiObserver(Observer):
         return self.State(tuple(z), position, (reading.applied,) * self.delay_samples, brake)
 
     def step(self, prepared: Prepared, state: State, reading: Reading, T: Number) -> tuple[State, Estimate]:
-        """Compute the equations of the class; u is the force that acted in the last sample, after the limit."""
+        """Evaluate the equations in the class docstring; u is the last sample's acting force, after the limit."""
         y = reading.position(self.encoder)
         commands = (reading.applied, *state.pending)
         acted = commands[-1] + state.brake[0] if state.brake else commands[-1]
@@ -170,8 +170,8 @@ class GpiObserver(Observer):
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """Yield the rule that omega_o is slow enough for the sample time.
 
-        A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability beyond
-        a gap is accidental.
+        A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability at
+        T beyond an unstable range of shorter sample times is accidental.
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))

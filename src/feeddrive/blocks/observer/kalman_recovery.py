@@ -74,7 +74,7 @@ class KalmanRecovery(Observer):
         return self.Prepared(a / v, b / force, c, d * v / force, (gain[0], gain[1] * v, gain[2] * force))
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion at the reading, with the disturbance that balances the acting force."""
+        """Return the state of steady motion through the measured position; the disturbance balances the force."""
         held = self.viscous * reading.velocity - reading.applied
         return self.State(
             reading.position(self.encoder), reading.velocity, held, (reading.applied,) * self.delay_samples
@@ -94,7 +94,7 @@ class KalmanRecovery(Observer):
         return after, Estimate(position, velocity, disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Return the state unchanged: position, velocity and forces."""
+        """Return the state unchanged: it holds a position, a velocity and forces."""
         return state
 
     def lag(self, prepared: Prepared, T: Number) -> Number:

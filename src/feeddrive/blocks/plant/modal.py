@@ -14,8 +14,8 @@ class Modal(Plant):
 
     A measured frequency response is fitted in this form:
     x/f = 1/(mass s² + viscous s) + Σ shapesᵢ / massᵢ (s² + 2ζᵢωᵢs + ωᵢ²).
-    Do not use it for dry friction on both bodies with few modes: the two contacts then nearly coincide, and the fixed
-    number of sweeps of the axis does not separate them; use a chain of masses.
+    Do not use it for dry friction on both bodies with few modes: the two friction contacts are then strongly coupled,
+    and the fixed number of Gauss-Seidel sweeps over them does not converge; use a chain of masses.
     """
 
     mass: Number = parameter("kg", "all that moves when the axis moves as one", above=0)

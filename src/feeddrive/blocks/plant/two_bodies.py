@@ -106,7 +106,7 @@ def two_mass_model(plant: Plant) -> Plant:
 
 
 def controllable(where: str, bodies: TwoBodies) -> Rule:
-    """Return the rule that a force on the screw controls all poles, with gains that are not all rounding error.
+    """Return the rule that a force on the screw controls all poles, with gains that do not consist of rounding error.
 
     With q = dragged/led an equal motion e^-qt of both bodies leaves the spring relaxed; it is uncontrollable if it also
     balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
@@ -172,9 +172,10 @@ def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
 def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
     """Return the gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1].
 
-    Equation (2) closed by the gains has the characteristic polynomial
+    With Pij = mij s² + cij s ± k and Δ = P11 P22 - P12², equation (2) closed by the gains has the characteristic
+    polynomial
 
-        s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired,   Pij = mij s² + cij s ± k
+        s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired
 
     With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s is free of the spring,
 

@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity
 
 
 class Circle(Reference):
-    """x = center + radius · cos(θ(t) - phase), with an angle θ from 0 to ± 2π turns.
+    """x = center + radius · cos(θ(t) - phase), with an angle θ from 0 to ± 2π · turns.
 
     The speed along the circle rises from 0 to `feed` in `run_up_time` by the seventh-degree polynomial, is constant,
     and falls in the same way; so all derivatives up to the snap are continuous, and the circle takes

@@ -18,7 +18,7 @@ class InputShaped(Reference):
     ("ei"). The motion stays within the limits of r, ends where r ends, and takes one or two half periods of the mode
     longer.
     Do not use it on axes that trace a path together, unless all of them have the same shaper.
-    Raises StructureError for a Recorded reference, unless that interpolates: pulses rarely fall on its rows.
+    Raises StructureError for a Recorded reference, unless it interpolates: pulses rarely fall on its rows.
     Pulses and sources: `pulses.py`.
     """
 
@@ -45,7 +45,7 @@ class InputShaped(Reference):
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Compute the equation of the class, summed from the last pulse to end exactly where the reference rests."""
+        """Evaluate the equation in the class docstring, last pulse first, to end exactly where the reference rests."""
         times = np.asarray(t, dtype=np.float64)
         heights, delays = self.pulses()
         # rounding must not put the end before `duration`

@@ -26,9 +26,9 @@ class Multisine(Reference):
     `lines` of the multiples of 1/period between `lowest` and `highest` carry equal amplitude of position, velocity or
     acceleration (`flat`): wₖ = 1, 1/k or 1/k².  Phases are those of Schroeder, φₖ = -2π Σᵢ (k - i) pᵢ over the lines
     below with shares of power p, or random ones that depend on `seed` and on the line only.
-    The scale is such that |x - center| never exceeds `amplitude` and reaches at least 0.995 of it: the peak is that on
-    a grid of 32 points per shortest wave, divided by cos(π/32) (Ehlich & Zeller 1964).  The sum is shifted in time to
-    its zero of least speed, so that the motion starts and ends at the center.
+    The scale is such that |x - center| never exceeds `amplitude` and reaches at least 0.995 of it: the peak is taken on
+    a grid of 32 points per period of the highest line, divided by cos(π/32) (Ehlich & Zeller 1964).  The sum is shifted
+    in time to its zero of least speed, so that the motion starts and ends at the center.
 
     w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion is extended by this
     time before the first and after the last period, and w rises and falls there.  Whole periods remain unchanged.

@@ -5,7 +5,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class TrapezoidalMove(LimitedMove):
-    """A trapezoid of velocity, or a triangle if the distance is too short, as LinuxCNC's present planner commands it.
+    """A trapezoid of velocity, or a triangle if the distance is too short, as commanded by LinuxCNC's planner.
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a)
 
