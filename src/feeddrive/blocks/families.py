@@ -15,7 +15,7 @@ A block is final: it implements the abstract methods and overrides no method wit
 and no general rule keeps every block continuous, since the last output determines only one of several state variables.
 Without it, such a block is refused at a live change and by an export.
 
-Beside the blocks of a single axis there are couplings, which act on several axes of a machine, and milling tools.
+Besides the blocks of a single axis there are couplings, which act on several axes of a machine, and milling tools.
 """
 
 import dataclasses

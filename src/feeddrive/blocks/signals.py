@@ -46,7 +46,7 @@ class Reading(NamedTuple):
     """The measurements and past commands that a law has at t = kT, before it computes.
 
     With one encoder both positions are its reading. `applied` is the force actually commanded in the last sample, after
-    filters, limit and enable; `requested` is the same before the limit. Anti-windup, observers, disturbance recovery
+    filters, limit and enable; `requested` is this force before the limit. Anti-windup, observers, disturbance recovery
     and bumpless enable use only these two.
 
     At the start of a law or an observer, the positions are those of the previous sample, so that its first difference

@@ -233,7 +233,7 @@ def _check_clock(name: str, actual: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """Raise LogError if the error reaches half the travel, which means a dead encoder or a wrong unit."""
+    """Raise LogError if the error reaches half the travel, a sign of a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(

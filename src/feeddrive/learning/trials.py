@@ -215,8 +215,8 @@ def learn_signal(
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 
-    Q has zero phase, since it filters the whole record offline; Ĝ_d is that of `error_model`.  Learning converges if |Q
-    (1 - gain L G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
+    Q has zero phase, since it filters the whole record offline; Ĝ_d is that of `error_model`.  Learning converges if
+    |Q (1 - gain L G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
 
     bandwidth  Hz, of the robustness filter Q
     gain       share of the correction that is applied, > 0 and <= 1

@@ -49,8 +49,8 @@ class Entry:
     """One law of the comparison: its loop, its run, and its figures in the frequency domain.
 
     The loop must be stable; check it first with `require_stable`.  The run must contain all signals.  With a `replay`,
-    the run is the prediction, and the samples skipped by the replay are excluded from all figures.  `no_model` is the
-    reason if the law has no linear model; its stability is then not proven.
+    the run is the prediction, and the samples skipped by the replay are excluded from all figures.  `no_model` states
+    why the law has no linear model, if it has none; its stability is then not proven.
     """
 
     name: str

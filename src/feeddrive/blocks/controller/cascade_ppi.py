@@ -120,7 +120,7 @@ class CascadePPI(Law):
         return self.Prepared(T)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at the velocity of the reading, with the integral equal to the acting force.
+        """Return the state at the measured velocity, with the integral equal to the acting force.
 
         The position loop runs in the first sample.
         """

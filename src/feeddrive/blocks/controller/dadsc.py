@@ -149,7 +149,7 @@ def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> A
     """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
 
     With q = z⁻¹ and D = 1 - q its characteristic equation is
-    D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0 with
+    D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0, where
     l = λT, k = KT, w = ω_d T; friction is omitted, since the law compensates it.  With q = (1 - y)/(1 + y) the inside
     of the unit circle becomes the half plane Re y < 0; y is in units of the fastest rate, so that slow loops lose no
     precision.

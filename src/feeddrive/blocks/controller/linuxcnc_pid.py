@@ -20,7 +20,7 @@ class LinuxcncPid(Law):
         forward  = acceleration_gain · units a_set + velocity_gain · units v_set + bias      sum2
         output   = position(command, feedback)                        one pid, `forward` at its pin `bias`
         output   = velocity(position(command, feedback), motor)       two pids, `forward` at the second one's `bias`
-        output   = filters(output - forward) + forward, limited to ±maxoutput      where there are filters
+        output   = filters(output - forward) + forward, limited to ±maxoutput   where there are filters
         force    = force_per_output · output
 
     The limit and the integral of the last pid thus include the feedforward, and the filters do not delay it.

@@ -75,7 +75,7 @@ _STRAY = 1e-3
 class LQG(Law):
     """Linear-quadratic state feedback on a Kalman filter that has the disturbance as an additional state.
 
-        predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ a random walk          exact hold of `model`
+        predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ a random walk           exact hold of `model`
         correct   z  = z⁻ + L (y - C z⁻)
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
         K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time

@@ -43,9 +43,9 @@ class PolePlacement(Law):
     limit the loop.
 
     `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
-    blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" is the
-    series in c/k, "exact" the discrete lag of c/k by first-order hold.  "rigid" sets both positions equal; it needs no
-    model of the spring and loses most of the accuracy.
+    blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" is the series in
+    c/k, "exact" the discrete lag of c/k by first-order hold.  "rigid" sets both positions equal; it needs no model of
+    the spring and loses most of the accuracy.
 
     If the force was limited, the term of that sample is removed from the integral one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on

@@ -8,8 +8,7 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class StockPid(Block):
-    """One `pid` of LinuxCNC's HAL, reproduced bit for bit including its pitfalls.  Its gains have the units of output
-    per command.
+    """One `pid` of LinuxCNC's HAL, reproduced bit for bit with its pitfalls; gains have units of output per command.
 
         e  = command - feedback, or (previous command) - feedback with `error_previous_target`
         e  limited to ±maxerror, then moved towards 0 by `deadband`

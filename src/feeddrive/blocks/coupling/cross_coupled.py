@@ -21,10 +21,10 @@ class CrossCoupled(Coupling):
     the curvature.  Identical axes follow exactly as with the position gain Kv + contour_gain across the path and Kv
     along it; so the largest contour_gain is the largest stable Kv minus Kv.  Axes that differ have the contour error
     e0/(1 + contour_gain n C P n) instead of e0 without this coupling, with the unit normal n, and the velocity
-    controller C and the compliance P of each axis.  Below
-    `freeze_velocity` the frame keeps its last direction; before the first motion nothing is added.  The readings are
-    those of the same sample; while an axis is off, tripped or without a reading, nothing is added to the others.
-    It runs on the controller, and is exported with the controllers of the machine.
+    controller C and the compliance P of each axis.  Below `freeze_velocity` the frame keeps its last direction; before
+    the first motion nothing is added.  The readings are those of the same sample; while an axis is off, tripped or
+    without a reading, nothing is added to the others.
+    The coupling runs on the controller, and is exported with the controllers of the machine.
 
     When to use: for contours of axes that differ, or that lag because they have no feedforward.  Do not use it instead
     of feedforward and equal gains, which cost nothing; against the lag along the path, which it does not see; or at a

@@ -127,7 +127,7 @@ def cut(
 
         h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
 
-    with the run-out o as a motion of the tool's centre, exact to first order in offset / diameter.  Over the
+    with the run-out o as a displacement of the tool center, exact to first order in offset / diameter.  Over the
     engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep if that exceeds the lag
     of the slice: the entry of a straight edge is then averaged over the sweep.
     """

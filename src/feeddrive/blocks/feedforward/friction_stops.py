@@ -22,7 +22,7 @@ class FrictionStops(Feedforward):
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
-    A stop loses its initial state once the axis has moved by 2 δ.  travel is the largest minus the smallest set
+    A stop forgets its initial state once the axis has moved by its 2 δ_i.  travel is the largest minus the smallest set
     position since the start: over the first 2 δ_max, while the state of the friction is unknown, no friction is fed
     forward, and after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
 

@@ -18,8 +18,8 @@ from feeddrive.language.text import Text
 class GpiObserver(Observer):
     """Position, velocity and disturbance of a rigid axis q'' = u + ξ, with ξ a polynomial of degree taylor_states - 1.
 
-        x̂1' = x̂2 + λ ε,   x̂2' = u + ẑ1 + λ ε,   ẑ1' = ẑ2 + λ ε,  ...,  ẑn' = λ ε         ε = y - x̂1,  u = applied /
-        mass velocity = x̂2,   disturbance = mass · ẑ1
+        x̂1' = x̂2 + λ ε,   x̂2' = u + ẑ1 + λ ε,   ẑ1' = ẑ2 + λ ε,  ...,  ẑn' = λ ε         ε = y - x̂1,  u = applied / mass
+        velocity = x̂2,   disturbance = mass · ẑ1
 
     The λ, one for each state, place the poles of the error; with order = 2 + taylor_states its polynomial is
 

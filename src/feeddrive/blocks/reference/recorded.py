@@ -18,7 +18,7 @@ class Recorded(Reference):
     """Row k of the tables at t = k · sample_time; the first position before the start, the last one after the end.
 
     If only positions are given, the velocity is the backward difference, 0 in the first row, and all higher derivatives
-    are 0, so that `Setpoint.backward_velocity(sample_time)` gives the recorded difference back bit for bit. Times
+    are 0, so that `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit. Times
     between the rows are refused; with `between = "linear"` all tables are interpolated linearly, and a velocity that is
     a difference is the slope of that line.  Outside the table the axis is at rest, and no time is refused.
     Do not use it to run a loop at a sample time other than the log's: the velocity steps of the straight lines excite
