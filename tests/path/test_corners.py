@@ -13,7 +13,7 @@ from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part, Pieces
 from feeddrive.path.proof import Proof, Prover
-from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, straight, width
+from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, shared, straight, width
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
@@ -109,6 +109,23 @@ def test_overlapped_runs_stay_near_the_corner_and_are_smooth():
 def _distance(place: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     along = np.clip((place - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     return np.linalg.norm(place - a - along[:, None] * (b - a), axis=1)
+
+
+@pytest.mark.parametrize(("lasts", "overlaps"), [(0.7e-4, False), (1.5e-4, True)])
+def test_runs_that_overlap_by_less_than_a_tenth_of_a_millisecond_stay_apart(lasts: float, overlaps: bool):
+    """Both are s (lasts/2)⁴/24 from a corner of 90 degrees when half of the overlap is over."""
+    tolerance = np.sqrt(2.0) * LIMITS[0, 3] * (0.5 * lasts) ** 4 / 24.0
+    crossings, parts = Crossings(LIMITS), list[Part]()
+    for pieces in joined(lines(corner(90.0), 0.15), np.zeros(2))[0]:
+        parts += crossings.add(Part(pieces, plan_run(pieces, LIMITS), True), float(tolerance))
+    assert any(part.entering is not None for part in [*parts, *crossings.end()]) is overlaps
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.7e-12, 2), (1.5e-12, 3)])
+def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
+    one, two = np.zeros((2, 6)), np.zeros((2, 6))
+    one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
+    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6)), np.zeros(6))[0] == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():

@@ -134,6 +134,35 @@ def test_a_spline_that_takes_too_much_is_drawn_tight_until_it_is_proven(monkeypa
     assert any(first > 0 and second == 0 for first, second in pairwise(faults))
 
 
+def lifted_curve(seed: int) -> float:
+    """Return the time of a lifted random curve."""
+    draw = np.random.default_rng(seed)
+    limits, pieces = random_limits(draw), random_curve(draw)
+    return duration(both(pieces, limits, 400)[1])
+
+
+def test_what_the_proof_refuses_at_first_costs_less_than_a_percent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against the first splines, which are optimal but exceed limits between the points."""
+    proven = lifted_curve(45)
+    monkeypatch.setattr(lift, "faults_of", lambda *_: np.zeros((0, 5)))
+    assert 1.0 < proven / lifted_curve(45) < 1.01
+
+
+def test_the_last_penalty_costs_a_quarter_of_a_percent_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a thirtieth of the penalty; a penalty μ of a share costs about μ of the time spent at it."""
+    found = lifted_curve(33)
+    monkeypatch.setattr(lift, "_PENALTIES", (0.4, 0.1, 1e-4))
+    monkeypatch.setattr(lift, "_STEPS", 400)
+    assert 1.0018 < found / lifted_curve(33) < 1.0045
+
+
+def test_the_steps_suffice_to_reach_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lift, "faults_of", lambda *_: np.zeros((0, 5)))
+    found = lifted_curve(3)
+    monkeypatch.setattr(lift, "_STEPS", 400)
+    assert found / lifted_curve(3) < 1.001
+
+
 def test_a_plateau_at_the_feed_and_a_straight_move_stay_as_planned() -> None:
     """Two ramps and a plateau at the feed, and two ramps without one, are the quickest on a line."""
     for way in (0.3, 0.005):

@@ -29,8 +29,9 @@ from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
+from feeddrive.path.schedule import lift, spline
 from feeddrive.path.schedule.lift import Lifter
-from feeddrive.path.schedule.run import Schedule, override
+from feeddrive.path.schedule.run import Schedule, override, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 
 AXIS = AxisLimits(velocity=0.5, acceleration=5.0, jerk=100.0, snap=5e4)
@@ -103,6 +104,12 @@ def test_lines_have_up_to_65536_bytes(size: int, refused: bool, commands: Callab
 
 
 # coordinates
+
+
+@pytest.mark.parametrize(("system", "refused"), [(9, False), (10, True)])
+def test_there_are_nine_work_offsets(system: int, refused: bool, commands: Callable[[str], Any]) -> None:
+    """G54 to G59.3, as in LinuxCNC."""
+    assert refuses(lambda: commands(f"G10 L2 P{system} X1"), "P of G10 L2 is a whole number from 0 to 9") is refused
 
 
 @pytest.mark.parametrize(("kilometers", "refused"), [(800, False), (1500, True)])
@@ -505,16 +512,20 @@ def test_a_position_in_mm_is_read_in_inches_after_g20(tmp_path: Path) -> None:
 # lifting
 
 
+def wavy() -> Pieces:
+    """Chords of a sine, rounded within 10 um."""
+    x = np.linspace(0.0, 0.16, 160)
+    points = np.stack([x, 0.004 * np.sin(40.0 * np.pi * x), 0.0 * x], axis=1)
+    return joined(lines(points, 0.3), np.full(159, 1e-5))[0][0]
+
+
 @pytest.fixture(scope="module")
 def lifting() -> list[tuple[Part, list[Part], Part | None]]:
     """Each part of a wavy path, what lifting makes final after it, and what waits then."""
-    x = np.linspace(0.0, 0.16, 160)
-    points = np.stack([x, 0.004 * np.sin(40.0 * np.pi * x), 0.0 * x], axis=1)
-    runs, _ = joined(lines(points, 0.3), np.full(159, 1e-5))
     lifter = Lifter(LIMITS)
     return [
         (part, [*lifter.add(part)], lifter.hand)
-        for part in Schedule(LIMITS, 100).add(Section(runs[0], True))
+        for part in Schedule(LIMITS, 100).add(Section(wavy(), True))
         if isinstance(part, Part)
     ]
 
@@ -541,3 +552,115 @@ def test_eight_tenths_of_the_first_phase_from_rest_stay(lifting: list[tuple[Part
     """z = u'² grows as u^1.5 there, which no cubic spline follows."""
     final = next(lifted for _, lifted, _ in lifting if lifted)
     assert 0.7 < final[0].motion.duration[0] / lifting[0][0].motion.duration[0] < 0.9
+
+
+def knot_times(duration: np.ndarray, speed: float, acceleration: float) -> np.ndarray:
+    """Return the times of the knots of a spline that follows a uniformly accelerated motion on a line."""
+    begin = np.concatenate([[0.0], np.cumsum(duration)])
+    speeds, rest = speed + acceleration * begin, np.zeros(len(duration))
+    x = begin[:-1] * (speed + 0.5 * acceleration * begin[:-1])
+    motion = Motion(duration, np.zeros(len(duration), np.int64), x, speeds[:-1], rest + acceleration, rest, rest)
+    path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), 10.0), LIMITS)
+    return path._spline(motion, np.array([speeds[-1], acceleration, 0.0]), 0)[0]
+
+
+def test_the_four_time_intervals_of_half_a_ramp_have_seven_spans() -> None:
+    spans = len(knot_times(np.full(40, 1e-3), 0.1, 0.0)) - 1
+    assert 5 < spans / 10 < 10
+
+
+@pytest.mark.parametrize(("share", "follows"), [(0.014, False), (0.03, True)])
+def test_spans_follow_time_intervals_down_to_a_fiftieth_of_their_mean(share: float, follows: bool) -> None:
+    """A span lasts a seventh of four intervals; those of rounding must not set its duration."""
+    duration = np.full(400, 1e-3)
+    duration[200:204] = 7.0 / 4.0 * share * np.mean(duration)
+    shortest = np.min(np.diff(knot_times(duration, 0.1, 0.0))) / (share * np.mean(duration))
+    assert 0.9 < shortest
+    assert bool(shortest < 1.1) is follows
+
+
+def test_the_speed_changes_by_15_percent_in_the_first_span() -> None:
+    first = knot_times(np.ones(1), 0.1, 1.0)[1]
+    assert 0.1 < first * 1.0 / 0.1 < 0.2
+
+
+@pytest.mark.parametrize(("share", "rests"), [(0.7e-9, True), (1.5e-9, False)])
+def test_a_motion_rests_below_a_milliardth_of_its_largest_speed(share: float, rests: bool) -> None:
+    zero = np.zeros(2)
+    motion = Motion(np.ones(2), np.zeros(2, np.int64), zero, np.array([1.0, share]), zero, zero, zero)
+    assert lift._rests(motion)[1] == rests
+
+
+@pytest.mark.parametrize(("apart", "ranges"), [(25, 1), (45, 2)])
+def test_spans_more_than_32_apart_are_optimized_separately(apart: int, ranges: int) -> None:
+    assert len(lift._around(np.array([100, 100 + apart]), 1000)) == ranges
+
+
+@pytest.mark.parametrize(("step", "kept"), [(0.17, 0.17), (0.25, 0.2)])
+def test_the_duration_of_spans_grows_by_a_tenth_of_the_time(step: float, kept: float) -> None:
+    edge = np.array([0.1, step])
+    spline.graded(np.ones(1), edge)
+    assert edge.tolist() == pytest.approx([0.1, kept])
+
+
+def test_the_limits_hold_at_the_start_and_the_end_of_each_span() -> None:
+    """On one piece these are two different points of each span."""
+    pieces = lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 10.0)
+    inner = np.linspace(0.1, 0.9, 9)
+    knots = np.concatenate([inner[:1].repeat(3), inner, inner[-1:].repeat(3)])
+    points = lift._Path(pieces, LIMITS)._points(10.0 * (inner - inner[0]), knots)
+    assert np.unique(points.span, return_counts=True)[1].tolist() == [2] * 8
+    assert len({(int(k), *row) for k, row in zip(points.span, points.row[:, 0].tolist(), strict=True)}) == 16
+
+
+@pytest.mark.parametrize(("count", "parts"), [(25, 0), (40, 2)])
+def test_a_section_is_halved_if_each_half_can_have_a_ramp_up_a_plateau_and_a_ramp_down(count: int, parts: int) -> None:
+    """These have 7, 1 and 7 time intervals."""
+    zero = np.zeros(count)
+    motion = Motion(zero + 1.0, np.zeros(count, np.int64), zero, zero + 0.1, zero, zero, zero)
+    assert len(lift._halves(motion, 0, count)) == parts
+
+
+@pytest.mark.parametrize(("share", "sections"), [(0.993, 1), (0.997, 2)])
+def test_a_plateau_is_kept_from_995_thousandths_of_the_highest_speed_on(share: float, sections: int) -> None:
+    zero = np.zeros(3)
+    motion = Motion(zero + 1.0, np.zeros(3, np.int64), zero, zero + share, np.array([1.0, 0.0, -1.0]), zero, zero)
+    assert len(lift._sections(motion, np.zeros(4, bool), np.ones(1), np.ones(1))) == sections
+
+
+def test_a_limit_whose_proof_fails_is_lowered_by_two_percent_nearby(monkeypatch: pytest.MonkeyPatch) -> None:
+    quicker, scaled, calls = lift._quicker, list[np.ndarray](), list[int]()
+
+    def recorded(looked: Any, *rest: Any) -> int:
+        scaled.append(looked.r.copy())
+        return quicker(looked, *rest)
+
+    def faults(*_: object) -> np.ndarray:
+        calls.append(1)
+        return np.array([[0.0, 10.0, 0.0, 1.0, 1.001]] if len(calls) == 1 else np.zeros((0, 5)))  # of X, acceleration
+
+    monkeypatch.setattr(lift, "_quicker", recorded)
+    monkeypatch.setattr(lift, "faults_of", faults)
+    part = Part(wavy(), plan_run(wavy(), LIMITS), True)
+    assert [*Lifter(LIMITS).add(part)]
+    lowered = np.max(scaled[2][:, 0, :2] / np.where(scaled[1][:, 0, :2] == 0.0, np.inf, scaled[1][:, 0, :2]))
+    assert 1.015 < lowered < 1.03
+
+
+def test_the_motion_meets_its_spline_every_six_spans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its snap is constant in each span, so that u'' is that of the spline at the ends of groups only."""
+    in_time, apart = spline.in_time, list[np.ndarray]()
+
+    def compared(knots: np.ndarray, coefficient: np.ndarray, *rest: Any) -> bool:
+        done = in_time(knots, coefficient, *rest)
+        acceleration, row, z = rest[7], np.zeros((4, 4)), np.zeros(4)
+        for k in range(1, len(acceleration)):
+            spline.basis(knots, k, knots[k + 3], row)
+            spline.at(row, coefficient, k, z)
+            apart.append(acceleration[k] - 0.5 * z[1])
+        return done
+
+    monkeypatch.setattr(spline, "in_time", compared)
+    monkeypatch.setattr(lift, "faults_of", lambda *_: np.zeros((0, 5)))
+    assert [*Lifter(LIMITS).add(Part(wavy(), plan_run(wavy(), LIMITS), True))]
+    assert 4 < len(apart) / np.sum(np.abs(apart) < 1e-9) < 10
