@@ -107,6 +107,12 @@ def test_clusters_keep_the_tolerance_and_the_limits(corners: np.ndarray, toleran
     assert prover.proof().jump <= 1e-11
 
 
+def test_a_zigzag_that_needs_many_refinements_is_a_cluster() -> None:
+    """Of 1.5 um within 1 um; corners that are rounded one by one use a quarter of their tolerance."""
+    _, joint = rounded(noisy(5e-6, 1.5e-6, 60), 1e-6)
+    assert joint.deviation.max() > 0.9e-6
+
+
 def test_a_corner_in_smooth_chords_is_a_stop_and_one_in_noise_is_none() -> None:
     _, joint = rounded(with_corner(), 1e-5)
     assert np.flatnonzero(joint.stop[:-1]).tolist() == [len(circle(0.01, 5e-5, 0.5)) - 2]

@@ -23,7 +23,7 @@ from feeddrive.path.geometry.cluster import _prepared, clustered, envelope, plac
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain, chains, goes_on
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import POLYNOMIAL, Motion, Part, Pieces, Section
+from feeddrive.path.motion import LINE, POLYNOMIAL, Motion, Part, Pieces, Section
 from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
 from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
@@ -31,6 +31,8 @@ from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
 from feeddrive.path.schedule import lift, spline
 from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.plan import timed
+from feeddrive.path.schedule.ramp import pieces_room
 from feeddrive.path.schedule.run import Schedule, override, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 
@@ -276,8 +278,27 @@ def test_six_tenths_of_a_window_become_final() -> None:
 
 def test_a_plateau_is_final_50_ms_at_once_if_the_feed_may_change() -> None:
     parts = [*Schedule(LIMITS, override=override([(100.0, 0.5)])).add(straight(500))]
-    longest = max(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+    plateaus = [p.motion.duration for p in parts if isinstance(p, Part) and not np.any(p.motion.snap)]
+    longest = max(float(np.sum(duration)) for duration in plateaus)
     assert 0.04 < longest <= 0.05 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(("ratio", "level"), [(1.0005, True), (1.0015, False)])
+def test_speed_limits_within_a_thousandth_are_made_equal(ratio: float, level: bool) -> None:
+    pieces = lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)
+    caps = np.zeros((2, 2))
+    feed = pieces.feed * [1.0, ratio]
+    pieces_room(pieces.kind, pieces.length, pieces.shape, feed, LIMITS, 0.9, 0.6, np.zeros((2, 3, 4)), caps)
+    assert bool(caps[0, 0] == caps[1, 0]) is level
+
+
+@pytest.mark.parametrize(("length", "count"), [(3e-15, 0), (6e-15, 1)])
+def test_a_plateau_shorter_than_the_rounding_of_its_path_is_left_out(length: float, count: int) -> None:
+    """The path is 1 m long, and u is rounded to some 1e-16 m at each step."""
+    rows, motion = np.zeros((1, 11)), [np.zeros(15) for _ in range(7)]
+    rows[0, :5] = 0.5, 0.5 + length, 0.1, 0.1, 0.1
+    motion[1] = np.zeros(15, np.int64)
+    assert timed(np.array([0.0, 1.0]), rows, 1, *motion) == count
 
 
 # faults, samples, stops and causes
@@ -486,6 +507,16 @@ def test_a_gentle_cluster_has_steps_of_10_mm_and_one_that_needs_it_uses_its_tole
     assert 0.7 < np.max(deviation) / 1e-6 <= 1.0
 
 
+def test_a_cluster_that_begins_on_a_line_has_three_steps_to_its_first_corner() -> None:
+    """A corner changes a spline of fifth degree over three knots."""
+    angles = np.concatenate([[0.0, 0.4], 0.4 + 0.02 * np.arange(1, 60)])
+    lengths = np.concatenate([[0.01, 5e-4], np.full(59, 2e-4)])
+    points = np.cumsum(lengths[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0)
+    (run,), _ = joined(polyline([(0.0, 0.0), *map(tuple, points.tolist())]), np.full(61, 1e-5))
+    assert run.kind[:11].tolist() == [LINE, *[POLYNOMIAL] * 8, LINE, POLYNOMIAL]  # a blend between two lines
+    assert 3.0 < np.linalg.norm(points[1] - run.origin[10, :2]) / run.length[10] < 4.2
+
+
 @pytest.mark.parametrize(("length", "final"), [(0.035, False), (0.08, True)])
 def test_50_mm_of_a_long_cluster_are_held_back(length: float, final: bool) -> None:
     chain = Chain(polyline(wave(length, 1500)), np.full(1500, 1e-4), False)
@@ -664,3 +695,68 @@ def test_the_motion_meets_its_spline_every_six_spans(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(lift, "faults_of", lambda *_: np.zeros((0, 5)))
     assert [*Lifter(LIMITS).add(Part(wavy(), plan_run(wavy(), LIMITS), True))]
     assert 4 < len(apart) / np.sum(np.abs(apart) < 1e-9) < 10
+
+
+# lifting: the search for the fastest spline
+
+
+class Search:
+    """The search for the fastest spline of twelve spans on a line, where only the velocity is limited."""
+
+    def __init__(self) -> None:
+        inner = np.linspace(0.1, 0.9, 13)
+        knots = np.concatenate([inner[:1].repeat(3), inner, inner[-1:].repeat(3)])
+        limits = np.array([[1.0, 1e3, 1e6, 1e9]] * 3)
+        pieces = lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 1.0)
+        self.points, self.size = lift._Path(pieces, limits)._points(inner - inner[0], knots), 15
+
+    def run(self, share: float, penalty: float, last: float, steps: int) -> np.ndarray:
+        """Return the coefficients after some steps from a constant share of the largest z."""
+        m, n = len(self.points.span), self.size
+        coefficient = np.full(n, share * np.min(self.points.most))
+        room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
+        spline.quickest(*self.points, coefficient, penalty, last, steps, *room)
+        return coefficient
+
+    def shares(self, coefficient: np.ndarray) -> np.ndarray:
+        """Return the share of the largest z at each point."""
+        z, shares = np.zeros(4), list[float]()
+        for k, row, most in zip(self.points.span, self.points.row, self.points.most, strict=True):
+            spline.at(row, coefficient, int(k), z)
+            shares.append(z[0] / most)
+        return np.array(shares)
+
+
+@pytest.fixture(scope="module")
+def search() -> Search:
+    return Search()
+
+
+@pytest.mark.parametrize(("penalty", "raised"), [(0.2, True), (0.5, False)])
+def test_the_penalty_is_at_least_three_tenths_while_a_limit_is_violated(
+    penalty: float, raised: bool, search: Search
+) -> None:
+    steps = [search.run(1.01, p, p, 1).tolist() for p in (penalty, 0.01)]
+    assert (steps[0] == steps[1]) is raised
+
+
+def test_a_step_leaves_a_tenth_of_the_distance_to_a_limit(search: Search) -> None:
+    """Without a penalty each step would go beyond the limit; it is halved until it does not."""
+    left = list[float]()
+    for share in np.linspace(0.3, 0.95, 40).tolist():
+        before, after = (search.shares(search.run(share, 1e-9, 1e-9, steps)) for steps in (0, 1))
+        left.append(float(np.min((1.0 - after) / (1.0 - before))))
+    assert 0.1 - 1e-9 <= min(left) < 0.15
+
+
+@pytest.mark.parametrize(("distance", "moves"), [(1.5e-3, True), (1e-5, False)])
+def test_a_step_is_halved_up_to_twelve_times(distance: float, moves: bool, search: Search) -> None:
+    """Without a penalty a step is two thirds of z: 9 halvings to a distance of 0.15 %, 16 to 0.001 %."""
+    assert bool(np.any(search.run(1.0 - distance, 1e-12, 1e-12, 1) != search.run(1.0 - distance, 0.0, 0.0, 0))) is moves
+
+
+@pytest.mark.parametrize(("last", "ends"), [(0.2, False), (0.4, True)])
+def test_the_penalty_falls_to_a_quarter_in_a_step(last: float, ends: bool, search: Search) -> None:
+    """From 1, so that the second of two steps has the last penalty only if that is higher."""
+    steps = [search.run(0.5, 1.0, penalty, 2).tolist() for penalty in (last, 0.01)]
+    assert (steps[0] != steps[1]) is ends
