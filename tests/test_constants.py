@@ -14,7 +14,7 @@ from constant_mutants import CHANGES, LEDGER, TESTS, all_constants
 
 ROWS = json.loads(LEDGER.read_text(encoding="utf-8"))
 # changes of a constant that no test notices and no reason excuses, when this gate was set: it may only fall
-OPEN = 83
+OPEN = 0
 
 
 @cache

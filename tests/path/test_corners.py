@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from paths import LIMITS, arc, joined_up, lines, random_limits
 
+from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part, Pieces
 from feeddrive.path.proof import Proof, Prover
+from feeddrive.path.schedule import corner as planner
 from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, shared, straight, width
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
@@ -84,6 +86,20 @@ def test_what_a_corner_costs(case: Corner):
     ends = sum(time([Part(each, plan_run(each, LIMITS), True)]) for each in joined(segments, np.zeros(2))[0])
     half = ends / 2.0 - 0.04 / 0.15  # of a stop, from both sides
     assert 1e3 * (time(parts) - half - 0.08 / 0.15) <= case.loss
+
+
+def test_nine_speeds_are_tried_with_each_of_four_shapes_of_a_bump(monkeypatch: pytest.MonkeyPatch):
+    """In a corner of 30 degrees, where the last tries bring the speed no nearer than 0.5 %."""
+    tries = list[float]()
+
+    def counted(away: float, short: float) -> tuple[float, float]:
+        tries.append(away)
+        return width(away, short)
+
+    monkeypatch.setattr(planner, "width", counted)
+    with interpreted():
+        passed(lines(corner(30.0, 10.0), 0.15), 3e-5)
+    assert 30 < len(tries) < 42
 
 
 def test_overlapped_runs_stay_near_the_corner_and_are_smooth():
