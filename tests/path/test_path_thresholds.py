@@ -322,6 +322,23 @@ def test_planning_a_ramp_ends_after_some_sixteen_passes(monkeypatch: pytest.Monk
     assert 10 < max(passes) < 24
 
 
+def test_ramps_cost_a_thousandth_of_the_time_of_the_fastest_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In two blends, against a search to 0.01 % of a ramp's duration, which takes more passes."""
+    runs = list[Pieces]()
+    for degrees in (30, 44):
+        end = 1e-3 * np.array([1.0 + math.cos(math.radians(degrees)), math.sin(math.radians(degrees)), 0.0])
+        segments = lines(np.array([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], end]), 0.3)
+        runs += joined(segments, np.full(2, 1e-4), sharpest=4.0, lonely=np.inf)[0]
+    found = [float(np.sum(plan_run(run, LIMITS).duration)) for run in runs]
+    monkeypatch.setattr(ramp, "_NEAR", 1e-4)
+    monkeypatch.setattr(ramp, "_WALKS", 100)
+    with interpreted():
+        excess = [
+            time / float(np.sum(plan_run(run, LIMITS).duration)) - 1.0 for run, time in zip(runs, found, strict=True)
+        ]
+    assert 6e-4 < max(excess) < 1.2e-3
+
+
 def test_the_search_for_a_peak_has_enough_tries(monkeypatch: pytest.MonkeyPatch) -> None:
     """On an arc that is too short for its speed limit: less than 0.03 % is left."""
     pieces = arc((0.0, 0.0), 0.01, 0.0, 2.0, 0.5)
