@@ -45,7 +45,10 @@ class LoopModel:
         return both[np.append(np.diff(both) > _APART * both[:-1], True)]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
-        """Return the loop gain L = -force/cut; the stability limit is 1 + L = 0."""
+        """Return the loop gain L = -force/cut; `cut` is the force injected at the actuator, where the loop is opened.
+
+        The stability limit is 1 + L = 0.
+        """
         model = self.open
         if isinstance(model, Lifted):
             return gain_of(model, frequency)[0]

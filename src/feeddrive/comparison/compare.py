@@ -164,8 +164,8 @@ def compare_laws(
 
     laws               names or kinds of the laws to compare, or user-defined classes; P-PI is always included;
                        default: all
-    reference, force   the move, and the force in N of rope snap and force step; default: from the machine's limits
-                       (`Duty`)
+    reference, force   the move, and the force in N of the rope-snap and force-step tests; default: from the limits
+                       of the machine (`Duty`)
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
                        from reading noise to force, relative to that of the tuned P-PI
     seed               seed of the encoder noise, the same for all laws

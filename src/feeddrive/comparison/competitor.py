@@ -113,7 +113,7 @@ class Competitor:
 
     @property
     def unproven(self) -> Text:
-        """The lines of the proof of its search that do not hold, with what is said of them; empty if all hold."""
+        """The checks in the proof of the tuning that did not pass, each with its explanation; empty if all passed."""
         proof = self.tuned.proof if isinstance(self.tuned, Tuned) else ()
         return joined("; ", (f"{line.what}: {marked(line.text)}" for line in proof if line.holds is not True))
 

@@ -76,7 +76,7 @@ class Lineup:
         return tuple(dict.fromkeys(name for law in laws for name in names_of(law, self.possible, self.refused)))
 
     def only(self, names: Collection[str]) -> Self:
-        """Return the laws of these names, with plain P-PI, and with any law whose gains another one takes."""
+        """Return the named laws, plain P-PI, and any law whose gains are reused by one of the named laws."""
         wanted = {PLAIN, *names, *(law.like for law in self.possible if law.name in names)}
         return replace(
             self,

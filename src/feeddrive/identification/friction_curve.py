@@ -92,13 +92,13 @@ def learned_stops(
     mass    known mass in kg, 0 if the force is friction only; default: estimated
     widths  candidate stop widths in m; stops without stiffness are left out of the result
     bells   number of Gaussian basis functions over the speed fitted to the residual of the stops; 0: none
-    how     default: rows of a millisecond, rows at reversals included, the position filtered at 200 Hz
+    how     default: one row per millisecond, including rows at reversals; the position is filtered at 200 Hz
 
-    The columns are the elongations of the stops for the measured position, filtered as the force is, and scaled to the
-    same size.  The heights of the bells follow from ridge regression, which gives the mean of a Gaussian process with
-    these basis functions; the bells are equally spaced from the lowest to the highest speed.  Standard errors are those
-    of the active columns and valid for autocorrelated residuals; they do not account for widths that are not among the
-    candidates.
+    The regressor columns are the elongations of the stops for the measured position, filtered in the same way as the
+    force, and scaled to the same size.  The heights of the bells follow from ridge regression, which gives the mean of
+    a Gaussian process with these basis functions; the bells are equally spaced from the lowest to the highest speed.
+    Standard errors are those of the active columns and valid for autocorrelated residuals; they do not account for
+    widths that are not among the candidates.
 
     Not suitable without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
     motion back and forth over 1 um to several mm, both slow and fast.

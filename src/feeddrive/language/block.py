@@ -301,7 +301,7 @@ class Block(Declared):
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rules that depend on the sample time T in s (a hook, empty by default)."""
+        """Yield the validity rules that depend on the sample time T in s (a hook, empty by default)."""
         yield from ()
 
     def require(self) -> None:

@@ -206,7 +206,7 @@ def _place(names: Sequence[str], name: str, what: str) -> int:
 
 
 class Samples(NamedTuple):
-    """The Jacobians [A B; C D] of the samples of one period, over all states by name, at the sample time in s."""
+    """The Jacobian [A B; C D] of each sample in one period, the names of the states, and the sample time in s."""
 
     jacobians: list[np.ndarray]
     names: list[str]

@@ -296,7 +296,7 @@ class Beginning:
 
 
 class _Structure:
-    """The number of runs of one structure that began with new numbers, and its machine code, once compiled."""
+    """The number of runs of a loop structure with parameter values not seen before, and its code, once compiled."""
 
     def __init__(self) -> None:
         self.begun = 0

@@ -1,4 +1,4 @@
-"""Pictures over frequency: measured responses with uncertainty, Bode plots, margins, sensitivity, stiffness."""
+"""Frequency-domain plots: measured responses with uncertainty, Bode plots, margins, sensitivity, stiffness."""
 
 from __future__ import annotations
 

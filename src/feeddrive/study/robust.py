@@ -69,7 +69,7 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """Return the merits of a controller on each machine."""
+        """Return goal value and worst limit violation of a controller on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         # Without free parameters: the controller is evaluated, not tuned.
         none = np.zeros(0)
@@ -480,7 +480,7 @@ class RobustTuner:
         )
 
     def judged(self, control: Control) -> Merits:
-        """Return the merits of a controller on all sampled machines."""
+        """Return goal value and worst limit violation of a controller on each sampled machine."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 

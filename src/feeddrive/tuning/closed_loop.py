@@ -71,7 +71,9 @@ _SLOW = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The closed loop on the lines of an operating point, with derivatives (lines, tunables) and variances (lines,).
+    """The closed-loop responses at the frequency lines of an operating point.
+
+    Derivatives have shape (lines, tunables), variances (lines,).
 
     below   the compliance below the first line, with the axis as a free mass; None if not needed
     """

@@ -90,7 +90,7 @@ class ModeCompensation(Compensation):
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rules that all modes lie below half the sample rate and that the exact hold can predict them."""
+        """Yield the validity rules: all modes lie below half the sample rate, and the exact hold can predict them."""
         for i, mode in enumerate(self.modes):
             yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
         lead = self._lead(self.observer.prepare(T), T)

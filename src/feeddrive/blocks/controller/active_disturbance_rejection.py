@@ -100,7 +100,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that the loop on a rigid axis of this mass, with the observer's dead time, is stable."""
+        """Yield the validity rule: the loop on a rigid axis of this mass is stable with the observer's dead time."""
         yield Rule(
             matrix.decays(self._sample(T)),
             "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",

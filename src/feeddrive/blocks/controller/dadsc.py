@@ -103,7 +103,7 @@ class DADSC(Law):
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that the sampled loop around m x'' = F without dead time is stable at this sample time."""
+        """Yield the validity rule: the sampled loop around m x'' = F without dead time is stable at T."""
         rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)
         yield Rule(
             _stable(rates, self.adaptation_ratio, T),

@@ -127,7 +127,7 @@ class PolePlacement(Law):
         two_bodies(self.kind, self.model)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the model is controllable and that the exact filter is stable."""
+        """Yield the validity rules: the model is controllable, and the exact filter is stable."""
         bodies = two_bodies(self.kind, self.model)
         yield controllable(self.kind, bodies)
         if self.commands == "exact" and not matrix.is_zero(bodies.m12):
@@ -158,7 +158,7 @@ class PolePlacement(Law):
         )
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rules that all poles lie below half the sample rate."""
+        """Yield the validity rules: all poles lie below half the sample rate."""
         for name, frequency, damping in (
             ("bandwidth", self.bandwidth, 1.0),
             ("rigid_frequency", self._rigid(), self.rigid_damping),

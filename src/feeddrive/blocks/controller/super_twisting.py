@@ -178,7 +178,7 @@ class SuperTwisting(Law):
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that inside its zone the loop around m x'' = F without dead time is stable."""
+        """Yield the validity rule that inside its zone the loop around m x'' = F without dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),

@@ -95,7 +95,7 @@ class MillingCut(Coupling):
                 )
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the cut ends after it begins and that slices are short."""
+        """Yield the validity rules: the cut ends after it begins, and its slices are short."""
         begin, end = self.cut_from, self.cut_to
         if end is not None:
             yield Rule(
@@ -131,7 +131,7 @@ class MillingCut(Coupling):
         return [self.spindle_speed]
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the rules that the stored substeps cover the tooth periods and that a turn has at least 4 substeps."""
+        """Yield the validity rules: the stored substeps cover the tooth periods, and a turn has at least 4 substeps."""
         period, turn = self.period(), 60.0 / self._speeds()[-1]
         directed = self.direction is not None or (self.sections is not None and self.sections.direction is not None)
         # without a direction the step of a whole turn of the spindle is the direction of the feed

@@ -84,7 +84,7 @@ class MechanisticCutter(Cutter):
             )
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the cut fits the tool and that the coefficients are those of a material."""
+        """Yield the validity rules: the cut must fit the tool, and the coefficients must be those of a material."""
         diameter, depth = self.diameter, self.axial_depth
         width, flute, entry, leave = self.radial_depth, self.flute_length, self.entry, self.exit
         if width is not None:

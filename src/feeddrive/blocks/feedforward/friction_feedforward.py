@@ -43,7 +43,7 @@ class FrictionFeedforward(Feedforward):
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the levels of the Stribeck curve fall with speed."""
+        """Yield the validity rules: the levels of the Stribeck curve fall with speed."""
         yield from levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 

@@ -32,7 +32,7 @@ class LowPass(Filter):
         output: Number
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that the corner lies below half the sample rate."""
+        """Yield the validity rule that the corner lies below half the sample rate."""
         yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:

@@ -27,7 +27,7 @@ class Regeneration(Force):
     remembered: int = choice("substeps of motion that are stored; they must cover the delay", default=4096, least=2)
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the rule that the stored substeps cover the delay."""
+        """Yield the validity rule that the stored substeps cover the delay."""
         yield Rule(
             # the interpolation reads the two stored positions around the delay
             self.delay / h <= float(self.remembered - 1),

@@ -25,7 +25,7 @@ def stribeck_level(
 def levels(
     kind: str, coulomb_name: str, coulomb: Number | None, breakaway_name: str, breakaway: Number | None
 ) -> Iterator[Rule]:
-    """Yield the rule that the breakaway level is not below the Coulomb level, if both are given."""
+    """Yield the validity rule that the breakaway level is not below the Coulomb level, if both are given."""
     if coulomb is not None and breakaway is not None:
         yield Rule(
             breakaway >= coulomb,

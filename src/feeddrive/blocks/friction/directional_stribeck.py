@@ -29,7 +29,7 @@ class DirectionalStribeck(Friction):
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the breakaway levels are not below the Coulomb levels."""
+        """Yield the validity rules: the breakaway levels are not below the Coulomb levels."""
         for way, coulomb, breakaway in (
             ("positive", self.coulomb_positive, self.breakaway_positive),
             ("negative", self.coulomb_negative, self.breakaway_negative),

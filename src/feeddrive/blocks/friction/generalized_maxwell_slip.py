@@ -57,7 +57,7 @@ class GeneralizedMaxwellSlip(Friction):
             )
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rule that the breakaway level is not below the Coulomb level."""
+        """Yield the validity rule that the breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:

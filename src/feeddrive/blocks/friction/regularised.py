@@ -47,7 +47,7 @@ class Regularised(Friction):
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules that the levels of the Stribeck curve fall with speed."""
+        """Yield the validity rules: the levels of the Stribeck curve fall with speed."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 

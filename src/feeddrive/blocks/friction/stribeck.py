@@ -27,7 +27,7 @@ class Stribeck(Friction):
     exponent: int = choice("2: Gaussian curve, 1: exponential curve (Tustin)", options=(1, 2), default=2)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rule that the breakaway level is not below the Coulomb level."""
+        """Yield the validity rule that the breakaway level is not below the Coulomb level."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> Nothing:

@@ -67,7 +67,7 @@ class DisturbanceRecovery(Observer):
         filter: tuple[Any, ...]
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that the corner of the filter lies below half the sample rate."""
+        """Yield the validity rule that the corner of the filter lies below half the sample rate."""
         if self.form != "exact":
             yield biquad.below_nyquist(self.kind, "frequency", self.frequency, T)
 

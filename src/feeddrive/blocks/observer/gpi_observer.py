@@ -168,7 +168,7 @@ class GpiObserver(Observer):
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rule that omega_o is slow enough for the sample time.
+        """Yield the validity rule that omega_o is slow enough for the sample time.
 
         A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability at
         T beyond an unstable range of shorter sample times is accidental.

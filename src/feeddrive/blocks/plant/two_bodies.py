@@ -1,4 +1,4 @@
-"""Properties of a screw-and-table model: its mode, the lead of the screw over the table, and its attainable poles.
+"""Properties of a screw-and-table model: its mode, the displacement between its bodies, and its attainable poles.
 
 All equations are those of Gordon & Erkorkmaz 2013, eq. (2):
 
@@ -212,7 +212,7 @@ def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
 
 
 class ScrewCommand(NamedTuple):
-    """The lead of the screw over the table that a motion of the table requires, with its derivatives."""
+    """The displacement x1 - x2 of the screw relative to the table that a table motion requires, with derivatives."""
 
     position: Number  # m
     velocity: Number  # m/s
@@ -235,7 +235,7 @@ def lag(bodies: TwoBodies) -> Number:
 
 
 def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """Return the lead of the screw by the series in c/k, truncated after its first term: stateless, stable for any m12.
+    """Return the displacement by the series in c/k, truncated after its first term: stateless, stable for any m12.
 
     The second line of equation (2), solved for x1 - x2 = lead:
 

@@ -29,7 +29,7 @@ class TwoMass(Plant):
     coupling_mass: Number | None = parameter("kg", "off-diagonal term of the mass matrix", default=None)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rule that the mass matrix is positive definite."""
+        """Yield the validity rule that the mass matrix is positive definite."""
         m12, product = self.coupling_mass, self.mass_motor * self.mass_load
         if m12 is not None:
             yield Rule(

@@ -279,7 +279,10 @@ def _covariance(
 
 
 def with_derived(fit: PlantFit, derived: Sequence[tuple[str, str, Any]]) -> PlantFit:
-    """Return the fit with derived quantities, given by name, unit and function of the plant, and first-order errors."""
+    """Return the fit with derived quantities, each given as (name, unit, function of the plant).
+
+    Their standard errors follow by first-order propagation.
+    """
     leaves = [name for name, _ in tree.leaves(fit.plant)]
     places = [(i, e) for i, e in enumerate(fit.estimates) if e.name in leaves]
     derived_estimates: list[Estimate] = []

@@ -272,10 +272,10 @@ def _near_its_start(
     begin: np.ndarray,
     steps: int,
 ) -> Refined:
-    """Return the point closest to the start among equally good ones, if noise leaves logarithms undetermined.
+    """Return the equally good point that is closest to the start, if noise leaves parameters undetermined.
 
-    In such a flat valley of the cost an unconstrained descent ends at a point that depends on rounding, with arbitrary
-    errors.
+    In such a flat valley of the cost an unconstrained descent ends at a point that depends on rounding, and its
+    standard errors mean nothing.
     """
     inner = np.array([unknown.positive and not unknown.fixed for unknown in unknowns])
     loose = np.array([not unknown.fixed for unknown in unknowns]) & ~refined.bound

@@ -45,7 +45,7 @@ _Record = TypeVar("_Record")
 
 
 class Records(Protocol[_Record]):
-    """An array of records: a float64 array with two indices, whose rows are records and whose columns are fields.
+    """An array of records: a two-dimensional float64 array, whose rows are records and whose columns are fields.
 
     `Records[Stretch]` annotates a parameter or a field.  Python callers pass a NumPy array.
     """
@@ -56,7 +56,7 @@ class Records(Protocol[_Record]):
 
 
 class Records2(Protocol[_Record]):
-    """An array of records with two indices: a float64 array with three indices, the last of which is the field."""
+    """A two-dimensional array of records: a three-dimensional float64 array whose last axis is the field."""
 
     @overload
     def __getitem__(self, place: int, /) -> Records[_Record]: ...

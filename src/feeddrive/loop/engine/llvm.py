@@ -422,7 +422,7 @@ class _TimeLoop:
         return printer.taken()
 
     def body(self) -> list[str]:
-        """Write one sample."""
+        """Return the lines of code that compute one sample."""
         plan, printer = self.plan, self.printer
         # a vector that is made in the loop does not exist behind it
         outside = dict(printer.spread)

@@ -454,7 +454,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Yield the segments of a move in `columns` of the machine's axes; a move of zero length has none."""
+    """Yield the segments of a move in the coordinates `columns` of the machine's axes; a zero-length move has none."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]

@@ -1,4 +1,4 @@
-"""The room Bring: import of files, assignment of column roles, and identification of models from them."""
+"""The Bring page of the studio: import of files, assignment of column roles, and identification of models from them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROLES, _CHOSEN = "roles of columns, as the page had them", "responses that were
 
 
 class Bring(Room):
-    """The room for the import of machines, logs, responses and part programs."""
+    """The page for the import of machines, logs, responses and part programs."""
 
     name = "bring"
 

@@ -1,4 +1,4 @@
-"""The room Compare: laws on this axis at equal robustness, their trade-off, and the selection of a law to tune."""
+"""The Compare page: laws on this axis at equal robustness, their trade-off, and the selection of a law to tune."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from feeddrive.workflow.compare import TAKEN, CompareRequest, taken
 
 
 class Compare(Room):
-    """The room for the comparison of laws."""
+    """The page for the comparison of laws."""
 
     name = "compare"
 

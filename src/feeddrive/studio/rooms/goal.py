@@ -1,4 +1,4 @@
-"""The room Goal: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
+"""The Goal page: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(TuneRequ
 
 
 class Goal(Room):
-    """The room for automatic tuning: the goal, its limits, and the result of the tuner."""
+    """The page for automatic tuning: the goal, its limits, and the result of the tuner."""
 
     name = "goal"
 

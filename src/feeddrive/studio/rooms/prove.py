@@ -1,4 +1,4 @@
-"""The room Prove: stability certificate, circle test and part program for the current controller."""
+"""The Prove page of the studio: stability certificate, circle test and part program for the current controller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RULE = "the control that was tuned on the page"
 
 
 class Prove(Room):
-    """The room for proofs of the current controller and for simulations on the machine."""
+    """The page for proofs of the current controller and for simulations on the machine."""
 
     name = "prove"
 

@@ -1,4 +1,4 @@
-"""The room Scope: an oscilloscope for live signals, with trigger, cursors, and export of the window as a log."""
+"""The Scope page: an oscilloscope for live signals, with trigger, cursors, and export of the window as a log."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _UNITS = (
 
 
 class Scope(Room):
-    """The room for the oscilloscope: a live source and its display."""
+    """The page for the oscilloscope: a live source and its display."""
 
     name = "scope"
 

@@ -1,4 +1,4 @@
-"""The room Take: export of machine file, report and code, and of all steps as commands, Python and a job.
+"""The Take page of the studio: export of machine file, report and code, and of all steps as commands, Python and a job.
 
 The commands repeat the steps without the page.
 """
@@ -104,7 +104,7 @@ def whole(machine: str | Path) -> str:
 
 
 class Take(Room):
-    """The room for the export of tuned and proven results."""
+    """The page for the export of tuned and proven results."""
 
     name = "take"
 

@@ -1,4 +1,4 @@
-"""The room Tune: manual tuning of parameters, with live pictures and verdicts and stored controllers to compare."""
+"""The Tune page: manual tuning of parameters, with live pictures and verdicts and stored controllers to compare."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class _Seen(NamedTuple):
 
 
 class Tune(Room):
-    """The room for manual tuning of the controller's parameters."""
+    """The page for manual tuning of the controller's parameters."""
 
     name = "tune"
 
