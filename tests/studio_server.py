@@ -7,6 +7,7 @@ import json
 import os
 import re
 import select
+import shutil
 import struct
 import subprocess
 import sys
@@ -21,6 +22,8 @@ import numpy as np
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
+# the shell has the engine without windows, which saves a third of the time
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "chromium-browser"))), None)
 FEEDDRIVE = [sys.executable, "-c", "from feeddrive.cli import main; main()"]
 PROC = Path("/proc") if sys.platform == "linux" else Path()
 needs_proc = pytest.mark.skipif(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,9 +13,7 @@ from typing import Any
 import pytest
 
 from feeddrive.studio.server import PAGE
-from studio_server import cookie_of
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium-headless-shell", "chromium", "chromium-browser"))), None)
+from studio_server import CHROMIUM, cookie_of
 
 
 class Opened:
@@ -100,7 +97,7 @@ def browser() -> Iterator[Any]:
     """Chromium; tests that need it say loudly where it, its driver or the built page is missing."""
     playwright = pytest.importorskip("playwright.sync_api", reason="NOT TESTED: pip install playwright")
     if CHROMIUM is None:
-        pytest.skip("NOT TESTED: the page needs a browser: apt-get install chromium")
+        pytest.skip("NOT TESTED: the page needs a browser: apt-get install chromium-headless-shell")
     if not (PAGE / "index.html").is_file():
         pytest.skip("NOT TESTED: the page is not built: make page")
     with playwright.sync_playwright() as driver:

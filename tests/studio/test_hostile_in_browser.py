@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
@@ -11,6 +10,8 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
+
+from studio_server import CHROMIUM
 
 # a page that tries all that a page may try; it says what came of each
 _FOREIGN = """<!doctype html><title>foreign</title><body><pre id="said"></pre><script>
@@ -75,7 +76,7 @@ def test_a_name_that_points_here_gets_nothing_even_with_the_token(served: Callab
     studio = served("xy_table", "--axis", "x")
     at = urlsplit(studio.token)
     browser = studio.browser.browser_type.launch(
-        executable_path=shutil.which("chromium") or shutil.which("chromium-browser"),
+        executable_path=CHROMIUM,
         args=["--no-sandbox", "--host-resolver-rules=MAP evil.example 127.0.0.1"],
     )
     try:
