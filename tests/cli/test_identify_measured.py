@@ -86,7 +86,7 @@ def test_errors_of_the_bench_hold_what_even_and_odd_lines_say_apart(tmp_path: Pa
         kept = np.ones(odd.size, bool) if rest is None else odd == rest
         write_frf(path, *(replace(g, frequency=g.frequency[kept], response=g.response[kept]) for g in whole.values()))
         fit = identify(path, motor="Gm", load="Gl", unit=("rad/A",), model="two-mass").fit
-        return {row[0]: (float(row[2]), float(row[3])) for row in fit.table().rows if "resonance" in row[0]}
+        return {row[0]: (row[2].value, row[3].value) for row in fit.table().rows if "resonance" in row[0]}
 
     both, odd, even = found("both", None), found("odd", 1), found("even", 0)
     assert both.keys() == {"resonance", "antiresonance"}

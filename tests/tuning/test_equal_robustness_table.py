@@ -30,6 +30,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.evaluation.robustness import Rule
+from feeddrive.figures.of_loops import FORCE_NOISE
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, UnstableError
@@ -246,8 +247,9 @@ MACHINES = ("linear_motor", "ball_screw", "mill", "emps", "xy_table")
 def crude(given: Loop, limits: Limits, velocity: float, begun: dict[str, float]) -> float:
     """ISE^½ by Nelder-Mead over the same tunables, goal and limits, computed from the model of the whole loop."""
     names = list(begun)
-    assert limits.force_noise is not None
-    one, bound = given.axis.one_encoder(), limits.force_noise / limits.reading_noise[0]
+    most = limits.bound(FORCE_NOISE)
+    assert most is not None
+    one, bound = given.axis.one_encoder(), most / limits.reading_noise[0]
 
     def cost(x: np.ndarray) -> float:
         values = dict(zip(names, np.exp(x).tolist(), strict=True))
