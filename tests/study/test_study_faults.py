@@ -238,7 +238,8 @@ def test_ctrl_c_cancels_what_is_handed_out(cluster: DaskCluster, long: tuple[Pat
     study, wanted = long
     out = tmp_path / "out"
     with client(study, out, cluster.address) as process:
-        until(lambda: chunks(out) >= 10 or process.poll() is not None)
+        # the first one: on a busy machine all could be done before the signal arrives
+        until(lambda: chunks(out) >= 1 or process.poll() is not None)
         process.send_signal(signal.SIGINT)
         said, _ = process.communicate(timeout=30)
     assert process.returncode == 130, said
