@@ -96,7 +96,7 @@ def test_it_is_no_goal_for_a_cascade() -> None:
 @pytest.mark.slow(reason="three searches over the gains of P-PI")
 def test_the_goals_agree_on_a_rigid_axis() -> None:
     """5.d: most integral gain in place of least ISE: k_i + 1.2 %, ISE + 1.3 %; the small-gain bound is kept too."""
-    bound = {"force_noise": 1.5e9, "reading_noise": (1.0, 1.0)}
+    bound = {"force_noise_N": 1.5e9, "reading_noise": (1.0, 1.0)}
     given = loop(CascadePPI(Kv=300.0, Kp=5e4, Tn=3e-3))
 
     def search(goal: str, limits: Limits) -> tuple[CascadePPI, float]:

@@ -153,7 +153,8 @@ def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequen
                 low=0.4 - len(laws),
                 high=0.6,
                 caption=head,
-                abscissa=Abscissa("", LOG),
+                # P-PI itself has the ratio 1; without margins the outermost dots would be cut
+                abscissa=Abscissa("", LOG, *_around([1.0, *x], 0.1)),
             )
         )
     return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))
