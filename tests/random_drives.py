@@ -110,8 +110,8 @@ def outcome(seed: int, confidence: float = 0.95) -> Outcome:
     m = fd.margins(both.loop_gain(both.lines(400)))
     bounds = {limit.figure.key: limit.bound for limit in limits.limits}
     holds = stable and m.sensitivity_peak <= bounds["sensitivity_peak"]
-    holds &= m.phase_margin_deg is None or abs(m.phase_margin_deg) >= bounds["phase_margin_deg"]
-    holds &= m.gain_increase_dB is None or m.gain_increase_dB >= bounds["gain_margin_dB"]
+    holds &= m.phase_margin_deg is None or abs(m.phase_margin_deg) >= bounds.get("phase_margin_deg", 0.0)
+    holds &= m.gain_increase_dB is None or m.gain_increase_dB >= bounds.get("gain_margin_dB", 0.0)
     return Outcome("", shaped, stable, holds, _coherent(load, m.gain_crossovers[-1].frequency))
 
 
