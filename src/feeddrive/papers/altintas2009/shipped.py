@@ -252,7 +252,7 @@ def recoveries() -> list[Claim]:
             RULE,
             misfit(seen(observer), expected),
             most=most,
-            equations=tuple({name, "recovery from (6)"} - ({"recovery from (6)"} if "Kalman" in name else set())),
+            equations=(name,) if "Kalman" in name else tuple(dict.fromkeys((name, "recovery from (6)"))),
         )
         for title, observer, expected, most, name in kinds
     ] + [
