@@ -108,6 +108,7 @@ class Benchmark(Result):
 
     def _ordered(self, *, recipe: bool) -> tuple[str, ...]:
         names = dict.fromkeys(row.name for row in self.rows if row.recipe == recipe)
+        # by the rope-snap error, which is the goal of all searches
         return tuple(sorted(filter(self.counted, names), key=lambda law: -(self.score(law, FIGURES[0]).value or 0.0)))
 
     def row(self, plant: str, law: str) -> Competitor | None:
@@ -136,6 +137,7 @@ class Benchmark(Result):
         """Return the geometric mean over plants of the ratio to P-PI, as defined in the module docstring."""
         ratios = self.ratios(law, criterion).values()
         finite = [ratio for ratio in ratios if math.isfinite(ratio)]
+        # geometric: twice as good on one plant and half as good on another one is no gain
         mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
         return Score(mean, len(finite), len(ratios) - len(finite))
 
@@ -254,6 +256,7 @@ def score(
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
     laws = laws_of(chosen, laws)
+    # designs of the user come first, those of the package fill the gaps
     first, *also = (*designs, rules.designs)
     listed = [
         trial
@@ -266,6 +269,7 @@ def score(
 
 def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
     """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
+    # of all plants: a law may fit only some of them
     lineups = [Lineup.of(plant.model) for plant in plants] if laws else []
     possible = tuple(law for lineup in lineups for law in lineup.possible)
     return Lineup(possible, tuple(law for lineup in lineups for law in lineup.refused)).names(laws)

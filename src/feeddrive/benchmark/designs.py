@@ -40,6 +40,7 @@ class Designs:
             design = Design.read(json.loads(read_whole(path, _LARGEST)))
         except (ValueError, KeyError, TypeError, AttributeError):
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
+        # a design for other rules is no error: it is as if there were none
         return design if (design.plant, design.rules) == (self.plant, self.rules) else None
 
     def outcome(self, law: str) -> Design | Refusal | None:

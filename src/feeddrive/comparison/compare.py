@@ -50,7 +50,8 @@ _HEADS = {
 """The heads of the lists of laws that are not ranked, by the kind of reason."""
 # share of the force limit above which force noise gets a remark: it is heard, and heats the motor at standstill
 _NOISY = 0.02
-_NAMED = 4  # number of criteria in which a law is worse that are named in the advice, the worst first
+# number of criteria in which a law is worse that are named in the advice, the worst first: a sentence must stay short
+_NAMED = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)

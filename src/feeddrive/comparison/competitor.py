@@ -193,11 +193,13 @@ class AtWork(Case[Competitor]):
         rows: list[Competitor] = []
         for (loop, model), seed in product(places, self.plant.seeds):
             rows.append(self._at(law, loop, model, seed))
+            # one position or seed that fails decides for all: further runs would only cost time
             if rows[-1].unplaced:
                 return rows[-1]
         figures = worst([row.figures for row in rows])
         if self.plant.varied is not None and law.loop.control.law.period() <= MOST:
             figures[ROBUST.key] = max(robust_peak(model, rule.velocity, self.plant.varied) for _, model in places)
+        # judged by the worst figures, so that no position or seed may exceed a bound
         exceeded = rule.broken(figures)
         unplaced = Text(f"{OUTSIDE}: {exceeded}") if exceeded else ""
         # the longest remark is that of a run in which the guard tripped, if any
