@@ -284,8 +284,9 @@ def test_noise_is_stated_for_a_nanometer_of_the_readings() -> None:
 def test_a_law_is_named_by_its_kind_too() -> None:
     plants = RULES.chosen((QUICK,))
     assert laws_of(plants, ["dadsc", "P-PI", "cascade_ppi"]) == laws_of(plants, ["DADSC", "P-PI"])
-    with pytest.raises(ParameterError, match="did you mean dadsc"):
-        laws_of(plants, ["dadcs"])
+    for written, meant in (("dadcs", "dadsc"), ("ppi", "P-PI")):
+        with pytest.raises(ParameterError, match=f"did you mean {meant}"):
+            laws_of(plants, [written])
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,17 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
     names = list(allowed)
-    # a name in the other case has no letter in common for get_close_matches
-    near = get_close_matches(name, names, 3) or [candidate for candidate in names if candidate.lower() == name.lower()]
+    # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
+    near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]
     if near:
         return f"; did you mean {' or '.join(near)}?"
     if not names:
         return "; nothing is expected here"
     return f"; there are: {', '.join(names[:20])}{', ...' if len(names) > 20 else ''}"
+
+
+def _letters(name: str) -> str:
+    return "".join(filter(str.isalnum, name)).lower()
 
 
 class FeeddriveError(Exception):
