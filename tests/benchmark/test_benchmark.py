@@ -14,15 +14,15 @@ from feeddrive import cli
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.analysis.margins import margins
 from feeddrive.analysis.stability import stability
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, laws_of, score
-from feeddrive.benchmark.designs import Designs, search
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, laws_of, score, search
 from feeddrive.benchmark.report import latex, markdown, summary, write_benchmark
 from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.comparison.competitor import Competitor
-from feeddrive.comparison.lineup import Lineup
 from feeddrive.evaluation import robustness
+from feeddrive.evaluation.competitor import Competitor
+from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.lineup import Lineup
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures.ranking import ROBUST, robust_peak, worst
 from feeddrive.language.errors import ParameterError, UnstableError

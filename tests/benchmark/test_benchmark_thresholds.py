@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
-from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import folder, read_rules
-from feeddrive.comparison.competitor import Competitor
+from feeddrive.evaluation.competitor import Competitor
+from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_runs
 from feeddrive.files.machine import read_machine

@@ -24,10 +24,10 @@ from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.cli.terminal import show
 from feeddrive.comparison.compare import TODAY, Comparison, advice, compare_laws
-from feeddrive.comparison.lineup import FIXED, Lineup
 from feeddrive.comparison.report import figures_csv, write_comparison
 from feeddrive.evaluation.duty import duty_of
 from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.lineup import FIXED, Lineup
 from feeddrive.evaluation.store import Folder
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.ranking import CRITERIA, ranks

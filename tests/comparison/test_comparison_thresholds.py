@@ -12,7 +12,7 @@ import pytest
 
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import advice, noisy
-from feeddrive.comparison.competitor import Competitor
+from feeddrive.evaluation.competitor import Competitor
 from feeddrive.evaluation.robustness import Rule
 from feeddrive.figures import of_loops
 from feeddrive.figures.ranking import CRITERIA

@@ -5,8 +5,7 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
-        "benchmark": "Benchmark score",
-        "designs": "Designs search",
+        "benchmark": "Benchmark score search",
         "rules": "Plant Rules read_rules",
     },
 )

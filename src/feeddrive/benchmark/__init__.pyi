@@ -4,8 +4,7 @@
 
 from feeddrive.benchmark.benchmark import Benchmark as Benchmark
 from feeddrive.benchmark.benchmark import score as score
-from feeddrive.benchmark.designs import Designs as Designs
-from feeddrive.benchmark.designs import search as search
+from feeddrive.benchmark.benchmark import search as search
 from feeddrive.benchmark.rules import Plant as Plant
 from feeddrive.benchmark.rules import Rules as Rules
 from feeddrive.benchmark.rules import read_rules as read_rules

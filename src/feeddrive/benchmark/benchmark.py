@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from feeddrive.benchmark.designs import Designs
 from feeddrive.benchmark.rules import Rules, read_rules
-from feeddrive.comparison.competitor import AtWork, Competitor, Plant
-from feeddrive.comparison.lineup import Lineup, Trial, judged
+from feeddrive.evaluation.competitor import AtWork, Competitor, Plant
+from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.engine import Bar, Engine
+from feeddrive.evaluation.lineup import Lineup, Trial, judged
+from feeddrive.evaluation.robustness import Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.ranking import ROBUST
@@ -265,6 +266,33 @@ def score(
     ]
     rows = judged(listed, engine or Engine(), Bar(progress or Progress(), len(listed)))
     return Benchmark(rules, tuple(plant.name for plant in chosen), tuple(rows), own, versions())
+
+
+def search(
+    rules: Rules,
+    plants: Sequence[Plant],
+    keep: Path,
+    *,
+    laws: Sequence[str] = (),
+    engine: Engine | None = None,
+    stored: bool = False,
+    progress: Progress | None = None,
+) -> None:
+    """Tune laws on plants, and write each design to `keep` as soon as it is found.
+
+    stored  use the designs stored in the package as well
+
+    A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
+    the searches; its own store is replaced.
+    Raises FileError if the folder cannot be written, CancelledError if cancelled.
+    """
+    engine, progress = engine or Engine(), progress or Progress()
+    for plant in plants:
+        lineup = Lineup.of(plant.model)
+        searched = (lineup.only(laws) if laws else lineup).searched
+        designs = Designs(keep, plant.name, rules.version, (rules.designs,) if stored else ())
+        bar = Bar(progress, Tuning.stages * len(searched))
+        tuned_all(searched, plant.rule, replace(engine, store=designs), bar)
 
 
 def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:

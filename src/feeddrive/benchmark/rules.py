@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.blocks.families import Reference
-from feeddrive.comparison.competitor import Place, Plant
+from feeddrive.evaluation.competitor import Place, Plant
 from feeddrive.evaluation.duty import Duty
 from feeddrive.evaluation.robustness import Rule
 from feeddrive.files.job import Job, read_job

@@ -9,10 +9,10 @@ from typing import Any
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.comparison.competitor import OUTSIDE, REFUSED, UNFIT, UNSETTLED, AtWork, Competitor, Place, Plant
-from feeddrive.comparison.lineup import Lineup, Trial, judged
+from feeddrive.evaluation.competitor import OUTSIDE, REFUSED, UNFIT, UNSETTLED, AtWork, Competitor, Place, Plant
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
+from feeddrive.evaluation.lineup import Lineup, Trial, judged
 from feeddrive.evaluation.robustness import Rule, Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure

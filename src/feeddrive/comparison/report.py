@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.comparison.compare import TODAY, Comparison, advice
-from feeddrive.comparison.competitor import UNFIT, Competitor
+from feeddrive.evaluation.competitor import UNFIT, Competitor
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import CROSSOVER, DELAY_MARGIN, NOISE_GAIN, SENSITIVITY_PEAK
 from feeddrive.figures.of_runs import SNAP_SETTLING

@@ -6,6 +6,7 @@ make_lazy(
     __name__,
     {
         "case": "Case content_digest",
+        "designs": "Designs",
         "engine": "Bar Engine",
         "robustness": "Design Rule",
         "store": "Folder Store",

@@ -4,6 +4,7 @@
 
 from feeddrive.evaluation.case import Case as Case
 from feeddrive.evaluation.case import content_digest as content_digest
+from feeddrive.evaluation.designs import Designs as Designs
 from feeddrive.evaluation.engine import Bar as Bar
 from feeddrive.evaluation.engine import Engine as Engine
 from feeddrive.evaluation.robustness import Design as Design

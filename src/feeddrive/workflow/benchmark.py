@@ -6,11 +6,10 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from feeddrive.benchmark.benchmark import Benchmark, advice, laws_of, score
-from feeddrive.benchmark.designs import search
+from feeddrive.benchmark.benchmark import Benchmark, advice, laws_of, score, search
 from feeddrive.benchmark.report import benchmark_report, citation, reasons, write_benchmark
 from feeddrive.benchmark.rules import VERSION, read_rules
-from feeddrive.comparison.lineup import Lineup
+from feeddrive.evaluation.lineup import Lineup
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import OUT, Outcome, command, option

@@ -9,8 +9,8 @@ from pathlib import Path
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
 from feeddrive.comparison.compare import Comparison, advice, against_plain, compare_laws, noisy, standings
-from feeddrive.comparison.lineup import Lineup
 from feeddrive.comparison.report import comparison_report, write_comparison
+from feeddrive.evaluation.lineup import Lineup
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress

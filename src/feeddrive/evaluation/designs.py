@@ -1,16 +1,11 @@
-"""Stored designs, with exact tunables and figures per law and plant, and the searches for them."""
+"""Stored designs, with exact tunables and figures, one file per law and plant."""
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from feeddrive.benchmark.rules import Rules
-from feeddrive.comparison.competitor import Plant
-from feeddrive.comparison.lineup import Lineup
-from feeddrive.evaluation.engine import Bar, Engine
-from feeddrive.evaluation.robustness import Design, Tuning, tuned_all
+from feeddrive.evaluation.robustness import Design, Tuning
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.language.progress import Progress
@@ -77,30 +72,3 @@ class Designs:
 
     def _path(self, law: str, place: Path) -> Path:
         return place / self.plant / (re.sub(r"[^a-z0-9]+", "_", law.lower()).strip("_") + ".json")
-
-
-def search(
-    rules: Rules,
-    plants: Sequence[Plant],
-    keep: Path,
-    *,
-    laws: Sequence[str] = (),
-    engine: Engine | None = None,
-    stored: bool = False,
-    progress: Progress | None = None,
-) -> None:
-    """Tune laws on plants, and write each design to `keep` as soon as it is found.
-
-    stored  use the designs stored in the package as well
-
-    A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
-    the searches; its own store is replaced.
-    Raises FileError if the folder cannot be written, CancelledError if cancelled.
-    """
-    engine, progress = engine or Engine(), progress or Progress()
-    for plant in plants:
-        lineup = Lineup.of(plant.model)
-        searched = (lineup.only(laws) if laws else lineup).searched
-        designs = Designs(keep, plant.name, rules.version, (rules.designs,) if stored else ())
-        bar = Bar(progress, Tuning.stages * len(searched))
-        tuned_all(searched, plant.rule, replace(engine, store=designs), bar)

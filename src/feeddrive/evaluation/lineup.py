@@ -10,7 +10,7 @@ from typing import NamedTuple, Self
 
 from feeddrive.blocks.catalogue import members, shipped
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.competitor import OUTSIDE, REFUSED, STALE, UNSEARCHED, UNSETTLED, AtWork, Competitor, Plant
+from feeddrive.evaluation.competitor import OUTSIDE, REFUSED, STALE, UNSEARCHED, UNSETTLED, AtWork, Competitor, Plant
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.robustness import Design
 from feeddrive.language import tree
