@@ -18,7 +18,8 @@ export class JobBar {
   constructor(ask: Ask) {
     this.stop = button("Cancel", () => ask({ do: "job.cancel" }), { id: "cancel" });
     this.close = button("Close", () => this.away(), { id: "job-close", "aria-label": "Close what is said of this work" });
-    this.element.append(this.bar, this.words, this.stop, this.close, this.remarks);
+    // the buttons first: behind the words they would move under the pointer with each step that is reported
+    this.element.append(this.stop, this.close, this.bar, this.words, this.remarks);
   }
 
   show(job: Job | undefined): void {
