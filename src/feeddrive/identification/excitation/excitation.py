@@ -159,7 +159,7 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Compare the peaks of all realizations with the limits; those not stated are of guard, controller and motor."""
+    """Compare the peaks of all realizations with limits, by default with those of guard, controller and motor."""
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:

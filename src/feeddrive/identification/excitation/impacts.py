@@ -271,7 +271,7 @@ def _start(blow: _Blow) -> int:
 
 
 def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the segment of a blow: the force, set to 0 outside the contact, and the response, relative to rest."""
+    """Return force and response of a segment, both relative to rest; outside the contact the force is set to 0."""
     start = _start(blow)
     force = np.zeros(length)
     end = min(blow.end, start + length)
