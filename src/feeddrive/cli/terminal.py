@@ -46,9 +46,9 @@ def own_words() -> Generator[None]:
 
 
 def open_console(*, errors: bool = False) -> Console:
-    """Return a console on the standard output, or on the error stream when the output is JSON.
+    """Return a console on the standard output, or on the error stream if `errors` is True.
 
-    When the output is JSON, progress and questions also appear on the error stream.  The console is as wide as the
+    If the output is JSON, progress and questions use the error stream.  The console is as wide as the
     terminal; if the stream is not a terminal, its width is unlimited, regardless of COLUMNS.
     """
     from rich.console import Console  # not for `--help`

@@ -359,7 +359,7 @@ def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tupl
 
 
 def _cut(v: np.ndarray, least: int) -> int | None:
-    """Return the row at which the mean changes most, a few rows or more from both ends; None if not significantly."""
+    """Return the row, not close to an end, at which the mean changes most; None if the change is not significant."""
     # a change point in the first rows would be noise of a mean over two of them
     few = max(3, least // 4)
     if v.size < 2 * few:
@@ -408,7 +408,7 @@ CLEAR = 6.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate friction model, by name, with or without a constant force; the values in the block are ignored.
+    """A candidate friction model, with or without a constant force (`offset`); values in the block are ignored.
 
     All its parameters except a Stribeck velocity enter its steady-state curve linearly.
     """

@@ -122,7 +122,7 @@ def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
 
 
 def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
-    """Return the node values at 0, 1, ... of the least-squares piecewise linear function."""
+    """Return the values at 0, 1, ... of the piecewise linear least-squares fit to `values` at `place`."""
     from scipy.linalg import solveh_banded
 
     below = np.clip(np.floor(place).astype(int), 0, count - 2)

@@ -459,8 +459,8 @@ B = TypeVar("B", bound=Block)
 class TracedForce(Generic[B]):
     """A block's force as a function of its arguments, traced once together with its derivatives.
 
-    `force` is called with the block, whose leaves are symbols, and with the arguments by name; `names` names the
-    leaves.
+    `force` is called with the block, whose leaves are symbols, and with the arguments by name; `names`
+    are the names of the leaves.
     """
 
     def __init__(self, block: B, arguments: Sequence[str], force: Callable[[B, Mapping[str, Number]], Number]) -> None:

@@ -114,8 +114,9 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def tuned(request: TuneRequest, progress: Progress) -> Shown:
-    """Tune a controller; the room draws its pictures over frequency, together with the current controller of the
-    page.
+    """Tune a controller.
+
+    The room itself draws the pictures over frequency, which also show the current controller of the page.
     """
     outcome = perform("tune", request, progress)
     progress.step("pictures")

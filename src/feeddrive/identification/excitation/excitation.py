@@ -295,9 +295,9 @@ def design_excitation(
                      noise on every line
     grid             pattern of excited lines, see `grid_lines`
     flat             for a setpoint: the signal that has equal amplitudes on all lines, such as the acceleration
-    offset_velocity  m/s of the underlying motion, so that the axis does not stick; 0: none; default: 1.5 times the peak
-                     speed of the linear model, or this peak speed plus three Stribeck velocities if that is larger.
-                     Every second realization reverses it
+    offset_velocity  m/s, velocity of the underlying motion, which keeps the axis from sticking; 0: no such motion;
+                     default: 1.5 times the peak speed of the linear model, or this peak speed plus three Stribeck
+                     velocities if that is larger. Every second realization moves in the opposite direction
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the controller and the motor
     seed             random seed of grid, phases and the noise of the encoders
 
@@ -563,8 +563,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         full        all lines: largest power, no empty lines in the band
         odd         1, 3, 5 ...: even distortion is detected on the even lines
         odd_odd     1, 5, 9 ...: odd distortion is also detected, on 3, 7, 11 ...
-        random_odd  odd lines, a random one of every four left empty (default): detects both kinds with most lines
-                    excited
+        random_odd  odd lines, except for a random one of every four (default): both kinds of distortion are detected,
+                    although most odd lines are excited
 
     Raises ParameterError for an unknown grid and a band without a line.
     Source: Pintelon & Schoukens 2012, section 4.3.1; Schoukens, Lataire, Pintelon & Vandersteen 2008.

@@ -253,7 +253,7 @@ class FrequencyEstimate(Result):
     noise    E|dG|² due to noise only, shape (n,)
     total    True if `frf.variance` includes nonlinear distortion besides noise
     levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation reveals them
-    counts   averages, periods, realisations, ... by name
+    counts   numbers of averages, periods, realizations ... by name
     remarks  remarks on the validity of the estimate
     """
 

@@ -41,7 +41,7 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """Find the hammer blows in a force signal; other signals, such as noise, a chirp or a periodic force, have none.
+    """Find the hammer blows in a force signal; other signals, such as noise, a chirp or a periodic force, contain none.
 
     A blow is a short unipolar pulse that starts and ends at rest.
     """
@@ -219,7 +219,7 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
-    """Return the correlation of white noise between lines 0, 1, ... apart, under a window exp(-decay · sample)."""
+    """Return the correlation between lines at distances 0, 1, ... of white noise with a window exp(-decay · sample)."""
     window = np.exp(-2.0 * decay * np.arange(length))
     spectrum = np.fft.fft(window)[: 2 * _HALF + 1]
     return spectrum / spectrum[0]

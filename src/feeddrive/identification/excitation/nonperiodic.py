@@ -313,7 +313,7 @@ def local_rational(
     The least-squares problem over `width` lines is weighted with the variance `spread` of y and solved twice, the
     second time with weights from the first b.  The residual returned for each line is twice the weighted sum of
     squares, which is χ² distributed with 2(width - 4) degrees of freedom if the function fits.  `correlation`, shape
-    (width,), is the correlation of the noise between lines 0, 1, ... apart; default: independent lines.
+    (width,), is the correlation of the noise between lines at distances 0, 1, ...; default: independent lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

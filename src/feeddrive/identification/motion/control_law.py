@@ -86,9 +86,9 @@ def identify_control(log: MotionLog) -> ControlFit:
 
         force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all delayed by d
 
-    This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns of the
-    least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the pair with the smallest residual is
-    selected. Samples at the force limit are left out.
+    This is the traced step of `CascadePPI`, in which `share` is the velocity feedforward; the derivatives with respect
+    to the gains are the columns of the least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the
+    pair with the smallest residual is selected. Samples at the force limit are left out.
     Raises NotIdentifiableError if every such cascade leaves more than 5 % of the force unexplained: the loop then has
     an integral part, filters or another law, whose parameters the user must state.
     """
@@ -202,7 +202,7 @@ class Gain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LawCheck:
-    """The check of a law against a log's force; residuals are relative to its RMS about the mean, in rows of 10 ms.
+    """The check of a law against a log's force; residuals are relative to the RMS of this force, in rows of 10 ms.
 
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
@@ -455,12 +455,12 @@ class _Rows:
     def slopes(
         self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
     ) -> dict[str, np.ndarray]:
-        """Return θ ∂u/∂θ of gains of a controller by name, over all samples; `plain` is its nominal command."""
+        """Return θ ∂u/∂θ of gains of a controller by name, over all samples; `plain` is the nominal command."""
         return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Yield the nonzero gains, by default all, each with a copy of the controller in which this gain is increased."""
+    """Yield the nonzero gains in `names` (None: all), each with a copy of the controller in which it is increased."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:
@@ -486,7 +486,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Yield readings with a random error within one count, constant while the count does not change."""
+    """Yield readings plus random errors of up to half a count; an error is constant until the count changes."""
     # a fixed seed: the same log gives the same errors
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)

@@ -434,7 +434,7 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; return None without a law, and for two encoders, since a log contains one."""
+    """Check the law against the log; return None without a law, and for two encoders, as a log contains only one."""
     if start is not None:
         return (
             None
@@ -499,7 +499,7 @@ def _unseen_gains(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Return why the magnitudes are implausible for a feed drive, or ""; add a remark with the remedy."""
+    """Return the reason why the magnitudes are implausible for a feed drive, or ""; add a remark with a remedy."""
     magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
     wrong = outside(log.frame, magnitudes)
     if not wrong:
@@ -510,7 +510,7 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Return True if position and force are swapped: a rigid drive fits these `MotionLog` arguments once exchanged."""
+    """Return True if position and force seem to be swapped: after exchanging them, a rigid drive fits the log."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:

@@ -402,7 +402,7 @@ class Prepared:
         return _reduced(values, self.stretches, self.places, self.decimation)
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
-        """Return another force on the clock of the log, reduced to these rows after a delay of `delay` samples."""
+        """Return another force, sampled like the log, in these rows, after a delay of `delay` samples."""
         return self.reduced(delayed(force, delay))
 
     def errors(self, position: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ class Agreement(Result):
 
     drawn        the model as a smooth curve, with short steps in the complex plane; its variance is J C Jᴴ, with
                  the covariance C of the parameters and the derivatives J, and does not include model errors
-    unused       found by cross-validation: each line is predicted by a fit that leaves it out with every fifth line
+    unused       found by cross-validation: each line is predicted by a fit to four fifths of the lines that excludes it
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
                  within them
     model_error  relative model error beyond the noise; 0 if no variance is known
@@ -270,9 +270,10 @@ def entangled(names: Sequence[str], refined: Refined) -> list[str]:
 
 
 def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
-    """Return the reasons, by name, why parameters of a nearly undetermined combination have errors above 10 %.
+    """Return the reasons why parameters are not identifiable, by name of the parameter.
 
-    Their standard errors would be valid only if the model were exact to 1 % of the effect of each parameter.
+    These parameters have errors above 10 % and belong to a nearly undetermined combination.  Their standard errors
+    would be valid only if the model were exact to 1 % of the effect of each parameter.
     """
     gone: dict[str, str] = {}
     for share, together in _combinations([estimate.name for estimate in estimates], refined):

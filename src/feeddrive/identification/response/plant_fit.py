@@ -53,7 +53,7 @@ _IDEAL = 20.0  # times the highest line: a faster current loop counts as ideal
 class PlantFit(Result):
     """A plant and its actuator, fitted to measured responses.
 
-    estimates         every fitted parameter with its standard errors; `covariance` in their order
+    estimates         every fitted parameter with its standard errors; `covariance` is in their order
     derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
     not_identifiable  the reason by parameter, and what to measure next; `plant` contains the value that was used
     agreement         agreement with the responses, on used and on unused lines

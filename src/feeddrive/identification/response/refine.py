@@ -44,7 +44,7 @@ class ResponseUnits:
 
 
 def response_units(frf: FRF) -> ResponseUnits:
-    """Return the quantities of an FRF from its unit, in any spelling; an FRF without a unit is taken as m/N."""
+    """Return the units of output and input of an FRF, from its unit in any spelling; without a unit m/N is assumed."""
     output, _, force = (_known(frf.unit) or (frf.unit or "m/N", 1.0))[0].rpartition("/")
     match = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
     if match is None or not force:
