@@ -1,8 +1,8 @@
 """The command line program `feeddrive`.
 
 Every user error is reported as one line on the error stream, with the exit code of its class
-(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for a bad outcome, 130 for Ctrl-C, a termination signal and
-a closed terminal.
+(`FeeddriveError.exit_code`): 2 for wrong usage or input, 1 for an outcome with a negative judgment, 130 for Ctrl-C, a
+termination signal and a closed terminal.
 """
 
 import os

@@ -72,7 +72,7 @@ class _Later(TyperCommand):
 
 
 class Commands(TyperGroup):
-    """The group of all commands; help and usage errors are boxed on a terminal, and plain lines elsewhere."""
+    """The group of all commands; help and usage errors appear in boxes on a terminal, elsewhere as lines."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -84,7 +84,7 @@ class Commands(TyperGroup):
         self.commands = {str(command.name): command for command in self.later}
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """List the commands by group; on a terminal the panels show the groups."""
+        """List the commands by group for plain output; on a terminal each group has its own panel."""
         for group in dict.fromkeys(command.group for command in OFFERED.values()):
             with formatter.section(group):
                 formatter.write_dl(
@@ -263,7 +263,7 @@ def _in_si(field: Field, value: Any) -> Any:
 
 
 def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose: bool, as_json: bool) -> None:
-    """Run the command and show its outcome; end with the exit code that belongs to the judgment of the outcome."""
+    """Run the command and show its outcome; end with the exit code for the judgment of the outcome."""
     request = command.build_request(**values)
     usual = request.usual_out()
     if usual is not None and request.out is None:

@@ -27,7 +27,7 @@ UNBROKEN = 1_000_000
 def own_words() -> Generator[None]:
     """Suppress warnings and log messages of libraries on the terminal, also in worker processes.
 
-    `python -W` and PYTHONWARNINGS show warnings as usual.
+    Warnings requested by `python -W` or PYTHONWARNINGS are shown as usual.
     """
     # with no handler at all, logging would print warnings to the error stream by its handler of last resort
     asked, silent = bool(sys.warnoptions), logging.NullHandler()
@@ -46,10 +46,10 @@ def own_words() -> Generator[None]:
 
 
 def open_console(*, errors: bool = False) -> Console:
-    """Return a console on the standard output, or on the error stream when the output is JSON.
+    """Return a console on the standard output, or on the error stream if `errors` is True.
 
-    Progress and questions then appear on the error stream.  The console is as wide as the terminal; if the stream is
-    not a terminal, its width is unlimited, regardless of COLUMNS.
+    If the output is JSON, progress and questions use the error stream.  The console is as wide as the
+    terminal; if the stream is not a terminal, its width is unlimited, regardless of COLUMNS.
     """
     from rich.console import Console  # not for `--help`
 

@@ -43,7 +43,7 @@ class Case(ABC, Generic[T]):
     kind      name on the dashboard of a cluster
     common    names of the fields that are the same object in all cases of an evaluation; each worker gets them once
     stages    number of progress steps that the case counts as
-    threaded  True if it computes in machine code that releases the interpreter lock, so that threads are enough
+    threaded  True if it computes in machine code that releases the interpreter lock, so that threads are sufficient
     isolated  True if it runs third-party code that may crash its process; even one worker is then a separate process
     """
 
@@ -93,7 +93,7 @@ def detached(case: Case[T]) -> tuple[tuple[Any, ...], Case[T]]:
 
 
 def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
-    """Return a case with the shared fields that were sent before it."""
+    """Return a case after putting back its shared fields, which were sent separately."""
     return replace(cast(Any, case), **dict(zip(case.common, common, strict=True)))
 
 
@@ -183,7 +183,7 @@ def _classes(shape: Any) -> set[type[Block]]:
 
 @cache
 def _source(kind: type[Block]) -> bytes:
-    """Return the source of a class, which changes while a law is being developed; empty if there is none."""
+    """Return the source code of a class, which may change while a law is developed; empty if unavailable."""
     try:
         # a class typed into an interpreter or a notebook has no file to read
         return inspect.getsource(kind).encode()

@@ -5,7 +5,7 @@ store, so a folder on its local disk is enough, no worker needs access to it, an
 The fields that all cases share are sent once to each worker.  The outcomes are sent back; those of a chunk of a study
 are its rows, some hundred bytes per variant.
 
-A case whose worker was killed is computed again by another worker.  A case that Dask gives up after several killed
+A case whose worker was killed is computed again by another worker.  A case on which Dask gives up after several killed
 workers is submitted again a few times, after which an error names the case.
 """
 
@@ -55,7 +55,7 @@ def finished(
     """Yield each case with its outcome on completion; closing the generator cancels the pending cases.
 
     address  address of the scheduler, such as `tcp://10.0.0.5:8786`
-    timeout  waiting time for a response of the scheduler, s
+    timeout  longest time to wait for a response of the scheduler, s
 
     Raises MissingExtraError without dask.distributed, ParameterError for an address that does not respond or a cluster
     with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly kills its worker, and
@@ -68,7 +68,7 @@ def finished(
 
 @dataclass
 class _Place(Generic[C]):
-    """A submitted case, its number among the cases of this client, and the number of times that Dask gave it up."""
+    """A submitted case, its number among the cases of this client, and how often Dask has given up on it."""
 
     case: C
     number: int
@@ -153,7 +153,7 @@ class _Handed(Generic[C]):
         return max(_AHEAD * self._threads, _LEAST)
 
     def _wait(self, done: Any) -> None:
-        """Wait until a case is done."""
+        """Wait until at least one case is done."""
         self._progress.check()
         # polled: a blocking wait would notice neither a cancellation nor the loss of the scheduler
         while not done.has_ready():
@@ -255,7 +255,7 @@ def _refuse_other_versions(client: Any, address: str) -> None:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """The outcome that a worker computed, to distinguish it from errors passed on by Dask."""
+    """A wrapper of an outcome from a worker, which distinguishes it from errors that Dask passes on."""
 
     value: Any
 

@@ -45,10 +45,10 @@ class Duty:
     """The duty of a comparison: a move and, with the axis at rest, the release and the application of a force.
 
     move   the set motion
-    force  N, released or applied at `begin` s, followed by `rest` s
-    near   m, the settling band
-    skip   s, initial standstill, excluded from the figures
-    cut    load of a cut on the axis at rest, or None
+    force  force that is released or applied at `begin` (s), N; the run then lasts for another `rest` (s)
+    near   settling band, m
+    skip   duration of the initial standstill, which is excluded from the figures, s
+    cut    cutting load on the axis at rest, or None
     """
 
     move: Reference
@@ -100,13 +100,13 @@ class Duty:
         return DutyRuns(self, move, at_rest["snap"], at_rest["step"], at_rest.get("cut"))
 
     def counted(self, run: Run) -> Run:
-        """Return the run without its initial standstill, in which a hanging axis builds up its holding force."""
+        """Return the run without its initial standstill, in which a vertical axis builds up its holding force."""
         skip = int(np.searchsorted(run.time, self.skip))
         signals = {name: values[skip:] for name, values in run.signals.items()}
         return replace(run, signals=signals, samples=run.samples - skip, first=run.first + skip)
 
     def recovered(self, run: Run, peak: Figure, settling: Figure) -> dict[str, float | None]:
-        """Return the largest error after the change of the force, and its settling time to within `near`."""
+        """Return the largest error after the change of the force, and the time until it stays within `near`."""
         # the time kT of the sample at `begin` may be rounded to just below it
         begin = int(np.searchsorted(run.time, self.begin - 1e-9))
         error = np.abs(run["tracking_error"][begin:])
@@ -143,7 +143,7 @@ class DutyRuns(NamedTuple):
 
 @dataclass(frozen=True)
 class _Statistics:
-    """The statistics of one run, with the interface that the figures of a batch use."""
+    """The statistics of one run, with the interface that figures of a batch expect."""
 
     run: Run
 
@@ -157,9 +157,10 @@ class _Statistics:
 def duty_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Duty:
     """Return the duty of an axis, from its limits of force and velocity, or with a given reference or force in N.
 
-    Speed: half of the limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of 30 % of
-    the force limit, at most 10 m/s².  The move is long enough to reach both.  Force: a twentieth of the limit, or five
-    times the dry friction if that is larger, so that the axis moves.
+    Speed: half of the lower limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of
+    30 % of the force limit, at most 10 m/s²; 2 m/s² without a limit.  The move is long enough to reach both.  Force: a
+    twentieth of the limit, or five times the dry friction if that is larger, so that the axis moves, but at most half
+    of the limit; 100 N more than five times the dry friction without a limit.
     Raises ParameterError for a force that is not positive.
     """
     mass = float(loop.axis.plant.rigid_mass())

@@ -114,7 +114,7 @@ def _window(
     handed: dict[int, C],
     hear: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[C, Any]]:
-    """Yield cases with their outcomes; `handed` lists the pending cases, just as many as keep all workers busy."""
+    """Yield cases with their outcomes; `handed` contains the pending cases, just enough to keep all workers busy."""
     waiting: dict[Future[Any], int] = {}
     numbers = itertools.count()
 
@@ -193,7 +193,7 @@ MOST_WORKERS = 1024
 
 
 class Bar:
-    """The steps of one or several evaluations as a single count that never decreases.
+    """The progress of one or several evaluations as a single count of steps that never decreases.
 
     A case counts with all its `stages` when it is done; while it runs, at most all but one of them are counted.
     """
@@ -245,8 +245,8 @@ class _Stages(Progress):
 class Engine:
     """The place where cases are computed, and the store of finished ones.
 
-    workers    number of cases computed in parallel on this machine; a program that uses more than 1 must be importable
-               again, with its own work under `if __name__ == "__main__":`
+    workers    number of cases computed in parallel on this machine; with more than 1, the calling program must be
+               importable without side effects: its own work is under `if __name__ == "__main__":`
     scheduler  address of a Dask cluster that is used instead of this machine, such as tcp://10.0.0.5:8786
     store      store of finished cases, which are not computed again; None to store nothing
     """

@@ -45,7 +45,7 @@ class Rule:
 
     sensitivity_peak, delay_margin_samples   bounds of Ms and delay margin
     noise_ratio   largest force noise of a law relative to P-PI
-    velocity      velocity of the axis, m/s
+    velocity      velocity at which the loop is linearized, m/s
     starts        number of searches per law
     noise         noise-gain limit in N/m, known once P-PI is tuned; None before
     repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
@@ -86,7 +86,7 @@ class Rule:
         return Limits(bounds, reading_noise=(NANO, NANO))
 
     def broken(self, figures: Mapping[str, float | None]) -> str:
-        """Return the bounds that a loop violates, in words; empty if it meets all."""
+        """Return the bounds that a loop violates, in words; empty if it satisfies all."""
         peak, delay, noise = (figures.get(figure.key) for figure in (SENSITIVITY_PEAK, DELAY_MARGIN, NOISE_GAIN))
         if peak is None or delay is None or noise is None:
             return "it has no margins"
@@ -100,7 +100,7 @@ class Rule:
         return joined(", ", exceeded)
 
     def figures(self, loop: Loop) -> dict[str, float]:
-        """Return the figures of a stable loop by which a stored design is recognized, by key."""
+        """Return the figures of a stable loop, by key, which show whether a stored design is still up to date."""
         linear = LinearLoop(loop, known=loop_model(loop, velocity=self.velocity))
         values = {figure.key: figure.value(linear) for figure in (ROPE_SNAP, SENSITIVITY_PEAK, NOISE_GAIN)}
         return {key: float(value) for key, value in values.items() if value is not None}
@@ -118,7 +118,7 @@ class Design:
     """A tuned law as stored by the engine and in the folders of the benchmark.
 
     plant, rules        plant of the benchmark, and version of its rules, for a design in its folders
-    tunables, started   values by dotted name within the controller, and those before the tuning
+    tunables, started   values after and before the tuning, by dotted name within the controller
     refused    the reason if no design was found; else empty
     figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
@@ -200,7 +200,7 @@ class Design:
         return ""
 
     def stale(self, loop: Loop, rule: Rule) -> str:
-        """Return why the design does not match the present code (a changed figure or noise limit); empty if it does."""
+        """Return the reason why the design is out of date (a changed figure or noise limit); empty if it is not."""
         moved = self.moved(rule.figures(loop))
         if moved or self.noise is None or rule.noise is None or abs(self.noise / rule.noise - 1.0) <= STALE:
             return moved
@@ -212,7 +212,7 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Tuning(Case["Tuned | Refusal"]):
-    """The case of tuning one law under the rule; the outcome is a refusal with a reason if no setting satisfies it."""
+    """The case of tuning one law under the rule; the outcome is a refusal if no setting satisfies the rule."""
 
     kind: ClassVar[str] = "law"
     common: ClassVar[tuple[str, ...]] = ("rule",)
@@ -315,7 +315,7 @@ def tuned_all(
 ) -> tuple[dict[str, Tuned | Refusal], Rule]:
     """Tune every candidate; return the results by name, and the rule with the noise limit from P-PI.
 
-    P-PI comes first, since its noise sets the limit for the others.  `bar` counts the stages of all candidates.
+    P-PI is tuned first, since its noise sets the limit for the others.  `bar` counts the stages of all candidates.
     """
 
     def tuned(some: Iterable[Candidate]) -> dict[str, Tuned | Refusal]:

@@ -38,9 +38,9 @@ class Store(Protocol):
 
 @dataclass(frozen=True)
 class Folder:
-    """A directory with one file per finished case, created with the first one.
+    """A directory with one file per finished case; it is created when the first outcome is stored.
 
-    resume  False: existing files are ignored, and replaced as cases finish
+    resume  False: existing files are ignored, and are replaced as their cases finish
     """
 
     place: Path

@@ -22,13 +22,14 @@ _ROWS = 3  # rows a column needs
 
 @dataclass(frozen=True)
 class CoggingOrder:
-    """A harmonic of the cogging: amplitudes in the unit of the force with standard errors, and sine phases in rad.
+    """A harmonic of the cogging: amplitudes in the unit of the force, with standard errors, and phases of a sine, rad.
 
-    even      part independent of the direction: cogging; None with runs in one direction only
-    odd       part that changes sign with the direction: friction that varies along the travel
+    even      amplitude of the part that does not depend on the direction: cogging; None if all runs have the same
+              direction
+    odd       amplitude of the part that changes sign with the direction: friction that varies along the travel
     forward   amplitude in motion towards larger positions, `backward` in the opposite direction; None if no run
               has that direction
-    p_value   probability of amplitudes at least as large if the harmonic does not exist
+    p_value   probability of amplitudes at least this large if the true force does not contain this harmonic
     """
 
     order: int
@@ -51,8 +52,9 @@ class CoggingOrder:
 class CoggingFit(Result):
     """The harmonics of the cogging, strongest first, separated from Coulomb friction and a constant force.
 
-    coulomb   half the difference of the mean forces of both directions; None with one direction
-    offset    average of these means; with one direction it includes the friction
+    coulomb   half the difference between the mean forces in the two directions; None if all runs have the same
+              direction
+    offset    average of these mean forces; if all runs have the same direction, it includes the friction
     orders    all fitted harmonics
     residual  residuals of all runs, concatenated
     """
@@ -70,7 +72,7 @@ class CoggingFit(Result):
         return tuple(order for order in self.orders if order.significant)
 
     def order(self, order: int) -> CoggingOrder:
-        """Return a harmonic by its order. Raises ParameterError for an order that was not fitted."""
+        """Return the harmonic of the given order. Raises ParameterError for an order that was not fitted."""
         for candidate in self.orders:
             if candidate.order == order:
                 return candidate
@@ -97,8 +99,8 @@ class CoggingFit(Result):
         force_per_unit  N at the table per unit of the measured force (such as A)
         most            maximum number of harmonics
 
-        The measured force balances the cogging, so the block has the opposite sign.  With runs in one direction only,
-        the block includes friction that varies along the travel.
+        The measured motor force balances the cogging, so the block has the opposite sign.  If all runs have the same
+        direction, the block includes friction that varies along the travel.
         """
         strongest = sorted(self.significant, key=lambda order: -_balanced(order)[0])[:most]
         if not strongest:
@@ -114,7 +116,7 @@ class CoggingFit(Result):
 
 
 def _balanced(order: CoggingOrder) -> tuple[float, float]:
-    """Return amplitude and phase of the cogging; with runs in one direction only they include friction."""
+    """Return amplitude and phase of the cogging; if all runs have the same direction, they include friction."""
     return (order.even.value, order.even_phase) if order.even is not None else (order.amplitude, order.phase)
 
 
@@ -129,15 +131,16 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
         even, odd: a cos(2π order x) + b sin(2π order x)
 
     Cogging is independent of the direction of motion, while friction changes its sign; with runs in both directions the
-    even part is therefore cogging and the odd part is friction that varies along the travel.  One direction gives only
-    their sum.
+    even part is therefore cogging and the odd part is friction that varies along the travel.  Runs in one
+    direction give only their sum.
 
-    orders  default: all up to 128, or as many as a third of the visited positions can resolve
+    orders  default: 1 to 128, but at most a sixth of the number of distinct positions within one turn
 
     An order is significant if its F statistic exceeds the value that the strongest of all orders reaches by chance in
-    5 % of cases (Bonferroni).  Each run is fitted separately and the runs of a direction are averaged.  Errors follow
-    from the residual of each run, with the correlation of neighboring rows, and are increased if runs of one direction
-    differ by more than these errors, for example because of a shifted position zero or a changed temperature.
+    5 % of cases (Bonferroni).  Each run is fitted separately, and the fits of all runs in one direction are averaged.
+    Standard errors are computed from the residual of each run and account for the correlation between neighboring
+    rows.  They are increased if runs in the same direction differ by more than these errors, for example because the
+    zero position or the temperature has changed.
     Raises NotIdentifiableError for runs that cover less than a whole turn.
     """
     if not runs:
@@ -175,7 +178,7 @@ def _most(runs: Sequence[CoggingRun]) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The mean fit over the runs of one direction: level, and pairs (a, b) by order with their covariances."""
+    """The average fit of the runs in one direction: mean force, and (a, b) of each order with their covariance."""
 
     level: float
     level_variance: float
@@ -186,8 +189,9 @@ class _Side:
 
 
 def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
-    """Fit each run by least squares and average the fits; their errors are increased if the runs scatter by more than
-    these errors.
+    """Fit each run by least squares and average the fits.
+
+    Errors are increased if the differences between the runs exceed those predicted by the errors of the fits.
     """
     if not runs:
         return None
@@ -212,7 +216,7 @@ def _side(runs: Sequence[CoggingRun], orders: Sequence[int]) -> _Side | None:
 
 
 def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the coefficients of 1, cos and sin by order, their covariance, and the residual of one run."""
+    """Return the constant and the cos and sin coefficients of one run, their covariance, and the residual."""
     angle = 2.0 * np.pi * np.outer(run.turns, orders)
     waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(run.turns.size, -1)
     columns = np.column_stack([np.ones(run.turns.size), waves])
@@ -226,7 +230,7 @@ def _alone(run: CoggingRun, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarr
 
 
 def _between(off: np.ndarray, spreads: Sequence[np.ndarray]) -> float:
-    """Return the ratio, at least 1, of the variance between runs to the variance that their errors predict."""
+    """Return the ratio of the variance between runs to that predicted by the errors of the fits, at least 1."""
     count, width = off.shape
     if count < 2:
         return 1.0
@@ -348,11 +352,11 @@ class CoggingRun:
 def cogging_passes(
     turns: np.ndarray, force: np.ndarray, *, highest: int = 128, name: str = "the log"
 ) -> tuple[CoggingRun, ...]:
-    """Split a log of position (in periods) and force, both of shape (n,), into passes of one direction each.
+    """Split a log of position (in periods) and force, both of shape (n,), into unidirectional passes.
 
     A position that wraps after each period is unwrapped.  The log is split at reversals; passes shorter than 95 % of a
-    period are left out, as is 0.5 % of the travel at both ends of a pass, where the axis accelerates or stands still. A
-    long pass is averaged to 32 rows per wave of order `highest`.
+    period are left out, as is 0.5 % of the travel at each end of a pass, where the axis accelerates or stands still. A
+    long pass is reduced, by averaging, to 32 rows per wavelength of the order `highest`.
     Raises LogError for numbers that are not finite, NotIdentifiableError if no pass covers a period.
     """
     turns, force = np.asarray(turns, dtype=np.float64), np.asarray(force, dtype=np.float64)
@@ -408,7 +412,7 @@ def _passes(x: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def _averaged(x: np.ndarray, force: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Average neighboring rows if there are more than twice as many as needed for the order `highest`."""
+    """Average neighboring rows of a pass that has more than twice as many rows as the order `highest` requires."""
     needed = int(np.ceil(_FINE * highest * max(1.0, float(np.ptp(x)))))
     if x.size <= 2 * needed:
         return x, force

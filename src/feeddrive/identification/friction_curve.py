@@ -36,7 +36,7 @@ _RIDGE = 1e-3  # of the bells: their prior is so many times wider than the noise
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedStops(Result):
-    """The elastic stops fitted to the friction of a log, with the remaining parameters of its dynamics.
+    """The elastic stops fitted to the friction in a log, with the other parameters of the inverse dynamics.
 
     stops       the feedforward block
     estimates   mass (if it was not given), viscous friction, offset, total level Σ k δ and total stiffness Σ k
@@ -69,7 +69,7 @@ class LearnedStops(Result):
 
 
 def stretches(position: np.ndarray, width: float) -> np.ndarray:
-    """Return the elongation of a stop, e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from e = 0."""
+    """Return the elongation of an elastic stop, e(k) = clip(e(k-1) + x(k) - x(k-1), ±width) in m, from 0."""
     elongation, e = np.empty(position.size), 0.0
     for k, step in enumerate(np.diff(position, prepend=position[:1]).tolist()):
         e = min(max(e + step, -width), width)
@@ -91,18 +91,18 @@ def learned_stops(
 
     mass    known mass in kg, 0 if the force is friction only; default: estimated
     widths  candidate stop widths in m; stops without stiffness are left out of the result
-    bells   number of Gaussian basis functions over the speed fitted to the residual of the stops; 0: none
+    bells   number of Gaussian basis functions of the velocity that are fitted to the residual of the stops; 0: none
     how     default: one row per millisecond, including rows at reversals; the position is filtered at 200 Hz
 
-    The regressor columns are the elongations of the stops for the measured position, filtered in the same way as the
-    force, and scaled to the same size.  The heights of the bells follow from ridge regression, which gives the mean of
-    a Gaussian process with these basis functions; the bells are equally spaced from the lowest to the highest speed.
-    Standard errors are those of the active columns and valid for autocorrelated residuals; they do not account for
-    widths that are not among the candidates.
+    The regressors are the elongations of the stops for the measured position, filtered in the same way as the force and
+    scaled to equal RMS.  The heights of the bells are found by ridge regression, which gives the mean of a Gaussian
+    process with these basis functions; the bells are equally spaced from the lowest to the highest velocity.  Standard
+    errors are those of the regressors with nonzero parameters and are valid for autocorrelated residuals; they do not
+    account for widths that are not among the candidates.
 
-    Not suitable without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Measure a
-    motion back and forth over 1 um to several mm, both slow and fast.
-    Source: Lawson & Hanson 1974 (non-negative least squares); the columns: Al-Bender, Lampaert & Swevers 2004.
+    Not suitable without reversals, or if the widest stop exceeds half of the travel (NotIdentifiableError).  Record
+    back-and-forth motions with strokes from 1 um to several mm, both slow and fast.
+    Source: Lawson & Hanson 1974 (non-negative least squares); the regressors: Al-Bender, Lampaert & Swevers 2004.
     """
     _check_stops(log, widths, mass, bells)
     # imported here: commands that only read a log start without it
@@ -164,7 +164,7 @@ def _check_stops(log: MotionLog, widths: Sequence[float], mass: float | None, be
 
 
 def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
-    """Return the RMS of the used rows and of the unused rows that follow them."""
+    """Return the RMS of a residual in the used rows and in the unused rows after them."""
     others = residual[used.stop :]
     return float(np.sqrt(np.mean(residual[used] ** 2))), float(np.sqrt(np.mean(others**2)))
 
@@ -172,7 +172,7 @@ def _parts(residual: np.ndarray, used: slice) -> tuple[float, float]:
 def _with_bells(
     stops: FrictionStops, velocity: np.ndarray, residual: np.ndarray, used: slice, count: int
 ) -> FrictionStops:
-    """Return the stops with Gaussian basis functions of the speed, fitted to the residual of the stops."""
+    """Return the stops with Gaussian basis functions of the velocity, fitted to the residual of the stops."""
     v, left = velocity[used], residual[used]
     places = np.linspace(float(np.min(v)), float(np.max(v)), count)
     wide = float(places[1] - places[0])
@@ -201,7 +201,7 @@ def _stop_estimates(
     widths: Sequence[float],
     names: list[str],
 ) -> tuple[Estimate, ...]:
-    """Return the estimates, which are weighted sums over the active columns, with their standard errors."""
+    """Return the estimates, which are weighted sums of the nonzero parameters, with their standard errors."""
     scale, n = np.sqrt(np.mean(columns * columns, axis=0)), len(widths)
     sums = [
         ("level", "N", [widths[i] if i < n else 0.0 for i in counts]),
@@ -224,7 +224,7 @@ def _stop_estimates(
 
 
 def _share(names: list[str], place: int, name: str) -> float:
-    """Return the weight of a column in an estimate; the two columns of the offset have opposite signs."""
+    """Return the weight of a parameter in an estimate; the two parameters of the offset have opposite signs."""
     if place < 0:
         return 0.0
     here = names[place]
@@ -242,7 +242,7 @@ _TRIM = 0.1  # share of a stretch that is cut off at an end where the speed chan
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SteadyRuns(Result):
-    """The mean velocity and force of constant-speed runs in both directions, shape (m,), in ascending velocity.
+    """The mean velocity and force of constant-speed runs in both directions, shape (m,), sorted by velocity.
 
     error  standard error of each mean force, robust to its autocorrelation
     rows   number of rows in each mean
@@ -311,7 +311,7 @@ def steady_runs(
 
     Units are m/s and N, or rad/s and N m.  A log is split recursively where its mean speed changes most, as long as
     the change exceeds 10 % of the speed and six standard errors.  Parts in which the speed has a trend or is zero are
-    left out, as is a tenth of a part at each end at which the speed changed.  Outliers of velocity or force
+    left out, as is a tenth of a part at each end where the speed changed.  Outliers of velocity or force
     (`regression.strays`) are excluded from the means; a remark states how many and where, by `names` of the logs.
     Raises LogError for logs with values that are not finite, NotIdentifiableError if no speed is held for `least_rows`
     rows.
@@ -359,7 +359,7 @@ def _stretches(v: np.ndarray, begin: int, end: int, least: int) -> Iterator[tupl
 
 
 def _cut(v: np.ndarray, least: int) -> int | None:
-    """Return the change point between two means if they differ significantly, at least a few rows from either end."""
+    """Return the row, not close to an end, at which the mean changes most; None if the change is not significant."""
     # a change point in the first rows would be noise of a mean over two of them
     few = max(3, least // 4)
     if v.size < 2 * few:
@@ -379,7 +379,7 @@ def _cut(v: np.ndarray, least: int) -> int | None:
 
 
 def _is_held(part: np.ndarray, whole: np.ndarray) -> bool:
-    """Return True if a part has a constant speed other than 0."""
+    """Return True if a part of the velocities `whole` has a constant nonzero speed."""
     mean = abs(float(np.mean(part)))
     error = float(np.std(part)) / np.sqrt(part.size)
     # standstill: no mean speed beyond its noise, or one that only drift makes
@@ -408,9 +408,9 @@ CLEAR = 6.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate friction model, by name, with or without a constant force; the values in the block are ignored.
+    """A candidate friction model, with or without a constant force (`offset`); values in the block are ignored.
 
-    All its parameters except a Stribeck velocity enter its steady curve linearly.
+    All its parameters except a Stribeck velocity enter its steady-state curve linearly.
     """
 
     name: str
@@ -452,7 +452,7 @@ class Candidate:
         return replace(self.friction, **parameters)
 
     def is_sound(self, values: Mapping[str, float]) -> bool:
-        """Return True if the values are valid: no negative level, and no breakaway level below its Coulomb level."""
+        """Return True if the values are valid: no negative level, and no breakaway level below the Coulomb level."""
         # the block itself checks its values, so that the bounds are stated once
         try:
             self.block(values)
@@ -504,9 +504,9 @@ class FrictionCurve(Result):
     """The friction model that constant-speed runs support best.
 
     compared    all candidates, the best first
-    memory      correlation of the residuals of neighboring speeds
+    memory      correlation between the residuals of neighboring speeds
     remarks     remarks on the validity of the result
-    covariance  covariance of the estimates in their order, including that correlation
+    covariance  covariance of the estimates, in their order; it accounts for this correlation
     """
 
     model: Candidate
@@ -581,7 +581,7 @@ class FrictionCurve(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is significant: a constant force on the axis (see `pulls`)."""
+        """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
         return self.model.offset and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
@@ -599,11 +599,11 @@ def fit_friction(runs: SteadyRuns, candidates: Sequence[Candidate] = CANDIDATES)
         force(v) = level(v) sign(v) + viscous v (+ offset)
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
-    Estimates are least squares with equal weights.  The criterion and the standard errors account for residuals that
-    are correlated from one speed to the next (`regression.information`). A curve of the wrong shape leaves such
-    residuals, which are weaker evidence for further parameters than independent residuals. Separate curves for both
-    directions are compared too. No block can represent them, so they are never selected, but a remark states if they
-    are better.
+    The parameters are estimated by least squares with equal weights.  The criterion and the standard errors account for
+    residuals that are correlated from one speed to the next (`regression.information`). A curve of the wrong shape
+    leaves such residuals, which are weaker evidence for further parameters than independent residuals. Separate curves
+    for both directions are compared too. No block can represent them, so they are never selected, but a remark states
+    if they are better.
 
     Not suitable for runs in which the speed is not constant (use `identify_rigid`).
     Raises NotIdentifiableError with the speeds to measure next.
@@ -668,7 +668,7 @@ def _fitted(runs: SteadyRuns, model: Candidate) -> tuple[Compared, Candidate, di
 
 
 def _values(v: np.ndarray, force: np.ndarray, model: Candidate) -> dict[str, float] | None:
-    """Solve the least-squares problem; a Stribeck velocity is searched between the slowest and the fastest run."""
+    """Return the least-squares values, with a Stribeck velocity within the measured speeds; None if none are valid."""
     # imported here: commands that only read a log start without it
     from scipy.optimize import minimize_scalar
 

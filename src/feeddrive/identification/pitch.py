@@ -56,18 +56,18 @@ def learned_pitch(
     reversal_distance: float = 1e-5,
     settle: float = 0.0,
 ) -> LearnedPitch:
-    """Return correction tables for the set position, by least squares over all samples of a direction.
+    """Return the correction tables of the set position, by least squares over all samples of each direction.
 
     nominal   m, position measured by the controller
     reached   m, true position of table or tool: from a laser, a load encoder, or `tool.x` of a run
     velocity  m/s, set velocity; its sign gives the direction, samples at standstill are ignored
     spacing   m between entries, starting at the lowest position
-    settle    m of travel left out after each reversal, in which backlash and friction change sides
+    settle    m of travel left out after each reversal, over which backlash and friction change sides
 
-    The piecewise linear function of each direction is fitted as a whole, so that entries do not depend on the location
-    of samples between them.  Raises ParameterError for arrays of unequal length, numbers that are not finite, motion in
-    one direction only, a part of the travel without samples, and a spacing that is not positive or gives too many
-    entries.
+    The piecewise linear function of each direction is fitted as a whole, so that the entries do not depend on where
+    the samples between them lie.  Raises ParameterError for arrays of unequal length, numbers that are not finite,
+    motion in one direction only, a part of the travel without samples, and a spacing that is not positive or gives too
+    many entries.
     """
     rows = [np.asarray(channel, dtype=np.float64) for channel in (nominal, reached, velocity)]
     if len({channel.shape for channel in rows}) != 1 or rows[0].ndim != 1:
@@ -122,7 +122,7 @@ def _turning(nominal: np.ndarray, way: np.ndarray, settle: float) -> np.ndarray:
 
 
 def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.ndarray:
-    """Return the node values at 0, 1, ... of the least-squares piecewise linear function."""
+    """Return the values at 0, 1, ... of the piecewise linear least-squares fit to `values` at `place`."""
     from scipy.linalg import solveh_banded
 
     below = np.clip(np.floor(place).astype(int), 0, count - 2)

@@ -1,7 +1,7 @@
 """Plausible ranges of travel, speed, acceleration, mass and force of feed drives, and how far a log exceeds them.
 
-A log with a unit wrong by a factor of 1000 can be fitted as well as a correct one; only its magnitude reveals the
-error. The bounds are wide: a log outside of them has a wrong unit or is not from a feed drive.
+A log whose unit is wrong by a factor of 1000 can be fitted as well as a correct one; only the magnitudes reveal the
+error. The bounds are wide: a log outside them has a wrong unit or is not from a feed drive.
 """
 
 import math
@@ -124,7 +124,7 @@ def sizes(
 
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
-    """Return the mass by inverse dynamics, for either sign of the force, or None if it is not identifiable."""
+    """Return the mass from the inverse dynamics, whatever the sign of the force; None if it is not identifiable."""
     # an inverted force is another fault, with a message of its own: here only the magnitude counts
     for sign in (1.0, -1.0):
         try:
@@ -138,7 +138,7 @@ def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndar
 
 
 def scaled(frame: Frame, magnitudes: Mapping[str, float], position: float, force: float) -> dict[str, float]:
-    """Return the magnitudes with position and force multiplied by these factors."""
+    """Return the magnitudes that result if position and force are multiplied by these factors."""
     return {
         limits.quantity: magnitudes[limits.quantity] * position**limits.position * force**limits.force
         for limits in RANGES[frame]
@@ -167,7 +167,7 @@ def out_of_range(wrong: Sequence[Range], magnitudes: Mapping[str, float]) -> Tex
 
 
 def remedy(wrong: Sequence[Range]) -> str:
-    """Return advice on which unit to check: that of the channel on which the worst quantity depends."""
+    """Return the advice to check the unit of the channel that determines the worst quantity."""
     worst = wrong[0]
     both = worst.position != 0 and worst.force != 0
     return (
@@ -176,7 +176,7 @@ def remedy(wrong: Sequence[Range]) -> str:
 
 
 def unlikely(frame: Frame, magnitudes: Mapping[str, float]) -> tuple[float, float]:
-    """Return the decades outside the ranges, and the squared distance from usual values: smaller is more likely."""
+    """Return two measures of implausibility: decades outside the ranges, squared distance from usual magnitudes."""
     there = [(limits, magnitudes[limits.quantity]) for limits in RANGES[frame] if limits.quantity in magnitudes]
     # the decades come first: no usual magnitude outweighs an impossible one
     return sum(limits.apart(value) for limits, value in there), sum(

@@ -116,7 +116,7 @@ class Estimate:
 
 
 def pulls(offset: Estimate, coulomb: float) -> bool:
-    """Return True if an offset is a force on the axis: above 3 standard errors and 5 % of Coulomb friction.
+    """Return True if an offset is a constant force: above 3 standard errors and above 5 % of Coulomb friction.
 
     A smaller offset cannot move the axis, and may be caused by encoder quantization at rest, whose error is constant
     over hundreds of rows; standard errors do not account for this.
@@ -165,8 +165,7 @@ _NEAR, _AROUND = 9, 61  # rows: of the median that a sample is held against, and
 def strays(values: np.ndarray) -> np.ndarray:
     """Return a mask of outliers: up to three successive samples far from their neighbors, shape (n,).
 
-        d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the d that 98 % of the rows do not exceed, 8
-        quanta)
+        d = |x - median of 9 rows| > max(8 · 1.4826 median d, 4 times the 98 % quantile of d, 8 quanta)
 
     The median of d is taken over 61 rows, and the largest median nearby is used, so that noise in motion after a rest
     is not an outlier; the quantum is the smallest step of the values.  Steps, ramps and stick-slip contain no outliers.
@@ -187,7 +186,7 @@ def strays(values: np.ndarray) -> np.ndarray:
 
 
 def short_runs(flags: np.ndarray, most: int) -> np.ndarray:
-    """Return the flags without runs of more than `most` true values."""
+    """Return the flags, with runs of more than `most` successive true values cleared."""
     kept = flags.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -323,9 +322,10 @@ def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice
         -2 log L = n log(Σ e² / n) - m log(1 - rho²)
         criterion = -2 log L + k log n · n / (n - k - 1),   k = parameters + 2
 
-    rho >= 0 is its maximum-likelihood value; rho and the variance of e are the two additional parameters. The last
-    factor corrects for few rows, where the plain criterion selects a superfluous parameter in one case of five. The
-    usual criterion without rho treats neighboring rows as independent, so that a model could fit their common noise.
+    rho >= 0 is estimated by maximum likelihood; rho and the variance of e are the two additional parameters. The last
+    factor corrects for few rows, where the plain criterion selects a superfluous parameter in one case out of five.
+    The usual criterion without rho treats neighboring rows as independent, and so rewards a model that fits their
+    correlated noise.
     `stretches` are m series of consecutive rows (default: all rows); rho does not apply across them.
     Sources: Schwarz 1978; McQuarrie 1999 for few rows; the likelihood of a first-order process, Box & Jenkins 1970.
     """
@@ -433,8 +433,8 @@ class Validation(Result):
 def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
     """Predict each stretch of rows by a fit without it and without `GAP` rows on both sides.
 
-    If only one stretch contains a direction or a speed, the fit without it lacks this information, and its error is
-    large.
+    If only one stretch contains a direction or a speed, the fit without it lacks this information, and the
+    prediction error is large.
     """
     n = measured.size
     if not 2 <= folds <= n // (4 * GAP):
@@ -459,7 +459,8 @@ B = TypeVar("B", bound=Block)
 class TracedForce(Generic[B]):
     """A block's force as a function of its arguments, traced once together with its derivatives.
 
-    `force` is called with the block, whose leaves are symbols, and with the arguments by name; `names` are the leaves.
+    `force` is called with the block, whose leaves are symbols, and with the arguments by name; `names`
+    are the names of the leaves.
     """
 
     def __init__(self, block: B, arguments: Sequence[str], force: Callable[[B, Mapping[str, Number]], Number]) -> None:

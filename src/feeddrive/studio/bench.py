@@ -43,11 +43,11 @@ class Bench:
 
     title         description for the user
     by_hand       the initial controller with its operating points
-    sources       source files, in the form accepted by the tuner
-    machine       its machine file, or that of the reference controller for a measured response; None without one
+    sources       source files, as the tuner accepts them
+    machine       machine file of the axis; for measured responses, that of the reference controller; None without one
     axis          axis name in the machine file
     remarks       remarks on the measured responses
-    today         reference controller, shown as `today`, if the initial controller differs from it
+    today         reference controller, shown as `today`; None if it is the initial controller
     file          machine file as named by the user; empty without one
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
@@ -75,7 +75,7 @@ class Bench:
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with the reference controller, from the machine file; None without one."""
+        """The loop of the axis with the reference controller, from the machine file; None without a machine file."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -98,14 +98,14 @@ class Bench:
 
     @cached_property
     def work(self) -> tuple[Reference, StepForce, float]:
-        """A move followed by a force pulse on the table, within the limits of the machine, and the duration in s."""
+        """The set motion, the force pulse on the table after it, and the duration (s), within the machine's limits."""
         duty = self.duty
         pause = max(0.25 * duty.move.duration, 0.05)
         begin = duty.move.duration + pause
         return duty.move, StepForce(force=duty.force, start=begin, end=begin + pause), begin + 2.0 * pause
 
     def run(self, control: Control, name: str) -> Run:
-        """Simulate the move and the force under a controller, with friction, quantization and limits.
+        """Simulate the move and the force pulse of `work` with a controller, with friction, quantization and limits.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -115,7 +115,7 @@ class Bench:
         return simulate(loop, reference, load=load, duration=duration, record=_SIGNALS, name=name)
 
     def snap(self, control: Control, name: str) -> Run:
-        """Simulate the rope-snap test under a controller: a force on the table at rest, released at `duty.begin`.
+        """Simulate the rope-snap test with a controller: a force acts on the table at rest until `duty.begin`.
 
         Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
         """
@@ -124,7 +124,7 @@ class Bench:
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """Return the linearized loop from the set position to the table. Raises ParameterError without a machine."""
+        """Return the linearized loop from set position to table position. Raises ParameterError without a machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property
@@ -224,9 +224,9 @@ def bench_of_responses(
     delay: float = 0.0,
     limits: Limits | None = None,
 ) -> Bench:
-    """Return the bench of measured responses; the reference controller is that of a machine file or a robustly tuned
-    P-PI.
+    """Return the bench of measured responses.
 
+    The reference controller is that of the machine file `baseline`, or a robustly tuned P-PI without such a file.
     Raises ParameterError with a remedy for inconsistent inputs.
     """
     machine = None if baseline is None else read_machine(baseline)
@@ -259,5 +259,5 @@ def bench_of_responses(
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """Return the path or the bundled name of a machine, for use in commands."""
+    """Return the path or the bundled name of a machine, as it is written in commands."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

@@ -1,7 +1,7 @@
 """`feeddrive studio`: serve the page of an axis and open it in a browser, until Ctrl-C.
 
-Every user of a machine can read command lines (`ps`), and thus a token in the address with which a browser is started.
-The browser therefore opens a redirect page that only this user can read, and that contains the token.
+Any user of the computer can read command lines (`ps`), including a token in an address that is passed to a browser.
+Therefore the browser opens a redirect page, which contains the token and which only this user can read.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ _OFTEN = 0.5  # s
 
 
 def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Path]:
-    """Write a page that redirects to an address into a folder that no other user can read; return a list with its path.
+    """Create a redirect page to an address, in a folder that no other user can read; return a list with its path.
 
-    places  candidate parent folders, of which the first suitable one is used; None: the system's temporary folder
+    places  candidate parent folders; the first suitable one is used; None: the system's temporary folder
 
     The list is empty if no candidate supports private permissions, as on some network drives.
     """
@@ -70,14 +70,15 @@ def remove_redirect(path: Path) -> None:
 
 
 def _private(path: Path) -> bool:
-    """Return True if only this user can read a path; on Windows always, since user folders are private there."""
+    """Return True if only this user can read a path; always True on Windows, where user folders are private."""
     return os.name != "posix" or path.stat().st_mode & 0o077 == 0
 
 
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
-    """Call `act` whenever Enter is pressed in the terminal until `ended` is set; return False without a terminal.
+    """Start a thread that calls `act` whenever Enter is pressed in the terminal; return False without a terminal.
 
-    A background process reads nothing, since the system would stop it.
+    The thread ends when `ended` is set.  While the process is in the background, it does not read from the terminal,
+    since the system would stop it.
     """
     if os.name != "posix" or not sys.stdin or not sys.stdin.isatty():
         return False
@@ -205,7 +206,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
 def writable(folder: Path) -> Generator[None]:
     """Create the folder, and direct temporary files into it during the block.
 
-    Raises FileError with a remedy if it cannot be written.
+    Raises FileError with a remedy if the folder cannot be written to.
     """
     before = os.environ.get("TMPDIR")
     try:

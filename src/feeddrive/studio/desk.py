@@ -38,7 +38,7 @@ _MARK = "studio_act"
 class Said:
     """The response of a room to a request from the page.
 
-    words   content of the message header, as data for JSON
+    words   content of the message header, to be encoded as JSON
     charts  charts by name
     """
 
@@ -96,7 +96,7 @@ class Asked:
         return cast("list[str]", values)
 
     def choice(self, name: str, among: Iterable[str]) -> str:
-        """Return a string parameter that must be one of several."""
+        """Return a string parameter that must be one of `among`."""
         value, known = self.text(name), tuple(among)
         if value not in known:
             raise ParameterError(f"{name} must be one of {', '.join(known)}, not '{value:.60}'")
@@ -118,7 +118,7 @@ def act(method: F) -> F:
 class Room:
     """A part of the page with its own state; the `Desk` holds the state that rooms share.
 
-    An action takes an `Asked` and returns a `Said`, or None for `show()`.
+    An action takes an `Asked` and returns a `Said`; None stands for the result of `show()`.
     """
 
     name: ClassVar[str] = ""
@@ -181,7 +181,7 @@ class Held:
     """A stored controller snapshot, for undo, redo and comparison.
 
     bench          bench with the blocks of the controller
-    base, written  machine file into which it is written, and the controller in that file
+    base, written  machine file into which the controller is written, and the controller now in that file
     """
 
     bench: Bench
@@ -202,14 +202,14 @@ class Held:
 class Desk:
     """The state of one page. It is not shared between pages.
 
-    folder    folder of the page, which contains the results, and uploaded files in `brought`
+    folder    folder of the page; it contains the results and, in `brought`, the uploaded files
     bench     the axis being tuned; None before a source was opened
     brought   files named on the command line, stored elsewhere
     files     path of each file by its displayed name: the latest uploaded or computed one
     epoch     number of sources opened so far
     base      machine file into which the current controller is written
     written   controller in that file
-    limits    limits by which the loop is judged, which are those of the goal
+    limits    limits by which the loop is judged, as set in the room Goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     closing   functions that are called at the end of the session
@@ -258,7 +258,10 @@ class Desk:
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
-        """Change parameters, with `begins` as a new undo step, otherwise as part of a drag. Raises ParameterError."""
+        """Change parameters. Raises ParameterError for values out of bounds.
+
+        begins  True for a new undo step, False for a change that continues a drag
+        """
         # first of all: values out of bounds must raise before anything has changed
         control = self.needed.by_hand.control(wanted)
         self._begins = self._begins or begins
@@ -270,12 +273,12 @@ class Desk:
         self._made = self.needed.by_hand, self.values, control
 
     def exchange(self, control: Control, file: Path | None = None) -> None:
-        """Continue with a controller that may have different blocks, as an undo step.
+        """Replace the current controller by one that may have different blocks; this is one undo step.
 
         file  a machine file to which a command has written the controller
 
-        Without `file`, the controller is written into the current machine file, or into that of the source, if it
-        differs from the controller there only in filters and parameters; otherwise it is written into a new file.
+        Without `file`, the controller will be written into the current machine file or that of the source, if it
+        differs from the controller in that file only in filters and parameters. Otherwise a new file is written.
         """
         bench = self.needed.with_control(control)
         self._remember()
@@ -291,7 +294,7 @@ class Desk:
         self.base, self.written = self._kept(bench), control
 
     def _kept(self, bench: Bench) -> str | Path:
-        """Write a machine file with the computed controller for the following steps, and return its path."""
+        """Write the controller to a new machine file, which later steps read, and return the path of this file."""
         if bench.machine is None:
             return bench.file
         return self.keep("begun.toml", bench.text(self.values).encode(), _NOT_MADE)
@@ -299,7 +302,7 @@ class Desk:
     def keep(self, name: str, content: bytes, what: str) -> Path:
         """Write a file that is not the output of a command, and list it in the recipe as a file to be kept.
 
-        A number is appended to the name if another file has it.
+        A number is appended to the name if another file already has this name.
         """
         path = free_name(self.folder, name, content)
         write_whole(path, content)
@@ -307,7 +310,7 @@ class Desk:
         return path
 
     def held(self) -> Held:
-        """Return the current controller, to be stored."""
+        """Return a snapshot of the current controller."""
         bench = self.needed
         return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
 
@@ -333,7 +336,7 @@ class Desk:
         return directories
 
     def restore(self, held: Held) -> None:
-        """Return to a stored controller, as an undo step."""
+        """Make a stored controller the current one; this is one undo step."""
         if not held.same(self.held()):
             self._remember()
             self._become(held)
@@ -383,14 +386,14 @@ class Desk:
     def said_again(self, known: Request, request: Request, *, also: bool) -> None:
         """Replace the request of a completed step by an extended one, so that a repetition yields the same files.
 
-        also  add it after the step instead of replacing it
+        also  True to insert the extended request after the step instead of replacing it
         """
         place = next(k for k, step in enumerate(self.done) if step.request is known)
         # `also` as an index: if true, the slice is empty and the step before it stays
         self.done[place + also : place + 1] = [replace(self.done[place], request=request)]
 
     def take(self, control: Control, file: Path | None = None) -> None:
-        """Continue with a computed controller, as an undo step.
+        """Make a computed controller the current one; this is one undo step.
 
         file  the machine file to which a command has written the controller, if any
         """
@@ -449,8 +452,7 @@ class Desk:
         return path
 
     def not_yet_done(self) -> AdjustRequest | None:
-        """Return the request that writes the current controller; None if the last step that wrote the file was the
-        same.
+        """Return the request that writes the current controller; None if the file already contains it.
 
         Raises ParameterError without a machine.
         """
@@ -509,7 +511,7 @@ class Desk:
         return None if self.job is None else self.job.state
 
     def close(self) -> None:
-        """Stop the running job and all followers."""
+        """Stop the running job, and stop following live sources."""
         # a job that cannot be ended must not keep the sources of the page open
         with suppress(Exception):
             if self.job is not None:

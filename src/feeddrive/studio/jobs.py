@@ -89,7 +89,7 @@ class Found:
 class Job:
     """A job in its own process.
 
-    heard(state)     called after each report, from a thread of the job
+    heard(state)     called after each report of the job, from a thread of this process
     improved(value)  called for each `Found`
     ended(result)    called once, if the job completes
     """
@@ -228,9 +228,7 @@ class Job:
 
 
 class _Reporting(Progress):
-    """The progress object in the process of a job: it sends reports to the page, and limits how often steps are
-    reported.
-    """
+    """The progress of a job within its process: it sends reports to the server, and limits the rate of steps."""
 
     def __init__(self, pipe: Connection) -> None:
         super().__init__()

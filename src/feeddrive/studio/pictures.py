@@ -32,8 +32,9 @@ T = TypeVar("T")
 
 
 class Parts:
-    """The simulations of a controller on a bench, each None if impossible: no machine, unstable loop, exceeded
-    bounds.
+    """The simulations of a controller on a bench.
+
+    A simulation is None without a machine, for an unstable loop, and if the axis leaves its bounds.
     """
 
     def __init__(self, bench: Bench, control: Control, name: str) -> None:
@@ -41,7 +42,7 @@ class Parts:
 
     @cached_property
     def run(self) -> Run | None:
-        """The move followed by the force on the table."""
+        """The run of the move and of the force pulse after it."""
         return self._if_there(lambda: self.bench.run(self.control, self.name))
 
     @cached_property
@@ -51,12 +52,12 @@ class Parts:
 
     @cached_property
     def linear(self) -> StateSpace | None:
-        """The linear loop from the set position to the table."""
+        """The linearized loop from set position to table position."""
         return self._if_there(lambda: self.bench.linear(self.control))
 
     @cached_property
     def step(self) -> StepResponse | None:
-        """The step response of the set position."""
+        """The response of the table to a step of the set position."""
         model = self.linear
         return None if model is None else self._if_there(lambda: step_response(model))
 
@@ -80,7 +81,7 @@ class HeldPoles:
         self._named: dict[str, complex] = {}
 
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
-        """Return the handles, with abscissa in Hz and ordinate in the unit of the picture, and an explanatory sentence.
+        """Return the handles of the poles, abscissa in Hz and ordinate in the displayed unit, and an explanation.
 
         Both are empty without a machine.
         """
@@ -102,7 +103,7 @@ class HeldPoles:
         return [_grip(name, "pole of the loop", s, nyquist, units) for name, s in loop_poles], sentence
 
     def moved(self, name: str, s: complex) -> Values:
-        """Return the gains that move a pole as near as possible to `s`, 1/s. Raises ParameterError if it is unknown."""
+        """Return the gains that move a pole as close to `s`, 1/s, as possible. Raises ParameterError if unknown."""
         if not np.isfinite(abs(s)):
             raise ParameterError("a pole must be taken to a finite place")
         if not name.startswith(f"{_LOOP}."):
@@ -117,7 +118,7 @@ class HeldPoles:
         return {gain: rounded(value, 6) for gain, value in zip(self._gains(), values, strict=True)}
 
     def at(self, name: str) -> complex:
-        """Return the position of a pole, 1/s. Raises ParameterError for an unknown one."""
+        """Return the value of a pole, 1/s. Raises ParameterError for an unknown one."""
         placed = {pole.name: pole.s for pole in placed_poles(self.desk.control)}
         now = placed.get(name, self._named.get(name))
         if now is None:
@@ -125,7 +126,7 @@ class HeldPoles:
         return now
 
     def stepped(self, name: str, across: float, up: float) -> Values:
-        """Return the gains after moving a pole with the keyboard, in steps of 2 % of its magnitude."""
+        """Return the gains that move a pole by keyboard steps of 2 % of its magnitude."""
         now = self.at(name)
         return self.moved(name, now + _ACROSS * abs(now) * complex(across, up))
 
@@ -202,16 +203,16 @@ class View:
 
     @property
     def leading(self) -> dict[str, Figures]:
-        """The critical operating point of each controller (see `Look.leading`)."""
+        """The figures of each controller at its critical operating point (see `Look.leading`)."""
         return {name: look.leading for name, look in self.looks.items()}
 
     @property
     def stable(self) -> dict[str, Figures]:
-        """The stable controllers in `leading`; unstable loops have no sensitivity or stiffness."""
+        """The figures in `leading` of stable loops only, since unstable loops have no sensitivity or stiffness."""
         return {name: figures for name, figures in self.leading.items() if figures.stable}
 
     def of_stable(self, part: Callable[[Parts], T | None]) -> dict[str, T]:
-        """Return a simulation result of each stable controller for which it is available."""
+        """Return, for each stable controller, the simulation that `part` selects, if it is available."""
         stable = {name: self.parts[name] for name, look in self.looks.items() if look.stable and name in self.parts}
         available = {name: part(value) for name, value in stable.items()}
         return {name: value for name, value in available.items() if value is not None}
@@ -272,8 +273,9 @@ def _response(view: View) -> Chart:
 
 @dataclass(frozen=True)
 class Kind:
-    """A selectable picture: its title, its drawing function, and True if it is shown by default.
+    """A selectable picture, with its title and its drawing function.
 
+    usual       True if it is shown by default
     of_machine  True if it needs a machine
     """
 

@@ -1,6 +1,6 @@
 """Access control of the page's server: host, origin, one-time tokens, cookie, password and security headers.
 
-Host      must be an address at which the server listens; other names that resolve to it are refused (DNS rebinding)
+Host      must be an address at which the server listens; other names for this address are refused (DNS rebinding)
 password  replaces the token if others on the network can reach the server; requested by a login page
 Origin    of WebSockets and of all state-changing requests must be the page itself
 token     part of an address; opens the page once and is exchanged for a cookie that is sent to this server only
@@ -33,7 +33,7 @@ _OTHERS = 0o077  # permissions of group and others
 
 
 def read_password(path: Path) -> str:
-    """Read the password from the first line of a file, or of standard input for `-`, without echo in a terminal.
+    """Read the password from the first line of a file, or for `-` from standard input, without echo in a terminal.
 
     Raises FileError for an unreadable file, ParameterError for a file that other users may read and for a password of
     the wrong length.
@@ -129,8 +129,8 @@ class Door:
 
     hosts     accepted Host headers, such as `127.0.0.1:8765`
     password  replaces the token in the address; empty without a password
-    port      given if the server listens at all addresses of the machine; any IP address with this port is then
-              accepted, but no host name
+    port      set if the server listens at all addresses of the machine: any IP address with this port is then
+              accepted, but no host name except those in `hosts`
     tokens    one-time tokens that open the page without a password
     secret    value of the cookie
     """
@@ -215,7 +215,7 @@ class Protected:
         await send({"type": "http.response.body", "body": OPENED.encode()})
 
     async def _ask(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the password form, or check a submitted password: one at a time, with a delay after an incorrect one."""
+        """Send the password form, or check a submitted password; checks are sequential, with a delay on failure."""
         reason = "This page is protected."
         if scope.get("method") == "POST" and scope.get("path") == "/enter":
             attempt = parse_qs((await _body(receive)).decode("utf-8", "replace")).get("password", [""])[0]

@@ -95,7 +95,7 @@ def _panel(panel: Panel, numbers: list[np.ndarray], chart: Chart, window: Window
 
 
 def _mark(mark: Mark) -> dict[str, Any]:
-    """Encode a mark; as for panels and curves, its caption has the key `said`."""
+    """Encode a mark; its caption has the key `said`, like those of panels and curves."""
     return {
         **{name: getattr(mark, name) for name in ("x", "y", "number", "hollow", "name", "key")},
         "said": mark.caption,
@@ -128,7 +128,7 @@ def _curve(
 
 
 def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
-    """Append rows of numbers; return the index of the first number."""
+    """Append rows of numbers; return the index of the first appended number."""
     at = sum(block.size for block in numbers)
     for row in rows:
         # beyond single precision a value becomes infinite, and then a gap in the curve
@@ -139,7 +139,7 @@ def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Encode a band; if it has more points than a picture can show, it is reduced to the envelope of each interval."""
+    """Encode a band; if it has more points than a picture can show, each interval is reduced to its envelope."""
     x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
@@ -152,7 +152,7 @@ def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
 def _thinned(
     x: np.ndarray, y: np.ndarray, chart: Chart, panel: Panel, window: Window | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to the resolution of a picture: the envelope over x, or in a plane points one pixel apart.
+    """Reduce a curve to the resolution of a picture: its envelope over x or, in a plane, points one pixel apart.
 
     Non-finite values interrupt a curve; its pieces share the points in proportion to their lengths.
     """
@@ -304,8 +304,9 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom all pictures of a room that have the requested x label to a range, or to the full range; return the
-        room name.
+        """Zoom those pictures of a room that have the requested x label; return the name of the room.
+
+        The request contains the range of x; without it the full range is shown.
         """
         if act != "window":
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
@@ -371,7 +372,7 @@ class Session:
         return message(words, answer.charts, windows)
 
     def _plain(self, text: str) -> str:
-        """Replace paths by the names of uploaded files, and options by the names of the page's fields."""
+        """Replace paths in a message by the names of uploaded files, and options by the names of the page's fields."""
         folder = self.desk.folder
         between = re.escape(os.sep)
         text = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", text)

@@ -60,7 +60,7 @@ class Understood:
 
 
 def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
-    """Inspect files. Errors are not raised but stored with the content of their file."""
+    """Inspect files. An error is not raised, but stored in the result for its file."""
     contents = list[Understood]()
     for i, path in enumerate(paths):
         progress.step(f"reading {path.name}", i, len(paths))

@@ -95,7 +95,7 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
 
 
 def _drawable(chart: Chart) -> bool:
-    """Return True if the page can draw a chart: one abscissa, without boxes, fields and named ticks."""
+    """Return True if the page can draw a chart: one abscissa, and no boxes, fields or named ticks."""
     plain = (not (panel.boxes or panel.ticks or panel.field or panel.abscissa) for panel in chart.panels)
     return not chart.ticks and all(plain)
 
@@ -114,8 +114,9 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 
 
 def tuned(request: TuneRequest, progress: Progress) -> Shown:
-    """Tune a controller; the room draws its pictures over frequency, together with the current controller of the
-    page.
+    """Tune a controller.
+
+    The room itself draws the pictures over frequency, which also show the current controller of the page.
     """
     outcome = perform("tune", request, progress)
     progress.step("pictures")
@@ -164,7 +165,7 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """Run a part program on the machine; return the contour error along the path and its worst places."""
+    """Run a part program on the machine; return the contour error along the path and the places where it is largest."""
     # imported on use: this runs in the process of the job
     from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 

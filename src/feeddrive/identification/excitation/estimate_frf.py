@@ -25,7 +25,7 @@ _ROUGH = 1.5  # scatter over noise, as median, from which a single draw of phase
 
 @dataclass(frozen=True, eq=False)
 class Averaged:
-    """The means of input and output over periods, shape (lines,), with the (co)variances E|.|² of these means."""
+    """The spectra of input and output averaged over periods, shape (lines,), with their variances and covariance."""
 
     frequency: np.ndarray
     input: np.ndarray
@@ -37,7 +37,7 @@ class Averaged:
     excited: np.ndarray  # bool
 
     def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return the noise power E|v|² of v = y - G u on some lines, with the response G on them."""
+        """Return the noise power E|v|², v = y - G u, on the given lines; `response` is G on these lines."""
         cross = np.real(np.conj(response) * self.yu[lines])
         return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
 
@@ -45,7 +45,7 @@ class Averaged:
 def excited_lines(cause: np.ndarray) -> np.ndarray:
     """Return a mask of the excited lines, which lie above the widest gap in the sorted magnitudes of `cause`.
 
-    The gap to the empty lines is the widest even if the spectrum falls by decades over the band.
+    This gap separates excited from empty lines even if the spectrum falls by decades over the band.
     """
     # empty lines of a generated reference are exactly 0, and a ratio to them would be the widest gap
     size = np.maximum(np.abs(cause) / np.max(np.abs(cause)), _ROUNDING)
@@ -60,13 +60,13 @@ def excited_lines(cause: np.ndarray) -> np.ndarray:
 def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
     """Return the levels of odd and even distortion on empty lines, with the noise subtracted.
 
-        D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean over 5 lines of a kind of (|D|² - noise)
+        D(k) = Ȳ(k) - Ĝ(k) Ū(k),   level² = mean of |D|² - noise over 5 odd, or 5 even, lines
 
     Ĝ is interpolated between the neighboring excited lines; the term Ĝ Ū is needed in a closed loop, where the input is
-    not zero on the empty lines. The level of a kind is 0 in the band if a joint test of all its lines finds only noise,
-    at a significance of 1 %. Outside the band the response is unknown, and D is the whole output, including the effect
-    of distortion at the input.  `response` is given on the excited lines.  Only lines up to three times the band are
-    used.
+    not zero on the empty lines. Within the band, the level of odd (or even) distortion is set to 0 if a joint
+    test of all odd (even) lines finds only noise, at a significance level of 1 %. Outside the band the response is
+    unknown, and D is the whole output, including the effect of distortion at the input.  `response` is given on the
+    excited lines.  Only lines up to three times the upper end of the band are used.
     """
     lines = np.flatnonzero(mean.excited)
     first, last = int(lines[0]), int(lines[-1])
@@ -97,10 +97,10 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """Return True if lines contain more than noise, that is if the sum of |D|²/noise exceeds its quantile.
+    """Return True if the lines contain more than noise, that is, if the mean of |D|²/noise exceeds its quantile.
 
-    With noise only, each term has the distribution F(2, 2ν); the degrees of freedom of the lines are added, which is
-    valid for noise of any color.
+    With noise only, each of the N terms has the distribution F(2, 2ν).  The quantile of their mean is approximated by
+    that of F(2N, 2ν) times ν/(ν - 1), the mean of F(2, 2ν).  The noise may have any spectrum.
     """
     from scipy.special import fdtri
 
@@ -112,18 +112,20 @@ def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
 
 
 def smoothed(values: np.ndarray) -> np.ndarray:
-    """Return the moving average over neighboring lines, shorter at the ends."""
+    """Return the moving average over neighboring lines, with a shorter window at the ends."""
     width = min(_NEIGHBORS, values.size)
     ones = np.ones(width)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
 
 def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) -> np.ndarray | None:  # noqa: A002
-    """Return E|v|² around a response that is smooth over eleven excited lines, shape (lines,), or None for fewer lines.
+    """Return the scatter E|v|² of the output about a locally smooth response, shape (lines,).
+
+    The response is fitted to eleven excited lines; the result is None if there are fewer.
 
         Ȳ(i) = (g₀ + g₁ x + g₂ x²) fᵖ Ū(i) + V(i),   x from -1 to 1 over the lines, p the slope of |Ȳ/Ū| on log scales
 
-    The scatter contains noise and nonlinear distortion, even if the grid has no empty lines. At a sharp resonance it
+    The scatter contains noise and nonlinear distortion; the grid needs no empty lines. At a sharp resonance it
     would also include the curvature of the response; therefore the result is the median of |V|²/|Ȳ|² over 31 lines,
     times |Ȳ|².
     Source: Pintelon et al. 2010; in steady state there is no transient to estimate.
@@ -155,7 +157,7 @@ def local_scatter(frequency: np.ndarray, input: np.ndarray, output: np.ndarray) 
 
 @dataclass(frozen=True, eq=False)
 class _Realisation:
-    """One realization: means over periods and their covariances (noise of y, of u, and y u*), shape (lines,)."""
+    """One realization: spectra averaged over periods, and the noise (co)variances of y, u and y u*, shape (lines,)."""
 
     input: np.ndarray
     output: np.ndarray
@@ -178,8 +180,9 @@ def periodic(
 
         G = Ȳ/Ū,   var = (σ_y² + |G|² σ_u² - 2 Re(conj(G) σ_yu²))/|Ū|²
 
-    σ² are (co)variances of the means: over the periods for the noise; over realizations with different phases for noise
-    and nonlinear distortion together (`total`).  With a reference, Y and U are rotated by its phase and averaged over
+    σ² are the variances and the covariance of the means.  Computed from the differences between periods, they contain
+    only noise; computed from the differences between realizations with different phases, they contain noise and
+    nonlinear distortion together (`total`).  With a reference, Y and U are rotated by its phase and averaged over
     the realizations before the division, so that noise at the input causes no bias; this is valid in a closed loop.
     With one realization the distortion on the excited lines is estimated from the odd empty lines between them, if any.
     On a full grid it is estimated as the scatter around a smooth response, if that clearly exceeds the noise. Otherwise
@@ -187,7 +190,8 @@ def periodic(
 
     period  samples
     band    Hz; default: all excited lines
-    skip    periods dropped at the start; default: those that a test finds not yet in steady state, at most half
+    skip    number of periods dropped at the start; default: as many as are not yet in steady state according to a test,
+            at most half
 
     Raises LogError if fewer than two periods are left.
     Source: Pintelon & Schoukens 2012, sections 2.5 and 4.3.
@@ -269,7 +273,7 @@ def _realisation(
 
 
 def _turned(drawn: Sequence[_Realisation], lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return inputs and outputs of all realizations, rotated to a common phase of the excitation, shape (M, lines)."""
+    """Return inputs and outputs of all realizations, rotated to equal phases of the excitation, shape (M, lines)."""
     turns = [
         np.exp(-1j * np.angle((realisation.input if realisation.reference is None else realisation.reference)[lines]))
         for realisation in drawn
@@ -320,7 +324,7 @@ def _total(
     freedom: np.ndarray,
     levels: dict[str, Level],
 ) -> tuple[np.ndarray, bool, np.ndarray, str]:
-    """Return the variance, a flag for nonlinear distortion in it, its degrees of freedom, and the method."""
+    """Return the variance, True if it includes nonlinear distortion, its degrees of freedom, and the method as text."""
     m = len(drawn)
     if m > 1:
         u, y = _turned(drawn, lines)
@@ -372,14 +376,14 @@ def estimate_frf(
              is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
     period   samples; default: detected in the reference, or in the input if there is none
-    skip     periods dropped at the start; default: determined by a test
-    segment  samples per segment of averaged spectra; `overlap` is the share that two neighboring segments have in
-             common
+    skip     number of periods dropped at the start; default: determined by a test
+    segment  samples per segment of averaged spectra; `overlap` is the fraction by which neighboring segments
+             overlap
     lines    maximum number of lines of local polynomials; default: 2000
 
-    In a closed loop give the reference with every method: without it, noise that is fed back through the controller
-    counts as excitation.  Periodic records are the exception: noise averages out from period to period.
-    Raises ParameterError for an unknown method and for records that do not match each other, LogError for
+    In a closed loop, records need a reference: without it, every method except "periodic" mistakes noise that is fed
+    back through the controller for excitation.  In periodic records this noise averages out over the periods.
+    Raises ParameterError for an unknown method and for records that do not match, LogError for
     records that are too short.
     """
     measurements = [records] if isinstance(records, Record) else list(records)
@@ -431,12 +435,16 @@ def _period(records: Sequence[Record]) -> int | None:
 
 
 def _struck(records: Sequence[Record]) -> bool:
-    """Return True if the input of every record consists of hammer blows."""
+    """Return True if the input of every record consists of hammer blows and no record has a reference."""
     return not any(record.references for record in records) and all(find_blows(record.input) for record in records)
 
 
 def _steady(record: Record, period: int) -> Record:
-    """Return the part of a record, at least two periods long, with a periodic reference, or else the whole record."""
+    """Return the part of a record in which the reference is periodic.
+
+    The whole record is returned without a reference, if this part is shorter than two periods, and if hardly anything
+    would be removed.
+    """
     if not record.references:
         return record
     begin, end = frequency_estimate.repeating(record.references[0], period)

@@ -41,7 +41,7 @@ def readable(value: float, unit: str) -> Quantity:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit and the peak value in the simulation; `most` is None if no limit was stated."""
+    """A limit and the value reached in the simulation; `most` is None if no limit was stated."""
 
     what: str
     got: float
@@ -62,7 +62,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A realization: the excitation signal, and the signals of its simulation, all of shape (n,).
+    """One realization of an excitation: the signal itself and the results of its simulation, all of shape (n,).
 
     excitation    N or m, added to the force command or to the set position
     set_position  m, underlying motion without excitation
@@ -84,8 +84,8 @@ class Excitation(Result):
     period           samples per period; `periods` whole periods in steady state, with `fade` samples of fade-in before
                      and fade-out after them
     first            sample at which the first whole period begins
-    offset_velocity  m/s, velocity of the underlying motion, so that the axis always slides
-    least_velocity   m/s, smallest velocity in the direction of the offset; if negative, the axis reversed
+    offset_velocity  m/s, velocity of the underlying motion, which keeps the friction in the sliding regime
+    least_velocity   m/s, smallest velocity in the direction of the underlying motion; negative if the axis reversed
     """
 
     name: str
@@ -127,7 +127,7 @@ class Excitation(Result):
         return turning(unit) if self.rotary else unit
 
     def records(self, output: str = "reading_load") -> list[Record]:
-        """Return the simulated records, cut to whole periods, from which `estimate_frf` predicts the result."""
+        """Return the simulated records, cut to whole periods; `estimate_frf` predicts the measurement from them."""
         if output not in OUTPUTS:
             raise ParameterError(f"output = {output!r} must be one of {', '.join(OUTPUTS)}")
         kept = slice(self.first, self.first + self.periods * self.period)
@@ -146,7 +146,7 @@ class Excitation(Result):
         ]
 
     def table(self) -> Table:
-        """Return a table of the limits and the peak values in the simulation."""
+        """Return a table of the limits and the values reached in the simulation."""
         title = Text(
             f"{self.name}: {self.lines.size} lines {span(self.frequency[0], self.frequency[-1], 'Hz', between='..')} "
             f"on {self.where}, peak {readable(self.amplitude, self.unit)}, crest factor {Quantity(self.crest):.3f}, "
@@ -159,7 +159,7 @@ class Excitation(Result):
 def limits(
     loop: Loop, drawings: list[Drawing], travel: float | None, speed: float | None, force: float | None
 ) -> list[Limit]:
-    """Compare the peaks of all realizations with the stated limits, by default those of guard, controller and motor."""
+    """Compare the peaks of all realizations with limits, by default with those of guard, controller and motor."""
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     peak, continuous = (None, None) if motor is None else motor.limits()
     if force is None:
@@ -182,14 +182,14 @@ def limits(
 
 
 def _worst(excitation: Excitation) -> tuple[Limit, float]:
-    """Return the limit that is exceeded most, and the ratio of the peak to it."""
+    """Return the limit that is exceeded by the largest factor, and this factor."""
     shares = {limit: limit.got / limit.most if limit.most else np.inf for limit in excitation.limits if not limit.holds}
     worst = max(shares, key=lambda limit: shares[limit])
     return worst, shares[worst]
 
 
 def broken(excitation: Excitation) -> str:
-    """Return the first part of an error message: the limit exceeded most, with the peak value."""
+    """Return the start of an error message, which states the limit exceeded most and the value reached."""
     worst, share = _worst(excitation)
     assert worst.most is not None
     got, may = readable(worst.got, worst.unit), readable(worst.most, worst.unit)
@@ -204,7 +204,7 @@ def broken(excitation: Excitation) -> str:
 
 
 def advice(excitation: Excitation, drawn: Callable[[float], Excitation]) -> str:
-    """Return advice: an amplitude that satisfies all limits in a simulation, or what else to change."""
+    """Return a remedy for an exceeded limit: an amplitude that satisfies all limits in a simulation, or another one."""
     other = ""
     worst, share = _worst(excitation)
     # the travel grows with the duration at the offset speed: fewer periods need less of it
@@ -244,7 +244,7 @@ _OVERSAMPLING = 4  # grid points per sample of the highest line, for peaks betwe
 
 
 class _Timeline(NamedTuple):
-    """The phases of an excitation in samples: run-up, fade-in, whole periods, fade-out and stop."""
+    """The durations, in samples, of run-up and stop (`ramp`), fade-in and fade-out (`fade`), and one period."""
 
     ramp: int
     fade: int
@@ -282,11 +282,11 @@ def design_excitation(
     seed: int = 0,
     name: str = "excitation",
 ) -> Excitation:
-    """Design a multisine that keeps travel, speed and force within limits, as checked by simulating the whole loop.
+    """Design a multisine, and check by simulating the whole loop that travel, speed and force stay within limits.
 
-        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ: Schroeder's or random, then clipped
+        x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ: low-crest phases
 
-    band             Hz; lines are multiples of the resolution within it
+    band             Hz; lines are the multiples of the resolution within this band
     amplitude        peak, N (force) or m (setpoint)
     where            "force": added to the command after the controller's limit; "setpoint": to the set position
     resolution       Hz, inverse of the period, which is rounded to whole samples
@@ -295,15 +295,15 @@ def design_excitation(
                      noise on every line
     grid             pattern of excited lines, see `grid_lines`
     flat             for a setpoint: the signal that has equal amplitudes on all lines, such as the acceleration
-    offset_velocity  m/s of the underlying motion, so that the axis does not stick; 0: none; default: 1.5 times the peak
-                     speed of the linear model, or this peak speed plus three Stribeck velocities if that is larger.
-                     Every second realization reverses it
+    offset_velocity  m/s, velocity of the underlying motion, which keeps the axis from sticking; 0: no such motion;
+                     default: 1.5 times the peak speed of the linear model, or this peak speed plus three Stribeck
+                     velocities if that is larger. Every second realization moves in the opposite direction
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the controller and the motor
     seed             random seed of grid, phases and the noise of the encoders
 
     Raises ParameterError for an exceeded limit (the message gives an admissible amplitude or number of periods), for a
-    band beyond Nyquist, for periods of more than four million samples in all, and for a loop that trips or diverges;
-    UnstableError for a loop that is unstable without excitation.
+    band beyond Nyquist, for periods with more than four million samples in total, and for a loop that trips or
+    diverges; UnstableError for a loop that is unstable without excitation.
     """
     _check(loop, band, amplitude, where, resolution, periods, realisations, flat)
     require_stable(loop)
@@ -447,7 +447,7 @@ def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list
 
 
 def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude: float) -> float:
-    """Return the factor that scales the sum to the peak `amplitude`, evaluated at 16 points per shortest wave."""
+    """Return the factor that scales the sum to the peak `amplitude`, using 16 points per period of the highest line."""
     count = int(2 ** np.ceil(np.log2(16 * (lines[-1] + 1))))
     return amplitude / float(np.max(np.abs(summed(lines, sizes, phases, count))))
 
@@ -461,7 +461,7 @@ def _offset(
     waves: list[float],
     period: int,
 ) -> float:
-    """Return an offset speed at which the excited linear model does not reverse and stays above the Stribeck range."""
+    """Return a speed at which the excited linear model neither reverses nor enters the Stribeck range."""
     source = "added_force" if where == "force" else "set_position"
     model = linearize(loop, [source], ["velocity_load", "velocity_motor"])
     frequency = lines / (period * float(loop.sample_time))
@@ -548,7 +548,7 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
 
 
 def _least(drawings: list[Drawing], kept: slice) -> float:
-    """Return the smallest velocity in the direction of the underlying motion."""
+    """Return the smallest velocity of motor and load in the direction of the underlying motion."""
     least = np.inf
     for drawn in drawings:
         way = np.sign(drawn.set_position[-1] - drawn.set_position[0])
@@ -563,8 +563,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
         full        all lines: largest power, no empty lines in the band
         odd         1, 3, 5 ...: even distortion is detected on the even lines
         odd_odd     1, 5, 9 ...: odd distortion is also detected, on 3, 7, 11 ...
-        random_odd  odd lines, a random one of every four left empty (default): detects both kinds with most lines
-                    excited
+        random_odd  odd lines, except for a random one of every four (default): both kinds of distortion are detected,
+                    although most odd lines are excited
 
     Raises ParameterError for an unknown grid and a band without a line.
     Source: Pintelon & Schoukens 2012, section 4.3.1; Schoukens, Lataire, Pintelon & Vandersteen 2008.
@@ -631,7 +631,10 @@ def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarr
 
 
 def summed(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarray, count: int, order: int = 0) -> np.ndarray:
-    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points, or its `order`-th derivative by t/period."""
+    """Return one period of Σ aₖ cos(2π k t/period + φₖ) at `count` points, or a derivative of this sum.
+
+    order  order of the derivative with respect to t/period; 0: the sum itself
+    """
     spectrum = np.zeros(count // 2 + 1, dtype=complex)
     spectrum[lines] = 0.5 * count * amplitudes * np.exp(1j * phases) * (2j * np.pi * lines) ** order
     return np.fft.irfft(spectrum, count)

@@ -1,6 +1,6 @@
 """The record of an excited axis, and the frequency response estimated from it with variance, coherence and distortion.
 
-A record contains input, output and reference, sampled by one clock; a periodic record is cut into periods.
+A record contains input, output and reference, sampled by a common clock; a periodic record is cut into periods.
 """
 
 from dataclasses import dataclass, field, replace
@@ -29,7 +29,7 @@ class Record:
     """A measurement: `input` and `output` of shape (n,), sampled every `sample_time` s.
 
     references  external signals, shape (n,) each: the setpoint, or the force added to the command. In a closed loop,
-                only they separate the effect of noise from that of the excitation
+                they are needed to separate the effect of the excitation from that of noise
     Raises LogError for channels of different length, too short or constant channels, NaN, and an output that equals the
     input.
     """
@@ -91,7 +91,7 @@ class Record:
 
 
 def saturation(name: str, values: np.ndarray) -> list[str]:
-    """Return a remark for each end of a channel's range, its largest or smallest value, at which it is saturated."""
+    """Return a remark for each extreme value, the largest or the smallest, at which a channel is saturated."""
     remarks: list[str] = []
     for what, end in (("largest", np.max(values)), ("smallest", np.min(values))):
         share = float(np.mean(values == end))
@@ -110,8 +110,8 @@ def saturation(name: str, values: np.ndarray) -> list[str]:
 def find_period(values: np.ndarray) -> int | None:
     """Return the period of a signal in samples, at most half of the record, or None if it is not periodic.
 
-    The period is the lag of the first autocorrelation peak, beyond the first zero, that is about as high as the highest
-    one.
+    The period is the lag of the first autocorrelation peak beyond the first zero crossing that is about as high as the
+    highest peak.
     """
     x = np.asarray(values, float) - np.mean(values)
     n = x.size
@@ -143,9 +143,9 @@ def find_period(values: np.ndarray) -> int | None:
 
 
 def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
-    """Return first sample and end of the longest part over which a signal is periodic, apart from a linear trend.
+    """Return the first sample and the end of the longest part in which a signal is periodic, apart from a linear trend.
 
-    Fade-in and fade-out of a reference are not periodic, and the axis stands still before and after them.
+    This part excludes fade-in and fade-out of a reference, and the standstill before and after them.
     """
     x = np.asarray(values, float)
     change = x[period:] - x[:-period]
@@ -164,9 +164,9 @@ def repeating(values: np.ndarray, period: int) -> tuple[int, int]:
 def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the spectra of input, output and r references in p periods: shapes (p, lines), (p, lines), (r, p, lines).
 
-    Lines are 1/period .. Nyquist; a sine of amplitude a on a line has the magnitude a.  A constant drift, due to a bias
-    velocity of the axis, is removed: its slope is the mean increase per period over the second half, if that exceeds
-    five standard errors.
+    Lines range from 1/period to Nyquist; a sine of amplitude a on a line has the magnitude a.  A constant drift, due to
+    a bias velocity of the axis, is removed if it is significant: its slope is the mean increase per period over the
+    second half of the record, and must exceed five standard errors.
     Raises LogError for fewer than two periods.
     """
     count = len(record) // period
@@ -193,11 +193,11 @@ def transient_periods(periods: np.ndarray) -> int:
 
     Each period in turn is compared with the m periods of the second half, in bands of neighboring lines,
 
-        Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m,
+        Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m
 
-    The ratio Q is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of equal noise, fewer for unequal
-    noise. A period beyond the quantile for a risk of 1 % over all bands is dropped; the first one within it ends the
-    test, since a transient only decays.
+    Q is F-distributed with 2L and 2L(m - 1) degrees of freedom for L lines of equal noise, fewer for unequal
+    noise. A period is dropped if Q exceeds the quantile in any band, for a total risk of 1 %.  The first period that
+    is not dropped ends the test, since a transient only decays.
     """
     # scipy.stats has the same function, but takes a second to import
     from scipy.special import fdtri
@@ -221,7 +221,7 @@ def transient_periods(periods: np.ndarray) -> int:
 
 
 def _freedom(spread: np.ndarray, m: int) -> tuple[float, float]:
-    """Return the degrees of freedom of numerator and denominator, for noise that is not flat (Satterthwaite)."""
+    """Return the degrees of freedom of numerator and denominator of Q, for noise with any spectrum (Satterthwaite)."""
     even = float(np.sum(spread) ** 2 / max(np.sum(spread**2), 1e-300))
     return 2.0 * even, 2.0 * even * (m - 1)
 
@@ -253,7 +253,7 @@ class FrequencyEstimate(Result):
     noise    E|dG|² due to noise only, shape (n,)
     total    True if `frf.variance` includes nonlinear distortion besides noise
     levels   "odd", "even", "nonlinear", "noise": levels over frequency, as far as the excitation reveals them
-    counts   averages, periods, realisations, ... by name
+    counts   numbers of averages, periods, realizations ... by name
     remarks  remarks on the validity of the estimate
     """
 
@@ -314,12 +314,12 @@ class FrequencyEstimate(Result):
         )
 
     def radius(self, confidence: float = 0.95) -> np.ndarray:
-        """Return the radius r of the disc around each response that contains the true one with the confidence p.
+        """Return the radius r of a disc around each response that contains the true response with probability p.
 
             r² = ν ((1 - p)^(-1/ν) - 1) · variance
 
-        ν is the freedom of the variance. This follows from Fisher's distribution with 2 and 2ν degrees of freedom,
-        since |dG|² is exponentially distributed and the variance is a mean.
+        p is `confidence`, and ν are the degrees of freedom of the variance. The radius follows from the F distribution
+        with 2 and 2ν degrees of freedom, since |dG|² is exponentially distributed and the variance is its mean.
         """
         if not 0.0 < confidence < 1.0:
             raise ParameterError(f"confidence = {Quantity(confidence):6} must be > 0 and < 1")
@@ -349,6 +349,6 @@ class FrequencyEstimate(Result):
 
 
 def fisher(confidence: float, freedom: np.ndarray | float) -> np.ndarray:
-    """Return the quantile of F(2, 2ν), in closed form."""
+    """Return the quantile of the F distribution with 2 and 2ν degrees of freedom, in closed form; ν is `freedom`."""
     nu = np.asarray(freedom, float)
     return nu * ((1.0 - confidence) ** (-1.0 / nu) - 1.0)

@@ -1,4 +1,4 @@
-"""Frequency responses from impact tests: force window, exponential window with correction, average over blows."""
+"""Frequency responses from impact tests: force window, exponential window with correction, averaging over blows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class _Blow:
 
 
 def find_blows(force: np.ndarray) -> list[_Blow]:
-    """Find the hammer blows in a force; none are found in any other force, such as noise, a chirp or a periodic force.
+    """Find the hammer blows in a force signal; other signals, such as noise, a chirp or a periodic force, contain none.
 
     A blow is a short unipolar pulse that starts and ends at rest.
     """
@@ -83,7 +83,7 @@ def _runs(inside: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _before(quiet: np.ndarray, begin: int) -> int:
-    """Return the last quiet sample before a pulse, or the first sample."""
+    """Return the last quiet sample before a pulse, or 0 if there is none."""
     still = np.flatnonzero(quiet[:begin])
     return int(still[-1]) if still.size else 0
 
@@ -100,7 +100,7 @@ def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
 
 
 def _bounces_joined(u: np.ndarray, pulses: Sequence[Sequence[int]]) -> list[_Blow]:
-    """Merge pulses into blows; a pulse that follows another one after much less than the usual interval is a bounce."""
+    """Merge pulses into blows; a pulse that follows a blow after much less than the usual interval is a bounce."""
     begins = np.array([begin for begin, _ in pulses])
     gaps = np.diff(begins)
     usual = float(np.max(gaps)) if gaps.size else np.inf
@@ -120,21 +120,21 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
         G(s) = Σ Y(s) U*(s) / Σ |U(s)|²   over the blows,   s = jω + σ
 
-    Each blow is followed by a segment; all segments have equal length. Outside the contact of the hammer the force is
-    set to 0 (force window).  If a response has not decayed to 2 % at the end of its segment, response and force are
-    multiplied by exp(-σt), so that 1 % remains (exponential window). This gives the transform at s = jω + σ, in which
-    the decay rate of every mode appears larger by σ. This is corrected: around each line, a function with one resonance
-    in s,
+    The records are cut into one segment per blow, all of equal length. Outside the contact time of the hammer the force
+    is set to 0 (force window).  If a response has not decayed to 2 % at the end of its segment, response and force are
+    multiplied by exp(-σt), so that 1 % remains (exponential window). The Fourier transform then gives the response at
+    s = jω + σ, where the decay rate of every mode appears larger by σ. To correct this, a function with one resonance,
 
         G(s) (1 + b x) = a₀ + a₁ x + a₂ x²,   x = s - s₀,
 
-    is fitted to 9 lines and evaluated at jω.  The variance follows from the scatter of the blows,
+    is fitted to the 9 lines around each line and evaluated at s = jω.  The variance follows from the scatter of the
+    blows,
 
         var(G) = |G|² (1 - γ²)/(γ² (n - 1)),
 
     and includes noise, differences in point and direction between the blows, and nonlinearity.  A single blow has no
     scatter and no coherence: its noise is that of the output before the blow or the residual of the local function,
-    whichever is larger. The coherence is the one that averaged spectra of this variance would have.
+    whichever is larger. The coherence is that of averaged spectra with the same variance.
 
     Lines on which the force does not exceed its noise are left out.
     Raises LogError if there is no blow, or none with a sufficiently long segment.
@@ -219,14 +219,14 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
-    """Return the correlation of white noise between lines at distances 0, 1, ..., for a window exp(-decay · sample)."""
+    """Return the correlation between lines at distances 0, 1, ... of white noise with a window exp(-decay · sample)."""
     window = np.exp(-2.0 * decay * np.arange(length))
     spectrum = np.fft.fft(window)[: 2 * _HALF + 1]
     return spectrum / spectrum[0]
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    """Return the moving average over the lines of a local fit, shorter at the ends."""
+    """Return the moving average over as many lines as in a local fit, with a shorter window at the ends."""
     ones = np.ones(2 * _HALF + 1)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
 
@@ -271,7 +271,7 @@ def _start(blow: _Blow) -> int:
 
 
 def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return force and response of a blow from rest, with the force set to 0 outside the contact."""
+    """Return force and response of a segment, both relative to rest; outside the contact the force is set to 0."""
     start = _start(blow)
     force = np.zeros(length)
     end = min(blow.end, start + length)
@@ -282,10 +282,10 @@ def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _needed_damping(answers: np.ndarray, step: float) -> float:
-    """Return σ in 1/s of the exponential window that leaves 1 % at the end, or 0 if the responses have decayed by then.
+    """Return σ, 1/s, of an exponential window that reduces the responses to 1 % at the end, or 0 if none is needed.
 
-    The last quarter of the segments is compared with the first, octave by octave, since a fast mode may mask a slow
-    one.  A signal that does not decay from the third quarter to the last is noise, not vibration.
+    The last quarter of the segments is compared with the first in each octave, since one mode may mask another that
+    decays more slowly.  A signal that does not decay from the third quarter to the last is noise, not vibration.
     """
     quarter = answers.shape[1] // 4
     window = np.hanning(quarter)
@@ -322,7 +322,7 @@ def _force_noise(record: Record, blow: _Blow) -> float:
 
 
 def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
-    """Return remarks on saturated outputs and on blows clipped at the top."""
+    """Return remarks on saturated outputs and on blows with a clipped peak."""
     remarks: list[str] = []
     for record in dict.fromkeys(record for record, _ in stretches):
         remarks += saturation(record.output_name, record.output)
@@ -333,7 +333,7 @@ def _saturation(stretches: Sequence[tuple[Record, _Blow]]) -> list[str]:
 
 
 def _clipped(pulse: np.ndarray) -> bool:
-    """Return True for a pulse with three or more samples at exactly its largest value."""
+    """Return True for a pulse with three or more samples exactly at its largest value."""
     away = np.abs(pulse)
     # a pulse of a sensor within its range has one largest sample, or two by rounding
     return int(np.count_nonzero(away == np.max(away))) >= 3

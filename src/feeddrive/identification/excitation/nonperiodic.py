@@ -173,17 +173,17 @@ def local_polynomial(
 
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
-    The response and the transient of the record (its leakage) are smooth over a few lines. The residual is noise, and
-    its variance, with ν degrees of freedom, gives that of the response.  The coherence is the one that averaged spectra
-    of this variance would have: it is low where response and transient cannot be separated.  With one reference both
-    Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed loop. Several
-    records are averaged with weights that assume equal noise in all of them.
+    The response and the transient of the record (its leakage) are assumed to be smooth over these lines. The residual
+    is noise, and its variance, with ν degrees of freedom, determines that of the response.  The coherence is that of
+    averaged spectra with the same variance: it is low where response and transient cannot be separated.  With a
+    reference, both Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed
+    loop. Several records are averaged with weights that assume equal noise in all of them.
 
     band     Hz; default: all lines
     lines    maximum number of lines, spaced logarithmically over the band; default: all
     freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 
-    Responses of neighboring lines share data, so that their errors are correlated over 2n lines.
+    The responses at neighboring lines share data, so their errors are correlated over 2n lines.
     Suitable for chirps, steps, PRBS, noise and any motion.  Not suitable for periods of a multisine in steady state.
     Source: Pintelon, Schoukens, Vandersteen & Barbé 2010, Mech. Syst. Signal Process. 24, 573; order 2.
     """
@@ -248,7 +248,7 @@ def _chosen(record: Record, half: int, band: tuple[float, float] | None, lines: 
 
 
 def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...]:
-    """Return response, variance for unit noise, noise power and relative variance of U/R for one record."""
+    """Return, for one record, response, variance for unit noise power, noise power, and relative variance of U/R."""
     spectrum = {
         name: np.fft.rfft(values - values.mean()) for name, values in (("u", record.input), ("y", record.output))
     }
@@ -261,7 +261,7 @@ def _one(record: Record, chosen: np.ndarray, half: int) -> tuple[np.ndarray, ...
 
 
 def _solved(cause: np.ndarray, u: np.ndarray, y: np.ndarray, half: int, closed: bool) -> tuple[np.ndarray, ...]:
-    """Solve the local systems of many lines, for regressors (lines, 2n + 1, 6) and outputs (lines, 2n + 1, 1 or 2)."""
+    """Solve the local least-squares problems of many lines: 2n + 1 equations and 6 unknowns per line and output."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(ORDER + 1)
     # the columns of the input are scaled to 1, so that the systems are well conditioned
     size = np.sqrt(np.mean(np.abs(cause) ** 2, axis=1, keepdims=True))[:, :, None]
@@ -304,16 +304,16 @@ def local_rational(
     at: complex = 0.0,
     correlation: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a function with one resonance around `lines` (indices); return value, variance and residuals.
+    """Fit a function with one resonance around each of `lines` (indices); return value, variance and residuals.
 
-    Value and variance are those at x + `at`, which may be complex (analytic continuation).
+    Value and variance are those of the function at x + `at`, which may be complex (analytic continuation).
 
         y (1 + b u) = a0 + a1 u + a2 u²,   u = x - x(line),   complex a, b
 
     The least-squares problem over `width` lines is weighted with the variance `spread` of y and solved twice, the
-    second time with weights from the first b.  The residuals are twice the weighted sum of squares: χ² with 2(width -
-    4) degrees of freedom if the function fits.  `correlation`, shape (width,), is that between the noise of lines at
-    distances 0, 1, ...; default: independent lines.
+    second time with weights from the first b.  The residual returned for each line is twice the weighted sum of
+    squares, which is χ² distributed with 2(width - 4) degrees of freedom if the function fits.  `correlation`, shape
+    (width,), is the correlation of the noise between lines at distances 0, 1, ...; default: independent lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

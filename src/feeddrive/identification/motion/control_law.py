@@ -44,7 +44,7 @@ class ControlFit(Result):
     """The P-PI cascade fitted to the logged force: Kv (1/s), Kp and velocity feedforward (1).
 
     delay      samples between the reading used by the law and the command
-    residual   share of the force that the law does not explain
+    residual   RMS of the force that the law does not explain, relative to the RMS of the force
     tried      (velocity samples, delay) -> residual
     """
 
@@ -67,7 +67,7 @@ class ControlFit(Result):
         return regression.estimates_table(title, self.estimates)
 
     def law(self) -> CascadePPI:
-        """Return the cascade as a block; a feedforward that equals 0 or 1 within its error is rounded to that value."""
+        """Return the cascade as a block; a feedforward of 0 or 1 within its error is set to that value."""
         share = self["velocity_feedforward"]
         near = next(
             (whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, regression.NORMAL * share.error)),
@@ -84,11 +84,11 @@ class ControlFit(Result):
 def identify_control(log: MotionLog) -> ControlFit:
     """Identify the gains of the loop that produced a log, by least squares on the cascade's control law.
 
-        force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all d samples old
+        force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all delayed by d
 
-    This is the traced step of `CascadePPI`; its derivatives with respect to the gains are the columns of the
-    least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the pair with the smallest residual is
-    selected. Samples at the force limit are left out.
+    This is the traced step of `CascadePPI`, in which `share` is the velocity feedforward; the derivatives with respect
+    to the gains are the columns of the least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the
+    pair with the smallest residual is selected. Samples at the force limit are left out.
     Raises NotIdentifiableError if every such cascade leaves more than 5 % of the force unexplained: the loop then has
     an integral part, filters or another law, whose parameters the user must state.
     """
@@ -202,14 +202,14 @@ class Gain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LawCheck:
-    """The check of a law against a log's force; residuals are relative to its RMS about the mean, in rows of 10 ms.
+    """The check of a law against a log's force; residuals are relative to the RMS of this force, in rows of 10 ms.
 
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
     counts  effect of quantization of the readings, as far as it is present in the log
-    gains   gains of the controller that have an effect in the log
+    gains   gains of the controller that affect the force in this log
     delay   delay of the log's force relative to that of the law, samples
-    added   share of the rows in which another force was added, if the law explains all other rows; else 0
+    added   fraction of the rows in which another force was added, if the law explains all other rows; else 0
     """
 
     name: str
@@ -222,7 +222,7 @@ class LawCheck:
 
     @property
     def wrong(self) -> str:
-        """The reason why this is not the law of the log, or an empty string if nothing contradicts it."""
+        """The way in which the log contradicts the law; empty if it does not, or if an added force explains it."""
         return "" if self.added else self._against
 
     @property
@@ -286,17 +286,17 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
         y = F - u(x_set, x) = Σ (θ'/θ - 1) θ ∂u/∂θ + constant + e,   θ the stated gains, θ' those required by the log
 
-    All signals are low-pass filtered and decimated to rows of 10 ms as in the inverse dynamics, since quantization
-    causes, through a velocity gain, a force of much higher frequency than the motion.  The constant is the initial
-    state of an integral.  Plant and friction are not involved, so that disturbances do not affect the result.  F may be
-    delayed by up to three samples relative to u.
+    All signals are low-pass filtered and decimated to rows of 10 ms as in the inverse dynamics, since a
+    velocity gain turns quantization into a force of much higher frequency than the motion.  The constant is the initial
+    state of an integrator.  Plant and friction are not involved, so that disturbances do not affect the result.  F may
+    be delayed by up to three samples relative to u.
 
-    If the log has rounded readings instead of those that the law used, each reading has an error within its count.  The
-    effect on y and θ' is simulated (readings with uniform errors of a count) and taken into account as far as the log
-    contains it: the share is the RMS of e(k) - e(k-1), sample by sample, over that of the simulated errors.  The share
-    is zero for a drive that logs the readings of its law.
+    If the log contains rounded readings instead of those used by the law, each reading has an error of up to half a
+    count.  The effect of such errors on y and θ' is simulated with uniformly distributed errors.  It is then multiplied
+    by the fraction of it that is present in the log: the RMS of e(k) - e(k-1) in the log over the same RMS in the
+    simulation, at most 1.  This fraction is 0 for a drive that logs the readings used by its law.
 
-    A force that was added to the command intermittently is distinguished from another law (see `_added`).
+    A force that was added to the command intermittently is distinguished from a wrong law (see `_added`).
 
     apart  m, shape (n,): position of the motor minus that of the load, for a law that reads both
     place  path of the controller in its machine file
@@ -329,13 +329,13 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
 
 def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> float:
-    """Return the share of the rows in which another force was added, if the other rows support the law, or else 0.
+    """Return the fraction of the rows in which another force was added, or 0 unless the other rows support the law.
 
-    The other rows are the largest group within a band as wide as the residual of a correct law; a median would fail if
-    the added force acts in half of the rows. Apart from quantization they must concentrate in the middle of the band,
-    whereas a law with another integral would spread them over the whole band. These rows must excite every gain (with a
-    tenth of the power of its column), agree with its stated value, and must not contain an integral of the following
-    error, the last column.
+    The other rows are the largest group of rows with y in a band as wide as the residual of a correct law; a median
+    would fail if the added force acts in half of the rows. Apart from quantization they must concentrate in the middle
+    of the band, whereas a law with another integral would spread them over the whole band. For every gain these rows
+    must contain at least a tenth of the power of its column and agree with its stated value. The integral of the
+    following error, which is the last column, must have no effect in them.
     """
     width = 2.0 * (LARGEST * size + SURE * counts)
     ordered = np.sort(y)
@@ -352,7 +352,7 @@ def _added(columns: np.ndarray, y: np.ndarray, size: float, counts: float) -> fl
 
 
 def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-    """Return the RMS in N of the effect of quantization on y, and the standard errors of the gains with this effect."""
+    """Return the RMS in N of the effect of quantization on y, and standard errors of the gains that include it."""
     force, values = rows.reduced(rows.log.force), np.array([float(tree.get(fit.control, name)) for name in names])
     drawn = list(_readings(rows.log))
     others = [rows.answers(fit.control, reading) for reading in drawn]
@@ -420,7 +420,7 @@ def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A log, its decimated rows, and the distance of the motor from the load (m) if the law reads both."""
+    """A log, its decimated rows, and the position of the motor relative to the load (m) if the law reads both."""
 
     log: MotionLog
     apart: np.ndarray | None
@@ -435,7 +435,7 @@ class _Rows:
         return decimated(self.cut(values, delay), max(1, round(_ROW / self.log.sample_time)))
 
     def answers(self, control: Control, reading: np.ndarray) -> np.ndarray:
-        """Return the command of a controller at each sample."""
+        """Return the command of a controller at each sample, for these load readings."""
         log = self.log
         assert log.set_position is not None
         motor = None if self.apart is None else reading + self.apart
@@ -455,12 +455,12 @@ class _Rows:
     def slopes(
         self, control: Control, plain: np.ndarray, reading: np.ndarray, names: tuple[str, ...] | None
     ) -> dict[str, np.ndarray]:
-        """Return θ ∂u/∂θ of gains of a controller by name, over all samples; `plain` is its nominal command."""
+        """Return θ ∂u/∂θ of gains of a controller by name, over all samples; `plain` is the nominal command."""
         return {name: (self.answers(varied, reading) - plain) / _STEP for name, varied in _varied(control, names)}
 
 
 def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[str, Control]]:
-    """Yield the nonzero gains of a controller, or those in `names`, each with a controller in which it is increased."""
+    """Yield the nonzero gains in `names` (None: all), each with a copy of the controller in which it is increased."""
     for name, value in tree.parameters(control).items():
         wanted = not name.startswith("guard.") if names is None else name in names
         if wanted and isinstance(value, float) and value != 0.0:
@@ -473,7 +473,7 @@ def _varied(control: Control, names: tuple[str, ...] | None) -> Iterator[tuple[s
 
 
 def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Return the names of linearly independent columns; parameters of nested blocks are preferred to common factors."""
+    """Return the names of linearly independent columns; nested parameters are preferred to common factors."""
     kept: list[str] = []
     for name in sorted(columns, key=lambda key: -key.count(".")):
         column = columns[name] - np.mean(columns[name])
@@ -486,7 +486,7 @@ def _independent(columns: dict[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _readings(log: MotionLog) -> Iterator[np.ndarray]:
-    """Yield readings with a random error within one count, constant while the count does not change."""
+    """Yield readings plus random errors of up to half a count; an error is constant until the count changes."""
     # a fixed seed: the same log gives the same errors
     count, random = count_of(log.position), np.random.default_rng(0)
     since = np.cumsum(np.diff(log.position, prepend=log.position[0]) != 0.0)

@@ -1,4 +1,4 @@
-"""Complete identification of one log: inverse dynamics, dead time, control law, output error, recommendation."""
+"""Complete identification from one log: inverse dynamics, dead time, control law, output error, recommendation."""
 
 import math
 from collections.abc import Mapping
@@ -41,8 +41,9 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
     """Return the axis with the identified mass, friction and constant force.
 
     A significant constant force is added if the axis has none. A plant with several bodies keeps its masses and
-    dampers, which a rigid fit cannot separate, and friction on both bodies is not changed. With `richer`, a friction
-    model with more than Coulomb levels keeps its shape.
+    dampers, which a rigid fit cannot separate; if it also has friction at the motor, the axis is returned unchanged.
+    With `richer`, the friction model of the axis keeps its shape near standstill and is scaled to the identified
+    levels.
     """
     if not isinstance(axis.plant, Rigid) and axis.friction_motor is not None:
         return axis
@@ -69,11 +70,11 @@ def own_viscous(axis: Axis) -> float:
 
 
 def refined_names(loop: Loop) -> tuple[str, ...] | None:
-    """Return the names of the parameters fitted by output error; None, for a rigid axis with plain friction, selects
-    `physics`.
+    """Return the names of the parameters to be fitted by output error.
 
-    Otherwise these are the parameters of friction and constant forces that are not 0, and the mass of a rigid plant.
-    Of a richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
+    The result is None for a rigid axis with plain friction, for which `refine` fits its default parameters (`physics`).
+    Otherwise these are the nonzero parameters of friction and constant forces, and the mass of a rigid plant. Of a
+    richer friction model only levels and slopes are fitted; its parameters near standstill are kept.
     """
     if isinstance(loop.axis.plant, Rigid) and not is_richer(loop.axis):
         return None
@@ -119,7 +120,7 @@ def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
 
 
 def _without(friction: Friction, viscous: float) -> Friction:
-    """Return the friction without the viscous friction of the plant's dampers."""
+    """Return the friction reduced by the viscous friction of the plant's dampers."""
     if isinstance(friction, Coulomb):
         return replace(friction, viscous=max(0.0, float(friction.viscous) - viscous))
     if isinstance(friction, Directional):
@@ -165,9 +166,10 @@ def agreed(
 ) -> Refinement:
     """Return the output-error fit with the dead time to be used: its own, or that of the inverse dynamics.
 
-    Each method has an optimal dead time: the inverse dynamics for the force residual, the closed loop for the position
-    residual. If they differ, and the force residual is 10 % larger with the dead time of the closed loop, the one
-    is selected whose residual increases more with the dead time of the other.
+    The dead time of the inverse dynamics minimizes the force residual, that of the closed loop the position residual.
+    They may differ. If the force residual is 10 % larger with the dead time of the closed loop, each residual is
+    computed with the dead time of the other method, and the method whose residual increases by the larger factor
+    determines the dead time. Otherwise that of the closed loop is used.
     """
     extra = beyond(delay, stated)
     # ratios, since one residual is a force and the other one a position
@@ -202,8 +204,8 @@ def agreed(
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
     """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which fit the log better.
 
-    Both are compared in the rows of the inverse dynamics; a contradiction is a difference of more than three joint
-    standard errors.
+    The force residuals of both are compared in the rows of the inverse dynamics; a contradiction is a difference of
+    more than three joint standard errors between the masses.
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
@@ -227,7 +229,7 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
 
 
 def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
-    """Return the inverse dynamics with the residual due to quantization, from simulations of the closed loop.
+    """Return the fit of the inverse dynamics with the residual due to quantization, simulated in the closed loop.
 
     Through a velocity gain, coarse counts excite a vibration that the readings do not show, so that the residual is
     larger than the reading errors alone would cause.  If quantization is the reason, simulations of the fitted loop
@@ -275,7 +277,7 @@ class Identified(Result):
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
     remarks     parameters that could not be identified, with the reasons
-    doubt       reason why the magnitudes in the log are not those of a feed drive; empty if plausible
+    doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
     """
 
     log: MotionLog
@@ -363,12 +365,12 @@ def identify_motion(
 ) -> Identified:
     """Identify a rigid drive from a log of position and force, and of the set position if available.
 
-    start      the loop of the log, as far as known; its law, limits, encoders and dead time are kept
-    law        the active law, for a log without `start`; identified if not given
+    start      the loop that produced the log, as far as known; its law, limits, encoders and dead time are kept
+    law        the law of this loop, if `start` is not given; None: it is identified
     friction   "best", "symmetric" or "directional"
     lead, gear for a log in shaft units: lead in m and gear ratio, with which the result is referred to the table
 
-    A step that is not possible results in a remark instead of an error; only the rigid drive must be identifiable.
+    A step that fails results in a remark instead of an error; only the rigid drive must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for an unusable log.
     """
     whole, remarks = checked(log), list[str]()
@@ -432,9 +434,7 @@ def identify_motion(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; return None without a law, or for a law that reads two encoders, since a log
-    contains one.
-    """
+    """Check the law against the log; return None without a law, and for two encoders, as a log contains only one."""
     if start is not None:
         return (
             None
@@ -455,7 +455,7 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, stated: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return the loop and its output-error fit, with the friction model of the machine file if it fits as well."""
+    """Return loop and output-error fit, with the friction model of a machine file unless plain friction is better."""
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
     if fit is None:
         return loop, None
@@ -465,7 +465,7 @@ def _refined(
 
 
 def _not_alone(check: LawCheck) -> str:
-    """Return a remark on a logged force that is not commanded by the stated law alone."""
+    """Return the remark that the logged force is not the command of the stated law alone."""
     if check.added:
         return Text(
             f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
@@ -499,7 +499,7 @@ def _unseen_gains(check: LawCheck | None) -> list[str]:
 
 
 def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
-    """Return why the magnitudes are implausible for a feed drive, or ""; add a remark with the remedy."""
+    """Return the reason why the magnitudes are implausible for a feed drive, or ""; add a remark with a remedy."""
     magnitudes = sizes(log.frame, log.sample_time, log.position, log.force, rigid["mass"].value)
     wrong = outside(log.frame, magnitudes)
     if not wrong:
@@ -510,7 +510,7 @@ def _doubt(log: MotionLog, rigid: RigidFit, remarks: list[str]) -> str:
 
 
 def swapped(channels: Mapping[str, Any]) -> bool:
-    """Return True if position and force of a `MotionLog` are swapped, that is, fit a rigid drive if exchanged."""
+    """Return True if position and force seem to be swapped: after exchanging them, a rigid drive fits the log."""
     both: dict[str, Any] = {**channels, "position": channels["force"], "force": channels["position"]}
     both |= {"set_position": None, "force_limit": None}
     try:
@@ -523,7 +523,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Select the friction model of the machine file, unless plain friction fits the log clearly better."""
+    """Return loop and fit with the friction model of the machine file, or with plain friction if clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
@@ -562,7 +562,7 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """Fit the inverse dynamics, by default with the force delayed by `delay` samples in addition to its hold."""
+    """Fit the inverse dynamics, by default with a delay of the force of `delay` samples in addition to its hold."""
     return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
 
 

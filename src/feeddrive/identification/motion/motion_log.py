@@ -42,8 +42,8 @@ class MotionLog:
     rotary        True for position in rad and force in N m
     turning       True for a rotary axis, as opposed to the motor shaft of a screw
 
-    Raises LogError for a channel of another length or with values that are not finite, and NotIdentifiableError for a
-    channel that does not change or a force that stays at its limit.
+    Raises LogError for channels of unequal length and for values that are not finite, and NotIdentifiableError for a
+    channel that does not change and for a force that stays at its limit.
     """
 
     name: str
@@ -79,7 +79,7 @@ class MotionLog:
         return "um" if self.frame is TABLE else "urad"
 
     def distance(self, value: float, digits: int = 4) -> Quantity:
-        """Return a residual of the position as a quantity."""
+        """Return a position residual as a quantity with this unit."""
         return Quantity(value, self.frame.position, form=f"{digits} {self.micro}")
 
     def _checked(self, channel: str, values: np.ndarray) -> np.ndarray:
@@ -177,13 +177,13 @@ class MotionLog:
         """Replace smaller spikes of the force by interpolation, and return the log with a remark on them.
 
         A spike lasts at most three samples and deviates from the median of 9 rows by more than the usual force F, which
-        99 % of the rows do not exceed, and by 8 standard deviations of the 61 rows around it:
+        99 % of the rows do not exceed, and by more than 8 standard deviations of the 61 rows around it:
 
             d = |f - median9(f)| > max(F, 8 · 1.4826 median61(d))
 
         Such a short force hardly moves an axis; therefore the fit is the same even if the force was commanded.
-        If more than 1 % of the rows are spikes, these are not line faults: they are caused by coarse counts through a
-        velocity gain.
+        If more than 1 % of the rows are spikes, the log is returned unchanged: these are not line faults, but the
+        response of a velocity gain to coarse counts.
         """
         from scipy.ndimage import median_filter  # not for commands that only read
 
@@ -220,7 +220,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def count_of(position: np.ndarray) -> float:
-    """Return the resolution of readings in m, of which all differences are multiples, or 0 if there is none."""
+    """Return the resolution of the readings in m, which divides all their differences, or 0 if there is none."""
     levels = np.unique(position)
     steps = np.diff(levels)
     # levels that differ by rounding of the file are one level
@@ -252,10 +252,11 @@ def unknown_force(residual: np.ndarray, runs: np.ndarray, moving: np.ndarray) ->
 
         d = -share · r̃,   share² = 1 - Σ s̃² / Σ r̃²
 
-    residual  measured force - mean of the runs, shape (n,); the drive reacts to a force with the opposite force
+    residual  measured force - mean of the runs, shape (n,); the drive responds to a force with an opposite force
     runs      simulated forces minus their mean, shape (runs, n): the effect of quantization alone
     moving    True for rows in motion
-    r̃ and s̃ are residual and runs averaged over `_NEAR_COUNT` rows, since quantization noise is of higher frequency.
+    r̃ and s̃ are `residual` and `runs` averaged over `_NEAR_COUNT` rows, since quantization noise is of higher
+    frequency.
     """
     from scipy.ndimage import uniform_filter1d  # not for commands that only read
 
@@ -272,7 +273,7 @@ def drawn(
 ) -> np.ndarray:
     """Simulate the log with different offsets of the encoder counts; return reading and force, shape (runs, 2, n).
 
-    The offsets are distributed evenly over one count; the initial position within its count and the first row of an
+    The offsets are distributed evenly over one count; the initial position within its count and the time shift of an
     unknown force are random.  Raises DivergedError if a run diverges.
     """
     assert log.set_position is not None
@@ -401,11 +402,11 @@ class Prepared:
         return _reduced(values, self.stretches, self.places, self.decimation)
 
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
-        """Return another force of the same log in these rows, delayed by `delay` samples."""
+        """Return another force, sampled like the log, in these rows, after a delay of `delay` samples."""
         return self.reduced(delayed(force, delay))
 
     def errors(self, position: np.ndarray) -> np.ndarray:
-        """Return the effect of position errors (m, per sample) on acceleration and velocity, shape (2, n)."""
+        """Return the effect of position errors (m, one per sample) on acceleration and velocity, shape (2, n)."""
         velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
         return self.reduced(np.array([acceleration, velocity]))
 
@@ -508,7 +509,7 @@ def delayed(values: np.ndarray, samples: float) -> np.ndarray:
 
 
 def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
-    """Return a mask of the rows more than one decimated step away from every change of direction, including rest."""
+    """Return a mask of the rows more than one decimated step away from every change of direction and from rest."""
     turns = np.flatnonzero(np.diff(np.sign(velocity)) != 0.0)
     if not turns.size:
         return np.ones(places.size, dtype=bool)

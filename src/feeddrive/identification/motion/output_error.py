@@ -108,16 +108,17 @@ def refine(
 
         minimize  Σ ((x - x_model) / σx)² + Σ ((F - F_model) / σF)²,   σ: RMS of each residual, updated during the fit
 
-    The cost is minimized by Gauss-Newton steps with finite differences of simulated runs.  Dead time is discrete: for
-    each of `delays`, in samples in addition to that of the loop, the parameters are fitted, and the delay with the
-    smallest position residual is selected; by default 0 and 1, then further ones as long as they improve the fit.
+    The cost is minimized by Gauss-Newton steps with finite differences of simulated runs.  The dead
+    time is varied in whole samples: the parameters are fitted for each of `delays`, which are added to the dead time of
+    the loop, and the delay with the smallest position residual is selected.  By default 0 and 1 are tried, then longer
+    delays as long as they improve the fit.
 
     names  dotted names; default: mass, friction and constant forces that are not 0
     skip   samples at the start that are ignored
 
     The loop must be that of the log, with the same law, gains and sample time.  Standard errors are robust to the
-    residual's autocorrelation.  Use it after `identify_rigid`, where noise or quantization spoils derivatives, or to
-    fit friction near standstill, which the inverse dynamics leave out.
+    residual's autocorrelation.  Use this function after `identify_rigid` if noise or quantization spoils the
+    derivatives, or to fit friction near standstill, which the inverse dynamics leave out.
     Raises NotIdentifiableError for a log without set position, and for a parameter without effect.
     """
     if log.set_position is None:
@@ -156,9 +157,9 @@ def refine(
 
 
 def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
-    """Return the additional dead time of a fit in samples, relative to the start, and its standard error.
+    """Return the dead time of a fit in addition to that of the initial loop, in samples, and its standard error.
 
-    It is an additional parameter of the least squares, whose column is the effect of one more sample of dead time.
+    Its fractional part is one more parameter of the least squares; its column is the effect of one sample of dead time.
     Raises DivergedError for a loop that becomes unstable with one more sample.
     """
     names = tuple(estimate.name for estimate in fit.estimates)
@@ -173,7 +174,7 @@ def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float
 
 
 def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
-    """Return True if the longest delay has the smallest position residual so far."""
+    """Return True if, of all delays tried, the longest has the smallest position residual."""
     left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
 
@@ -243,16 +244,17 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
 def _with_counts(
     loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, slopes: np.ndarray, before: np.ndarray
 ) -> _Fit | None:
-    """Fit the mean of runs with quantization; return None if no value changes by `_MATTERS` of its error `before`.
+    """Fit the mean of simulated runs with quantization; return None if all changes are small.
 
         r = measured - mean,   σ²(k) = max(mean r² - mean s², r²/2) + s²(k)
         cov = cov(runs) + cov(r)
 
-    s² is the variance of the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the same
-    step applied to other runs, each in place of the log: rounding is not white noise if a reading remains on its count.
-    cov(r) is that of the residual, in which a part of the quantization is counted again, so that the errors are
-    conservative. After the first correction the runs also include the unmodelled force of the log, since dry friction
-    prevents its effect from averaging out.
+    A change is small if it is below `_MATTERS` times the standard error `before` quantization was considered.  s² is
+    the variance between the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the results
+    if other runs take the place of the log: rounding is not white noise while a reading stays at one count.  cov(r)
+    follows from the residual; it counts part of the quantization again, so that the errors are conservative.  After the
+    first correction the runs also include the unmodelled force of the log, since dry friction prevents its effect from
+    averaging out.
     Source: the parametric bootstrap, Efron & Tibshirani 1993; the weights and the choice of rows are ours.
     """
     count = count_of(log.position)

@@ -65,7 +65,7 @@ class RigidFit(Result):
 
     @property
     def changed(self) -> bool:
-        """True if unused rows are predicted 50 % worse than used ones, without the effect of quantization."""
+        """True if the error in unused rows is 50 % larger than in used ones, without the effect of quantization."""
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
         return bool(beyond > 1.5 * self.residuals.relative)
 
@@ -118,7 +118,7 @@ class RigidFit(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is significant: a constant force on the axis (see `pulls`)."""
+        """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
         return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
@@ -207,10 +207,10 @@ def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
 def _with_counts(
     log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
 ) -> tuple[float, np.ndarray]:
-    """Return the RMS residual due to quantization, and the bias of each value, or 0 without counts.
+    """Return the RMS residual due to quantization, and the bias of each value; 0 if readings are not quantized.
 
-    Quantization is simulated a second time, by uniform errors of the readings; their effect on the columns equals that
-    of the original errors.
+    A second quantization is simulated by adding uniformly distributed errors to the readings; its effect on the columns
+    equals that of the first one.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
     count, names = motion_log.count_of(log.position), NAMES[friction]
@@ -361,7 +361,7 @@ class DelayFit(Result):
         return float(np.interp(samples, self.delays, self.residual))
 
     def table(self) -> Table:
-        """Return a table of the residuals of the delays around the best."""
+        """Return a table of the residuals at the delays around the best one."""
         near = np.abs(self.delays - self.nearest) <= 2
         rows = [[int(d), float(r)] for d, r in zip(self.delays[near], self.residual[near], strict=True)]
         dead_time = Quantity(self.dead_time, "samples", self.error)
@@ -378,8 +378,8 @@ def find_delay(
         force(k - 1/2 - dead_time) = inverse dynamics(k),   for the dead time with the smallest residual
 
     Whole samples are tried; near the best one the delay is an additional parameter of the least squares, with the
-    derivative of the force as its column, which gives the fraction and its error.  The logged force must be the one
-    commanded in the same sample.
+    derivative of the force as its column, which gives the fractional part and its standard error.  The logged force
+    must be the one commanded in the same sample.
 
     Do not rely on it alone in a closed loop: there the force reacts to disturbances, and part of that reaction is
     mistaken for a delay. This error grows with the residual of the model.  `refine` then decides between whole samples.
@@ -475,7 +475,7 @@ def _rough(residual: np.ndarray) -> float:
 
 
 def _trails(log: MotionLog) -> bool:
-    """Return True if the set position lags behind the position: (r - x) v < 0 on average."""
+    """Return True if the set position lags behind the position: (x_set - x) v < 0 on average."""
     if log.set_position is None:
         return False
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0

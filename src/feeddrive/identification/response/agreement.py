@@ -30,9 +30,9 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 class Agreement(Result):
     """The agreement of measured and fitted responses: the RMS of ln(fitted/measured) on used and on unused lines.
 
-    drawn        the model as a smooth curve, with short steps in the complex plane; its variance J C Jᴴ follows from
+    drawn        the model as a smooth curve, with short steps in the complex plane; its variance is J C Jᴴ, with
                  the covariance C of the parameters and the derivatives J, and does not include model errors
-    unused       cross-validation: each line is predicted by a fit without it and without every fifth line
+    unused       found by cross-validation: each line is predicted by a fit to four fifths of the lines that excludes it
     spread       standard deviation of the weighted residual; near 1 if variances were measured and the model agrees
                  within them
     model_error  relative model error beyond the noise; 0 if no variance is known
@@ -168,8 +168,8 @@ def predicted(
 ) -> tuple[float, float]:
     """Return the RMS of ln(G/Gm) on used lines, and on unused lines by five-fold cross-validation.
 
-    Every fifth line is left out, then its neighbor, and so on, so that each line is predicted once. Lines whose noise
-    exceeds 30 % do not count.
+    Each of the five fits leaves out every fifth line, starting at another one, so that each line is predicted once.
+    Lines whose noise exceeds 30 % do not count.
     """
     used, unused = [], []
     for fold in range(_FOLDS):
@@ -257,8 +257,8 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
 def entangled(names: Sequence[str], refined: Refined) -> list[str]:
     """Return remarks on parameters of which the lines determine only a combination.
 
-    They follow from the singular values of the Jacobian with columns scaled to length one: a singular value near zero
-    belongs to a direction in which the parameters may change together without visible effect.
+    They follow from the singular values of the Jacobian with columns scaled to length one: if one of them is
+    nearly zero, the parameters can change together in its direction without a visible effect.
     """
     return [
         Text(
@@ -270,9 +270,10 @@ def entangled(names: Sequence[str], refined: Refined) -> list[str]:
 
 
 def blind(estimates: Sequence[Estimate], refined: Refined) -> dict[str, str]:
-    """Return, by name, the parameters of a nearly undetermined combination with errors above 10 %, and the reason.
+    """Return the reasons why parameters are not identifiable, by name of the parameter.
 
-    Their standard errors would be valid only if the model were exact to 1 % of the effect of each parameter.
+    These parameters have errors above 10 % and belong to a nearly undetermined combination.  Their standard errors
+    would be valid only if the model were exact to 1 % of the effect of each parameter.
     """
     gone: dict[str, str] = {}
     for share, together in _combinations([estimate.name for estimate in estimates], refined):

@@ -201,7 +201,7 @@ class Poles:
 def initial(
     model: ModalResponse, responses: Sequence[np.ndarray], chosen: np.ndarray, dead_time: float | None
 ) -> tuple[float, np.ndarray]:
-    """Return initial parameters for given mode poles: linear ones by least squares of relative errors.
+    """Return initial parameters for given mode poles: linear ones by least squares on the relative errors.
 
     The first value is the sum of squared errors.  Dead time and corner are found by a coarse search.
     """
@@ -424,7 +424,7 @@ def _named(responses: FRF | Sequence[FRF] | Mapping[str, FRF]) -> dict[str, FRF]
 
 
 def _simplest(candidates: Sequence[tuple[float, ModalResponse, list[Unknown], Refined]]) -> Any:
-    """Return the candidate with the fewest modes that no larger one beats by 10 % per additional mode."""
+    """Return the first candidate, sorted by number of modes, that no later one beats by 10 % per additional mode."""
     for i, (error, *_) in enumerate(candidates):
         rest = candidates[i + 1 :]
         if not any(other < error * _GAIN ** (more + 1) for more, (other, *_) in enumerate(rest)):
@@ -440,8 +440,9 @@ def _best_start(
     dead_time: float | None,
     poles: Poles,
 ) -> tuple[float, list[Unknown], Refined] | None:
-    """Return the best of several automatic starts after a few steps, by the mean of |ln(fitted/measured)|, each value
-    limited to 1.
+    """Return the best of several automatic starts after a few steps of refinement.
+
+    The best one has the smallest mean of |ln(fitted/measured)|, with each value limited to 1.
     """
     best: tuple[float, list[Unknown], Refined] | None = None
     arrays = [frf.response for frf in frfs]

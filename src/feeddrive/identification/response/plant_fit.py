@@ -53,7 +53,7 @@ _IDEAL = 20.0  # times the highest line: a faster current loop counts as ideal
 class PlantFit(Result):
     """A plant and its actuator, fitted to measured responses.
 
-    estimates         every fitted parameter with its standard errors; `covariance` in their order
+    estimates         every fitted parameter with its standard errors; `covariance` is in their order
     derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
     not_identifiable  the reason by parameter, and what to measure next; `plant` contains the value that was used
     agreement         agreement with the responses, on used and on unused lines
@@ -320,7 +320,7 @@ _SENSORS = ("motor", "load")  # the outputs of the traced model, in their order
 
 @dataclass(frozen=True)
 class SensorLines:
-    """The lines of a fitted response in Hz, its encoder, and the order of its derivative of the position."""
+    """The lines of a fitted response in Hz, its encoder, and its order as a derivative of the position (0, 1 or 2)."""
 
     frequency: np.ndarray
     sensor: str  # "motor" or "load"
@@ -471,7 +471,7 @@ def fit_plant(
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
 ) -> PlantFit:
-    """Fit any plant block, with its values as the initial ones, to the responses of motor and load encoder.
+    """Fit any plant block, starting from its values, to the responses of motor and load encoder.
 
         x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
 
@@ -526,7 +526,7 @@ def fit_two_mass(
     k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
     identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
 
-    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: this determines the total
+    Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total
     mass and the resonance, but not the mass ratio.
     Not suitable for an axis with further modes in the band; reduce the band, or use `fit_modal_axis`.
     """
@@ -659,7 +659,7 @@ def starts(responses: Mapping[str, FRF], units: ResponseUnits, dead_time: float 
 
 
 def _of_grid(responses: Mapping[str, FRF], units: ResponseUnits) -> list[TwoMass]:
-    """Return the best points of a grid of resonances and mass ratios, by magnitude, each with its best total mass."""
+    """Return the plants of a grid of resonances and mass ratios that fit the magnitudes best, with best total mass."""
     frfs = list(responses.values())
     lines = [SensorLines(frf.frequency, sensor, units.order) for sensor, frf in responses.items()]
     model = TracedPlant(_scaled(1.0, 1.0, 1.0, 0.03, 0.0), (), lines, {})

@@ -1,6 +1,6 @@
 """Refinement of models by measured frequency responses: quantities and units, cost, minimization, and covariance.
 
-Quantities are input and output of a response, its order of differentiation, and the resulting units.
+The quantities of a response are its input and output, its order of differentiation, and the resulting units.
 """
 
 import re
@@ -44,7 +44,7 @@ class ResponseUnits:
 
 
 def response_units(frf: FRF) -> ResponseUnits:
-    """Return the quantities of an FRF from its unit, in any spelling; an FRF without a unit is taken as m/N."""
+    """Return the units of output and input of an FRF, from its unit in any spelling; without a unit m/N is assumed."""
     output, _, force = (_known(frf.unit) or (frf.unit or "m/N", 1.0))[0].rpartition("/")
     match = re.fullmatch(r"\(?([^()/]+?)(?:/(s2?|s\^2))?\)?", output.strip())
     if match is None or not force:
@@ -164,8 +164,8 @@ class Measured:
     """A response with the standard deviation of its lines, which is relative if no variance was measured (`relative`).
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
-    gives peaks and valleys the same weight, divided by 1 or by the standard deviation that follows from the coherence
-    of each line.
+    gives peaks and valleys the same weight, divided by the standard deviation that follows from the coherence of
+    each line, or by 1 without a coherence.
     """
 
     frf: FRF
@@ -436,7 +436,8 @@ def covariances_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return robust and plain covariances of all parameters at given values, without a fit.
 
-    Errors are larger if parameters that were fixed because they are not identifiable count as unknown.
+    The parameters may include some that were fixed in the fit because they are not identifiable: counting them as
+    unknown increases the errors of the others.
     """
     chosen = [replace(frf, variance=None) if logarithmic else frf for frf in responses]
     everywhere = [np.ones(frf.frequency.size, bool) for frf in chosen]
@@ -456,9 +457,9 @@ def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the values; `scale` contains their derivatives by the internal parameters.
+    """Return robust and plain covariance of the values; `scale` converts from the internal parameters.
 
-    For an estimate that satisfies Σ ψ(r) ∂r = 0 with ψ = ρ r:  mean ψ² / (mean ψ')² (JᵀJ)⁻¹.  Source: Huber 1981.
+    The covariance of an estimate with Σ ψ(r) ∂r = 0, ψ = ρ'(r)/2, is mean ψ² / (mean ψ')² (JᵀJ)⁻¹ (Huber 1981).
     A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust
     covariance:
 
@@ -506,7 +507,7 @@ def _independent(columns: np.ndarray) -> np.ndarray:
 
 
 def _model_error(refined: Refined, data: Sequence[Measured], use: Sequence[np.ndarray], now: float) -> float:
-    """Return the model error at which residuals of known variance agree with their weights, or `now` if they do."""
+    """Return the model error at which residuals of known variance agree with their weights; `now` if they do."""
     parts = [
         (np.abs(r * weighted.sigma[kept]) ** 2, weighted.frf.variance[kept], weighted.frf.magnitude[kept] ** 2)
         for r, weighted, kept in zip(refined.residuals, data, use, strict=True)

@@ -299,7 +299,7 @@ class Bring(Room):
         return Column(name=name, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
 
     def _columns(self, content: Understood) -> list[dict[str, Any]]:
-        """Return each column with its role, unit and reason; assigned columns first, then those that need a factor."""
+        """Return each column with role, unit and reason; assigned columns first, then those that need a factor."""
         assert content.guess is not None
         roles = {assigned.name: (role, assigned) for role, assigned in content.guess.mapping.items()}
         needs = {name: (role, what) for role, (name, what) in content.guess.needs.items()}

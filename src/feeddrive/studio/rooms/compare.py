@@ -93,7 +93,7 @@ class Compare(Room):
 
     @act
     def take(self, asked: Asked) -> Said:
-        """Continue with a law as tuned for the comparison."""
+        """Make the controller of a law, as tuned for the comparison, the current one."""
         name = asked.text("law")
         if self.shown is None or name not in self.shown.controls:
             raise ParameterError(f"the comparison has no law '{name:.60}'")
@@ -107,7 +107,7 @@ class Compare(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
-        """Write the machine file with a law of the comparison, and record the request that would write it."""
+        """Write the machine file with a law of the comparison, and record a request that writes the same file."""
         law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
         # a law that was taken before keeps its file, to which an undo may return
         out = free_name(self.desk.folder / "compared", law)
@@ -121,7 +121,7 @@ class Compare(Room):
         return out / TAKEN
 
     def _candidates(self) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-        """Return the laws that can control the axis, and the refused ones with reasons."""
+        """Return the laws that can control the axis, and those that cannot, with reasons."""
         if self._laws is None:
             self._laws = candidates(self.desk.needed.needed_loop())
         return self._laws

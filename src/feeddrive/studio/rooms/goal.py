@@ -33,7 +33,7 @@ _SHOWN = ("goal", *_LIMITS, "reading_noise", "band", "filters", "law", "starts")
 
 
 def _option(figure: Figure) -> str:
-    """Return the name of the field that limits a figure."""
+    """Return the name of the request field that contains the limit of a figure."""
     assert figure.limit is not None
     return figure.limit.option
 
@@ -130,7 +130,7 @@ class Goal(Room):
 
     @act
     def accept(self, _: Asked) -> Said:
-        """Continue with the result, or with the best controller found by a canceled search."""
+        """Make the result the current controller, or after a canceled search the best controller found."""
         if self.best is None:
             raise ParameterError("nothing was found yet: press Tune first")
         self.desk.take(self._best() or self.best, self._written())
@@ -144,7 +144,7 @@ class Goal(Room):
         return self.best if written is None else read_machine(written).loop(self.desk.needed.axis).control
 
     def _written(self) -> Path | None:
-        """Return the machine file with the result, rounded as proven; None for a canceled search."""
+        """Return the machine file with the rounded result, for which the proof holds; None after a canceled search."""
         return None if self.result is None else self.result.files.get("Machine")
 
     @act
@@ -244,9 +244,7 @@ class Goal(Room):
         return levels
 
     def _up_to_limit(self, chart: Chart) -> Chart:
-        """Extend the sensitivity axis up to the limit, so that the limit can be dragged, unless it is far above all
-        curves.
-        """
+        """Extend the sensitivity axis to the limit, so that it can be dragged, unless it is far above all curves."""
         first, *others = chart.panels
         limit = self._peak_limit()
         top = max(float(np.nanmax(curve.y)) for curve in first.curves)

@@ -116,7 +116,7 @@ class Prove(Room):
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
 
     def _put(self, name: str, held: Held, result: Shown) -> None:
-        """Store a result after the earlier ones."""
+        """Store a result as the latest one, replacing an earlier one of this name."""
         # removed first, so that a result that is replaced moves to the end
         self.shown.pop(name, None)
         self.shown[name] = held, result

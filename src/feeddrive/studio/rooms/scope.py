@@ -275,7 +275,7 @@ class Scope(Room):
         self.settings, self.mode = dict(settings), mode
 
     def _fit_clock(self) -> None:
-        """Discard window settings made for another clock; the default on a sample clock is `_SAMPLES` samples."""
+        """Discard window settings made for another clock; without a clock the default window is `_SAMPLES` samples."""
         clock, channels = self.scope.clock, self.scope.channels
         if not channels:
             return
@@ -321,7 +321,7 @@ class Scope(Room):
         return units.scaled(number, factor)
 
     def _middle(self, channel: str) -> float | None:
-        """Return the mean of the minimum and maximum in view, a level that the signal crosses; None without data."""
+        """Return a level that the signal crosses: the mean of its minimum and maximum in view; None without data."""
         shown = self._shown()
         if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None

@@ -27,7 +27,7 @@ from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
 
 def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:
-    """Return for each limit a sentence, and True if the limit is satisfied, with the most critical limit first."""
+    """Return a sentence for each limit, and True if the limit is satisfied; the most critical limit comes first."""
     several, sentences = len(look.figures) > 1, list[dict[str, Any]]()
     for verdict in look.judged:
         where = f" ({verdict.point})" if several else ""
@@ -87,8 +87,9 @@ def _gain(units: Units, ratio: float) -> float:
 
 
 def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
-    """Return the picture for the figure of a verdict, and the position in its first panel; None if the figure has no
-    value or frequency.
+    """Return the picture that shows the figure of a verdict, and the position of the figure in its first panel.
+
+    The result is None if the figure has no value or frequency.
     """
     value = verdict.judged.value
     if value is None or verdict.frequency is None:
@@ -208,7 +209,7 @@ class Tune(Room):
 
     @act
     def add(self, asked: Asked) -> Said:
-        """Add a filter: at a frequency in Hz, or where the loop is likely to need it."""
+        """Add a filter at the requested frequency in Hz, or where the loop is likely to need it."""
         T, at = self._sample_time, asked.number_or_none("at")
         if at is not None and not at > 0.0:
             raise ParameterError(f"the frequency of a filter must be > 0 Hz, not {Quantity(at, 'Hz'):6}")
@@ -248,7 +249,7 @@ class Tune(Room):
 
     @act
     def pole(self, asked: Asked) -> Said:
-        """Drag a pole in the pole map: abscissa in Hz and, unless unchanged, ordinate in the displayed unit."""
+        """Drag a pole in the pole map to an abscissa in Hz and, if `y` is given, an ordinate in the displayed unit."""
         _, factor = self.units.of("Hz")
         name, up = asked.text("name"), asked.number_or_none("y")
         height = self._poles.at(name).imag if up is None else 2.0 * np.pi * up / factor
@@ -268,7 +269,10 @@ class Tune(Room):
 
     @act
     def speed(self, asked: Asked) -> Said:
-        """Scale the bandwidth of the whole loop, given as the crossover in Hz that it would have on a free mass."""
+        """Scale the bandwidth of the whole loop to a requested crossover in Hz.
+
+        The loop reaches this crossover exactly only if its plant behaves as a free mass.
+        """
         wanted, first = asked.number("value"), asked.yes("first", True)
         if not wanted > 0.0:
             raise ParameterError(f"the crossover must be > 0 Hz, not {Quantity(wanted, 'Hz'):6}")
