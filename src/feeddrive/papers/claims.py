@@ -125,7 +125,7 @@ CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiments of one paper: claims, further tables, pictures, facts on the runs, and remarks.
+    """The experiments of one paper: claims, further tables, pictures, facts about the runs, and remarks.
 
     name      name on the command line, e.g. "altintas2009"
     citation  authors, title, journal, year
@@ -301,7 +301,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
-    """Return all claims as plain figures; NaN and infinity are null."""
+    """Return all claims with plain numbers; NaN and infinity are null."""
     papers = {
         paper.name: [
             {

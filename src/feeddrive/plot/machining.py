@@ -110,7 +110,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
-    """Return the µm per division with which all deviations of the tests are visible."""
+    """Return the µm per division that makes all deviations of the tests visible."""
     return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
 
 

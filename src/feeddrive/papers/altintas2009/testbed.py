@@ -243,7 +243,7 @@ class IdealModel:
     """The state-space model of the ideal loop with a shipped law, from F_d(k) to all states: z(k) = A z(k-1) + b
     F_d(k), initially at rest.
 
-    names   of the states: x, v, and those of the law
+    names   names of the states: x, v, and those of the law
     """
 
     A: np.ndarray

@@ -786,7 +786,7 @@ _WRITTEN = {
 
 
 def _place(text: str, letter: str, value: float) -> int:
-    """Return the position of a word in a line of plain words, or of the last one with this letter and value."""
+    """Return the index in a line of plain words at which the last word with this letter and value begins."""
     return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 

@@ -285,7 +285,7 @@ class Feed:
     """The feed of the following moves.
 
     linear    path speed of moves with X Y Z (or U V W), m/s; m per revolution if `per_turn`
-    angular   feed of moves of A B C only, from the same number, rad/s; rad per revolution if `per_turn`
+    angular   feed of moves of A B C only, from the same F word, rad/s; rad per revolution if `per_turn`
     per_turn  True for a feed per spindle revolution (G95)
     """
 

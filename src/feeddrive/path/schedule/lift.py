@@ -55,8 +55,8 @@ class _Points(NamedTuple):
 class Lifter:
     """The lifter of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4).
 
-    The end of a lifted section is held back, to be lifted again with the next part; it ends in the same state as the
-    original plan, whose planned stop therefore remains valid.
+    The last portion of a lifted section is held back, to be lifted again with the next part. A lifted section ends in
+    the same state as the original plan, whose planned stop therefore remains valid.
     """
 
     def __init__(self, limits: np.ndarray) -> None:
@@ -185,8 +185,8 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Return the faults, in the form of `faults_of`, in the section that changes in the spans from `first` up to
-        but excluding `last` affect.
+        """Return the faults, in the form of `faults_of`, in the section affected when the spans from `first` up to but
+        excluding `last` are changed.
         """
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
@@ -276,14 +276,16 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
-    """Return the duration of a section plus half of that of the plateaus before and after it, s."""
+    """Return the duration of a section plus half the durations of the plateaus before and after it, s."""
     beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
     flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
     return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the ranges of time intervals that can be lifted: between standstills and plateaus at the highest speed."""
+    """Return the ranges of time intervals that can be lifted; they are separated by standstills or plateaus at top
+    speed.
+    """
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
     # a time interval that ends at a joint is not affected by the piece after it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)

@@ -296,8 +296,8 @@ MARGIN = 4e-15  # of the planned length: distance of the ends of ramps from join
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """Return the time gained by a ramp from the speed c that starts at `far` instead of `near`, s.  The ramp may extend
-    to `end`.
+    """Return the time, s, that a ramp from the speed c gains if it starts at `far` instead of `near`.  The ramp may
+    extend to `end`.
 
     The ramps end at the highest of several trial speeds for which both exist.
     """
@@ -406,7 +406,7 @@ def _beginning(
     there is no such plan.
 
     From rest the plan is a single hump.  If a piece ahead is too slow for the present speed, the motion is braked in as
-    few steps as possible, each to the cap of a piece that is slower than all pieces before it; `slow` is work space for
+    few steps as possible, each to the cap of a piece that is slower than all pieces before it; `slow` is workspace for
     these pieces.
     """
     if v0 == 0.0:

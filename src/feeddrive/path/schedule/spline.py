@@ -115,8 +115,8 @@ def _expanded(
     slope: Floats,
     bend: Floats2,
 ) -> int:
-    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` is that of the
-    penalties, and `away` in m that of the time.
+    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` multiplies the
+    penalties, and `away` (m) the time.
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
@@ -377,7 +377,7 @@ def quickest(
     r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
     most     largest z that the velocity limits and the feed allow
     full     0 if only q'''' is evaluated
-    weight   weight of the penalties at a point, s; `away` is that of the time, m
+    weight   weight of the penalties at a point, s; `away` is the weight of the time, m
     penalty  initial μ; it is reduced stepwise down to `last`
     """
     z = zeros(4)
@@ -437,8 +437,9 @@ POINTS = 2  # number of points of a span per path piece
 
 @kernel
 def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, out: Floats, most: Floats2) -> int:
-    """Write the largest u' allowed by feed and velocity limits on each piece into `out`; `most` is work space, (N,
-    4).
+    """Write the largest u' allowed by feed and velocity limits on each piece into `out`.
+
+    `most` is workspace of shape (N, 4).
     """
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most)
