@@ -215,7 +215,9 @@ def run(paper: str, progress: Progress) -> Experiment:
 
 
 def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
-    """Run papers, in as many processes as there are processors. Raises CancelledError if `progress` is cancelled."""
+    """Run the experiments of papers in as many processes as there are processors. Raises CancelledError if `progress`
+    is cancelled.
+    """
     workers = min(len(papers), os.cpu_count() or 1)
     if workers == 1:
         return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
@@ -274,7 +276,7 @@ def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progr
 
 
 def _results(futures: Sequence[Future[Reproduced]]) -> list[Reproduced]:
-    """Return the results of all papers, or raise the error of one that failed without waiting for the others."""
+    """Return the results of all papers, or, as soon as one has failed, raise its error."""
     failed = [future for future in futures if future.done() and future.exception()]
     return [future.result() for future in failed or futures]
 

@@ -873,7 +873,7 @@ DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):
-    """A point at which a motion is not proven."""
+    """A point of a motion at which a limit is exceeded, or was not shown to be satisfied."""
 
     line: int  # of the part program
     time: float  # s from the start of the run
@@ -927,7 +927,7 @@ class Prover:
         self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
-        """Check the next part; return True if all its limits are proven."""
+        """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)

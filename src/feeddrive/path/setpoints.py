@@ -404,8 +404,8 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     """Return the limiting cause of each sample as an index into `MachineLimits.causes`.
 
     share  utilization of each limit, shape (n, N, 4)
-    speed  along the path, m/s, shape (n,)
-    feed   along the path, m/s, shape (n,); 0 at a standstill
+    speed  path speed, m/s, shape (n,)
+    feed   programmed path speed, m/s, shape (n,); 0 at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
     reasons = np.argmax(rows, axis=1)

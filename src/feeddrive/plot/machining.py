@@ -48,8 +48,8 @@ def _like(circle: CirclePath, test: CircleTest) -> int:
 
 
 def circle_test_chart(test: CircleTest, division: float | None = None, remark: str = "") -> Chart:
-    """Plot a circular test with a box of figures: the radial deviations enlarged on the nominal circle, both
-    directions.
+    """Plot a circular test in both directions: the radial deviations, enlarged, on the nominal circle, with a box of
+    key figures.
 
     division  µm per division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations. Use the same value
               for all plots to be compared

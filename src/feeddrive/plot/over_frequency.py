@@ -173,8 +173,8 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """Shift a phase in degrees by whole turns so that it is closest to that of a response, at the first line of the
-    latter.
+    """Shift a phase in degrees by whole turns so that it is closest to the phase of a response at the first line of the
+    response.
     """
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)

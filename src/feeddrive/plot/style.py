@@ -242,7 +242,7 @@ def decibel(magnitude: np.ndarray) -> np.ndarray:
 
 
 def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
-    """Widen a range by a share of its width on both sides; a single value becomes a range around it."""
+    """Widen a range by the fraction `part` of its width on both sides; a single value becomes a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 

@@ -268,7 +268,7 @@ def integration_error(cutter: HelicalCutter) -> float:
 
 
 def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
-    """Return u_s times the volume removed per second in a slot, W."""
+    """Return the specific cutting energy u_s times the volume removed per second in a slot, W."""
     feed = chip_load * cutter.teeth * SPINDLE / 60.0
     return cutter.specific_energy * feed * cutter.diameter * cutter.axial_depth
 

@@ -177,7 +177,7 @@ def update() -> list[Claim]:
 
 
 def believed_gains() -> list[Claim]:
-    """Check the rates of convergence of tuners that assume half and twice the gain, over four trials each."""
+    """Check the rates of convergence of tuners that assume half and twice the actual gain, over four trials each."""
     loop = ideal_axis(TRUE)
     claims = []
     for factor, gamma, least, most in (

@@ -357,7 +357,7 @@ class _Collected:
         self.rows: list[_Segment] = []
 
     def chain(self, ends: bool) -> Chain:
-        """Return all segments as a chain, or, unless it `ends`, all but the last, which is retained."""
+        """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
@@ -454,8 +454,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Yield the segments of a move, none for zero length; `columns` are the indices of the machine's axes in a point.
-    """
+    """Yield the segments of a move, none for zero length; `columns` are the point indices of the machine's axes."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]

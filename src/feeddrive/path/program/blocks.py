@@ -136,7 +136,7 @@ class LineReader:
 
 
 def located(line: Line, fault: BlockError) -> ProgramError:
-    """Return the error of a faulty line with file, line and column."""
+    """Convert the error of a faulty line to a ProgramError with file, line and column."""
     column = fault.column or 1
     if fault.column is None and fault.index is not None:
         kept = _kept(line.text)

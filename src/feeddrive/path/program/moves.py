@@ -116,7 +116,7 @@ MOST_TURNS = 100_000
 def center_of_radius(
     start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, unit: float
 ) -> tuple[float, float]:
-    """Return the center of an arc of given radius; a negative radius selects the longer arc. `unit`: mm per program
+    """Return the center of an arc from its radius; a negative radius selects the longer arc. `unit`: mm per program
     unit.
     """
     if radius == 0:

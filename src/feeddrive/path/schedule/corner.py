@@ -285,9 +285,9 @@ def shared(
     """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
     intervals; return their number.
 
-    The other results are the interval of the first motion in which the overlap starts, its duration before the overlap
-    in s, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within 1e-12
-    of the overlap time are treated as simultaneous.
+    The other results are the interval of the first motion in which the overlap starts, its duration in s before the
+    overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
+    1e-12 of the overlap time are treated as simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts

@@ -139,7 +139,7 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Lift a motion that is at rest at neither end, otherwise as in `lifted`; `end` is u' .. u''' at the end of the
+        """Do the same as `lifted` for a motion that is at rest at neither end; `end` is u' .. u''' at the end of the
         motion.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
@@ -263,8 +263,8 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Return the ranges of the n spans to be optimized again after the limits at `spans` were lowered: each of these
-    with `_ASIDE` spans on either side.
+    """Return the ranges, among n spans, to be optimized again after the limits at `spans` were lowered: each of these
+    spans with `_ASIDE` neighbors on either side.
     """
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
@@ -302,9 +302,7 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """Return two halves to lift in place of a section that cannot be lifted, split at its middle node, the second
-    half first.
-    """
+    """Split a section that cannot be lifted as a whole at its middle node; return both halves, the second first."""
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):

@@ -1,9 +1,9 @@
 """The speeds of nodes along a stretch of path, and the ramps and plateaus between them.
 
 A stretch lies between two nodes, where u'' = u''' = 0.  Its hump is the ramp from the left node up to a peak speed, a
-plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First a hump without
-regard to the caps (speed limits of pieces) shows which of them are active.  The slowest piece that it crosses too fast
-is passed at its cap, if both ramps to it leave room, and the stretches on either side are planned recursively;
+plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First, a hump that
+ignores the caps (speed limits of pieces) shows which of them are active.  The slowest piece that this hump crosses too
+fast is passed at its cap, if both ramps to it leave room, and the stretches on either side are planned recursively;
 otherwise the stretch gets the highest hump that satisfies all caps.  Such a hump always exists, as the nodes were
 reached by feasible ramps: no backtracking is needed.
 """

@@ -467,8 +467,9 @@ def ramp_gain(
     """Return the time, s, that a ramp of time intervals `first` up to but excluding `last` would save if its path were
     straight.
 
-    On a line in the direction of either end, whichever is more favorable, it takes L1 + L2 + L3 between the same
-    speeds; the distance saved is covered at the higher speed.  The result is 1e300 for more than one ramp.
+    Between the same speeds a ramp on a line takes L1 + L2 + L3; the line has the direction of the path at either end,
+    whichever is more favorable.  The distance saved is covered at the higher speed.  The result is 1e300 for more than
+    one ramp.
     """
     lasts = 0.0
     for m in range(first, last):
@@ -606,7 +607,7 @@ def points(
 
     begin   u at the start of each path piece
     top     largest speed that feed and velocity limits allow on each piece
-    shares  usable shares of the velocity to snap limits; larger near the ends, where the state is given
+    shares  usable fractions of the velocity to snap limits; larger near the ends, where the state is given
     time    times of the knots in the present motion, s
     """
     count = 0
