@@ -169,7 +169,8 @@ class Port(NamedTuple):
 
 
 def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) -> dict[str, Port]:
-    """Return the ports by signal: those given in `names`, and all signals that the FMU has under their own name.
+    """Return the ports by signal: the variables given in `names`, and variables of the FMU that have the name of a
+    signal.
 
     `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
     `command_unit` is the unit of the drive's command; None without a motor.
@@ -276,7 +277,7 @@ _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond r
 class Instance:
     """An instance of an FMU for co-simulation, to be used in a `with` block.
 
-    The FMU's code runs in this process, with all its rights. Messages of the FMU are collected and quoted in errors.
+    The FMU's code runs with all rights of this process. Messages of the FMU are collected and quoted in errors.
     """
 
     def __init__(self, archive: Archive) -> None:
@@ -426,15 +427,14 @@ def simulate_with_fmu(
     controller starts disabled, at the first reading, with the axis at rest.
 
     loop        the controller and its sample time; of the axis only the motor and the number of encoders are used
-    fmu         the FMU, **a program**: it runs in this process, with all its rights
-    names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a signal that the FMU
-                has under its own name needs no entry.  Inputs are force (or command, in the unit of the drive),
-                load_force and start_position; outputs are reading or reading_motor and reading_load, and further
-                signals to record
+    fmu         the FMU, **a program**: it runs with all rights of this process
+    names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a variable that has the name
+                of a signal needs no entry.  Inputs are force (or command, in the unit of the drive), load_force and
+                start_position; outputs are reading or reading_motor and reading_load, and further signals to record
     parameters  values of the FMU's parameters, by its names and in its units
     load        force on the table, N; the FMU needs an input for it
     enable      1 or 0 for each sample; the last value is held
-    dead_time   time before a command acts, s; a fraction of a sample requires an FMU with a variable step
+    dead_time   time before a command acts, s; a fraction of a sample requires an FMU with variable communication step
     bound       bound of |set position - reading|, m; default: the larger of 1 m and 100 times the travel
 
     Raises FmuError for an FMU that cannot be run, lacks a variable or refuses a step, DivergedError with the
@@ -489,7 +489,9 @@ def _signals(
 
 
 class _Connections(NamedTuple):
-    """The wiring: outputs of the FMU, those that the controller reads, outputs of the controller, and any load."""
+    """The wiring: FMU outputs, their indices for the controller's readings, the controller output for the drive, and
+    any load.
+    """
 
     taken: list[Port]
     readings: list[int]
@@ -499,8 +501,8 @@ class _Connections(NamedTuple):
 
 
 def _connections(archive: Archive, wiring: Mapping[str, Port], routine: Routine, load: bool) -> _Connections:
-    """Connect controller and FMU: `reading` alone serves both encoders, and `reading_load` a controller with one
-    encoder.
+    """Connect controller and FMU; an FMU output `reading` replaces a missing reading of either encoder, and
+    `reading_load` replaces a missing `reading`.
 
     Raises FmuError if the controller needs a signal for which there is no variable.
     """

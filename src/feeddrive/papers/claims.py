@@ -125,7 +125,7 @@ CELLS = ("row", "claim", "rule", "expected", "got", "holds?")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Result):
-    """The experiments of one paper: claims, further tables, pictures, facts on the runs, and remarks.
+    """The experiments of one paper: claims, further tables, pictures, facts about the runs, and remarks.
 
     name      name on the command line, e.g. "altintas2009"
     citation  authors, title, journal, year
@@ -215,7 +215,9 @@ def run(paper: str, progress: Progress) -> Experiment:
 
 
 def reproduce(papers: Sequence[str], progress: Progress) -> list[Reproduced]:
-    """Run papers, in as many processes as there are processors. Raises CancelledError if `progress` is cancelled."""
+    """Run the experiments of papers in as many processes as there are processors. Raises CancelledError if `progress`
+    is cancelled.
+    """
     workers = min(len(papers), os.cpu_count() or 1)
     if workers == 1:
         return [Reproduced(run(paper, progress.named(paper))) for paper in papers]
@@ -274,7 +276,7 @@ def _received(steps: Any, futures: Sequence[Future[Reproduced]], progress: Progr
 
 
 def _results(futures: Sequence[Future[Reproduced]]) -> list[Reproduced]:
-    """Return the results of all papers, or raise the error of one that failed without waiting for the others."""
+    """Return the results of all papers, or, as soon as one has failed, raise its error."""
     failed = [future for future in futures if future.done() and future.exception()]
     return [future.result() for future in failed or futures]
 
@@ -301,7 +303,7 @@ def fill(folder: Path, reproduced: Sequence[Reproduced]) -> None:
 
 
 def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
-    """Return all claims as plain figures; NaN and infinity are null."""
+    """Return all claims with plain numbers; NaN and infinity are null."""
     papers = {
         paper.name: [
             {

@@ -1,8 +1,8 @@
 """A path r(x) in pieces, and a motion along it in time intervals of constant snap.
 
-A piece of the path is a line, an arc or a seventh-degree polynomial, one row of arrays per piece.  x is measured from
-the start of each piece, and displacements from its own origin, so that no precision is lost far from the machine zero.
-x is in m and nearly the arc length; |r'| need not be 1.
+A piece of the path is a line, an arc or a seventh-degree polynomial, stored as one row of the arrays.  x is measured
+from the start of each piece, and displacements from its own origin, so that no precision is lost far from the machine
+zero. x is in m and nearly the arc length; |r'| need not be 1.
 """
 
 from __future__ import annotations

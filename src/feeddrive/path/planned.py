@@ -21,7 +21,7 @@ FEW = 1000
 
 
 class Course(NamedTuple):
-    """A motion reduced to n intervals of samples, in units of m to m/s⁴.
+    """A motion reduced to n intervals of samples, in SI units (m to m/s⁴).
 
     time      start of each interval, s, shape (n,)
     position  position at the start of each interval, shape (n, N)
@@ -82,7 +82,7 @@ class Recorder:
             self._every *= 2
 
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
-        """Reduce groups of rows to one row each; the last group may be shorter."""
+        """Reduce each group of `every` rows to one row; the last group may be shorter."""
         begins = np.arange(-(-len(rows) // every)) * every
         # an index array copies, so that `rows` is not overwritten below
         reduced = rows[begins]

@@ -731,12 +731,12 @@ def _prove(
     after: Floats2,
     q: Floats2,
 ) -> tuple[int, int]:
-    """Return the number of tests and that of faults; a row of `faults` contains path piece, time interval, time within
-    it, limit, utilization.
+    """Return the number of tests and the number of faults; a row of `faults` contains path piece, time interval, time
+    within it, limit, utilization.
 
-    A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`.
-    On input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` the
-    position there unless the motion begins `anywhere`; on output they refer to the end of this part.
+    A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`. On
+    input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` is the
+    position there unless the motion begins `anywhere`; on output both refer to the end of this part.
     """
     tests = 0
     count = 0
@@ -873,7 +873,7 @@ DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):
-    """A point at which a motion is not proven."""
+    """A point of a motion at which a limit is exceeded, or was not shown to be satisfied."""
 
     line: int  # of the part program
     time: float  # s from the start of the run
@@ -890,9 +890,9 @@ class Proof(Result):
     faults    the first hundred points at which a limit is exceeded, or was not shown to be satisfied
     count     number of all faults
     use       the peak utilization of the velocity .. snap limits of each axis at the times evaluated, shape (N, 4)
-    jump      largest jump of velocity, acceleration or jerk at a joint, as a share of its limit
+    jump      largest jump of velocity, acceleration or jerk at a joint, as a fraction of its limit
     apart     largest jump of position at a joint, m
-    missed    largest distance to a corner where runs overlap, as a share of its tolerance
+    missed    largest distance to a corner where runs overlap, as a fraction of its tolerance
     spans     number of time spans tested
     """
 
@@ -927,7 +927,7 @@ class Prover:
         self._missed = 0.0
 
     def prove(self, part: Part) -> bool:
-        """Check the next part; return True if all its limits are proven."""
+        """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)

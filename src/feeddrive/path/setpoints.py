@@ -96,7 +96,7 @@ def _planned_along(
 
 
 def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """Plan a short chain both with splines and blends and with all corners passed by overlapping runs; return the
+    """Plan a short chain in two ways, with splines and blends and with overlapping runs at all corners; return the
     faster plan.
 
     The result is None if the chain is not short, or if both plans are identical.
@@ -404,8 +404,8 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     """Return the limiting cause of each sample as an index into `MachineLimits.causes`.
 
     share  utilization of each limit, shape (n, N, 4)
-    speed  along the path, m/s, shape (n,)
-    feed   along the path, m/s, shape (n,); 0 at a standstill
+    speed  path speed, m/s, shape (n,)
+    feed   programmed path speed, m/s, shape (n,); 0 at a standstill
     """
     rows = share.reshape(len(share), math.prod(share.shape[1:]))
     reasons = np.argmax(rows, axis=1)

@@ -8,7 +8,7 @@ the acceleration a, q deviates by a h² ((n² - 1)/6 + 1/4): at the speed v, q l
 amount with a = v²/R.
 
 Do not use it to hide that a planner exceeds its limits; smoothing lowers the peaks only because it spreads the
-planner's steps over 4 n h.
+planner's jumps over 4 n h.
 """
 
 import numpy as np

@@ -44,7 +44,7 @@ class Curve:
 
     name     the user's name of the curve; empty for no legend entry
     number   determines color, dashes and marker
-    caption  its figures, next to the name in the legend; for a bar, next to the bar
+    caption  values shown next to the name in the legend; for a bar, next to the bar
     heat     a value for each point, shown as color and width on the scale of the panel
     reach    radius of a disc around each point, in place of the line; all discs form one pale area
     size     factor on the default line width and marker size
@@ -81,7 +81,7 @@ class Mark:
     """A point on a curve; `hollow` distinguishes two kinds of points.
 
     name     label next to the point, placed so that it covers no point and no other label
-    caption  its figures, shown when the pointer is on it
+    caption  values shown when the pointer is on the point
     key      what a click on the point selects; empty if it selects nothing
     """
 
@@ -126,7 +126,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class Note:
-    """A short text at a point: below it to the left, above it to the right, or centered on it."""
+    """A short text at a point: below left by default, above right if `right`, centered on it if `middle`."""
 
     x: float
     y: float
@@ -186,7 +186,7 @@ class Tick:
     """A position on an axis with a text in place of its number.
 
     name     a name given by the user; such a position has no grid line
-    caption  its figures, next to the name; without a name, the number shown
+    caption  values shown next to the name; without a name, the number shown
     """
 
     value: float
@@ -219,7 +219,7 @@ class Panel:
     label      label of y, with unit
     low, high  range of y; None: fitted to the curves
     share      height relative to the other panels
-    caption    a line above the panel
+    caption    a line of text above the panel
     heat       color scale of curves or fields with values
     ticks      positions on y with a text; None: round numbers
     abscissa   its own x axis; None: the x axis of the chart, which such panels share

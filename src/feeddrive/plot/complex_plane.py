@@ -116,7 +116,7 @@ def _rounded(response: np.ndarray) -> np.ndarray:
 
 
 def _visible(response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the parts of a curve inside the picture plus one adjacent point; the rest is NaN."""
+    """Return the parts of a curve inside the picture plus one point on each side; the rest is NaN."""
     low, high, bottom, top = REACH
     near = (
         (np.real(response) > low)
@@ -215,7 +215,7 @@ def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
 
 
 def _lightest(s: np.ndarray) -> str:
-    """Return the least damped oscillatory pole, in words; s in Hz."""
+    """Return damping ratio and frequency of the least damped oscillatory pole as text; s in Hz."""
     swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"
@@ -225,7 +225,7 @@ def _lightest(s: np.ndarray) -> str:
 
 
 def _step(reach: float) -> float:
-    """Return a round grid step that fits three to seven times into a length."""
+    """Return a round grid step that fits three to six times into a length."""
     size = 10.0 ** np.floor(np.log10(reach / 3.0))
     return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
 

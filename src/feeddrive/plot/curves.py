@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """A panel of curves by name with a common ordinate; `logarithmic` selects its scale."""
+    """A panel of named curves with the y-axis label `ordinate`; `logarithmic` selects a logarithmic y axis."""
 
     ordinate: str
     curves: Mapping[str, np.ndarray]
@@ -168,7 +168,7 @@ def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
 
 
 def histogram(values: np.ndarray, abscissa: str, ordinate: str, more: int, number: int = 0) -> Panel:
-    """Return a histogram of some values with 5 + `more` bins over their range, at most 40."""
+    """Return a histogram of values with 5 + `more` bins over their range, at most 40."""
     low, high = float(values.min()), float(values.max())
     # Equal values would give bins of zero width.
     if high <= low:

@@ -75,7 +75,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
 
 
 def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.ndarray) -> Extent:
-    """Return the label box near a point with the least overlap with other boxes and the edge, preferably close."""
+    """Return the label box near a point that overlaps least with other boxes and the edge, preferably a close one."""
     best: tuple[float, Extent] | None = None
     for i, (dx, dy) in enumerate(_SPOTS):
         left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)

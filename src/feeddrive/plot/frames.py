@@ -312,7 +312,7 @@ def validation(validation: Validation) -> Any:
 
 
 def delay_map(delay_map: DelayMap) -> Any:
-    """Return a data frame with both factors versus dead time in s."""
+    """Return a data frame with the factors at the stability limit and at the bound of Ms versus dead time in s."""
     return frame(delay_map.dead_time, {"edge": delay_map.edge, "robust": delay_map.robust}, "dead_time")
 
 

@@ -91,8 +91,8 @@ def _both(force: Any, reach: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _of(loop: Loop, velocity: np.ndarray) -> np.ndarray:
-    """Return the total friction of an axis in rigid-body motion, in N: that of its friction blocks plus the viscous
-    friction of its plant.
+    """Return the total friction of an axis in rigid-body motion, in N: the friction of its friction blocks plus the
+    viscous friction of its plant.
     """
     # Deferred: only a measured map needs the model of the whole axis.
     from feeddrive.tuning.candidates import axis_model
@@ -281,7 +281,7 @@ def identified_chart(identified: Identified, units: Units = DRAWN) -> Chart:
 
 
 def residuals_chart(residuals: Residuals) -> Chart:
-    """Plot the residual by row, and its autocorrelation with the bounds for white noise."""
+    """Plot the residual versus row number, and its autocorrelation with the bounds for white noise."""
     off = Curve(
         *envelope(np.arange(residuals.values.size, dtype=np.float64), residuals.values), number=1, look=chart.PLAIN
     )

@@ -1,5 +1,5 @@
-"""Plots of control laws: stiffness versus tracking, every figure relative to P-PI on one axis or many, and disturbance
-recovery.
+"""Plots of control laws: stiffness versus tracking, all figures relative to P-PI on one or several axes, and
+disturbance recovery.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,8 +68,8 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
 
 
 def _around(values: Sequence[float], part: float) -> tuple[float, float]:
-    """Return a range around positive values with margins on a logarithmic scale; one decade for a single value or
-    none.
+    """Return a range around positive values with margins on a logarithmic scale; one decade if there is at most one
+    value.
     """
     ends = np.log10([min(values), max(values)]) if values else np.zeros(2)
     low, high = (
@@ -79,7 +79,7 @@ def _around(values: Sequence[float], part: float) -> tuple[float, float]:
 
 
 def _base(name: str) -> str:
-    """Return the base name of a law, without additions; laws with one base name share a color."""
+    """Return the name of a law up to the first " + " or comma; laws with the same base name share a color."""
     return name.partition(" + ")[0].partition(",")[0]
 
 

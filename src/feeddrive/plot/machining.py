@@ -48,8 +48,8 @@ def _like(circle: CirclePath, test: CircleTest) -> int:
 
 
 def circle_test_chart(test: CircleTest, division: float | None = None, remark: str = "") -> Chart:
-    """Plot a circular test with a box of figures: the radial deviations enlarged on the nominal circle, both
-    directions.
+    """Plot a circular test in both directions: the radial deviations, enlarged, on the nominal circle, with a box of
+    key figures.
 
     division  µm per division; default: the smallest of 1, 2, 5, 10 ... that shows all deviations. Use the same value
               for all plots to be compared
@@ -110,7 +110,7 @@ def circle_chart(test: CircleTest, before: CircleTest | None = None, division: f
 
 
 def _scale(tests: Sequence[CircleTest]) -> float:
-    """Return the µm per division with which all deviations of the tests are visible."""
+    """Return the µm per division that makes all deviations of the tests visible."""
     return _division(max(float(np.max(np.abs(r))) for test in tests for _, _, r in _rows(test)) / _DIVISIONS)
 
 

@@ -83,7 +83,7 @@ def _band(frf: FRF, low: object, high: object, number: int, units: Units, name: 
 def doubtful(
     responses: Iterable[FRF], units: Units = DRAWN, *, ratio: bool = False, name: str = ""
 ) -> tuple[Band, ...]:
-    """Return shading over the whole height of a panel where a coherence is 0.9 or less.
+    """Return shading over the full height of a panel where the coherence of a response is 0.9 or less.
 
     ratio  True if the panel has a logarithmic scale, such as that of gains not in dB
     """
@@ -141,7 +141,7 @@ frequency_estimate = figure_of(frequency_estimate_chart)
 
 
 def estimates_chart(estimates: Sequence[FrequencyEstimate], units: Units = DRAWN, model: FRF | None = None) -> Chart:
-    """Plot estimated responses with their 95 % bands and coherences, except responses with a unit other than that of
+    """Plot estimated responses with their 95 % bands and coherences, omitting responses whose unit differs from that of
     the first.
 
     A single response is shown with its noise and distortion levels. The width of a band includes the uncertainty of the
@@ -173,8 +173,8 @@ def _levels(estimate: FrequencyEstimate, units: Units) -> list[Curve]:
 
 
 def _beside(phase: np.ndarray, frequency: np.ndarray, frf: FRF) -> np.ndarray:
-    """Shift a phase in degrees by whole turns so that it is closest to that of a response, at the first line of the
-    latter.
+    """Shift a phase in degrees by whole turns so that it is closest to the phase of a response at the first line of the
+    response.
     """
     at = float(np.interp(frf.frequency[0], frequency, phase))
     return phase + 360.0 * round((float(frf.phase_deg[0]) - at) / 360.0)

@@ -191,7 +191,7 @@ def _inside(run: Run, window: Window) -> np.ndarray:
 
 
 def _sizes(values: np.ndarray, unit: str) -> Text:
-    """Return RMS and peak of values in SI, in words."""
+    """Return the RMS and the peak of values in SI units as text."""
     return Text(f"RMS {Quantity(root_mean_square(values), unit)}, peak {Quantity(_peak(values), unit)}")
 
 
@@ -391,7 +391,7 @@ def scope_chart(
 
     level  trigger channel and its level in the unit of the source
 
-    A range is retained as long as its curves fit into it and use a good part of it, so that the axes do not jump in a
+    A range is retained as long as its curves fit into it and fill a good part of it, so that the axes do not jump in a
     picture that is redrawn many times a second.
     """
     grouped: dict[str, list[Channel]] = {}
@@ -482,8 +482,8 @@ def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
-    """Return a range with round ends around some values, or the previous range if they fit into it and use a good part
-    of it.
+    """Return a range with round ends around some values, or the previous range if the values fit into it and fill a
+    good part of it.
     """
     if not y.size:
         return before or (-1.0, 1.0)

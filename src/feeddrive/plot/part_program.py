@@ -77,7 +77,7 @@ def contour_on_path_chart(
     Positions are in mm, the size of the error is in µm. Parts of the path that are not evaluated are omitted.
 
     axes      the two columns of the contour error that span the picture
-    enlarged  enlargement factor; default: a round factor with which the largest deviation is about 1/12 of the extent
+    enlarged  enlargement factor; default: a round factor that makes the largest deviation about 1/12 of the extent
     places    places to mark; the key of a mark is the index of its place
     """
     i, j = axes
@@ -126,7 +126,7 @@ contour_on_path = figure_of(contour_on_path_chart)
 
 
 def _factor(contour: ContourError, axes: tuple[int, int]) -> float:
-    """Return the round enlargement factor with which the largest deviation is about 1/12 of the path's extent."""
+    """Return the round enlargement factor that makes the largest deviation about 1/12 of the path's extent."""
     foot = (contour.position - contour.vector)[contour.counted]
     extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
     return _round(_ENLARGED * max(extent, 1e-12) / max(contour.largest, 1e-15))
@@ -140,7 +140,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 def place_view(
     contour: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)
 ) -> tuple[float, float, float, float]:
-    """Return the part of `contour_on_path_chart` around a place: left, right, low, high in mm."""
+    """Return the section of `contour_on_path_chart` that shows a place: left, right, lower and upper limit in mm."""
     ends = [_ends(1e3 * contour.position[contour.counted, k]) for k in axes]
     reach = _AROUND * max(high - low for low, high in ends)
     x, y = (1e3 * float(place.position[k]) for k in axes)
@@ -148,8 +148,8 @@ def place_view(
 
 
 def place_chart(contour: ContourError, place: Worst) -> Chart:
-    """Plot commanded path and tool around a place, in µm from the tool and 1:1, in the plane of the axes with most
-    motion.
+    """Plot the commanded path and the tool's path around a place, in µm relative to the tool and with equal scales, in
+    the plane of the two axes that move most.
     """
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
@@ -185,7 +185,7 @@ def _together(near: np.ndarray, row: int) -> tuple[int, int]:
 def corner_zoom_chart(
     contour: ContourError, corners: Sequence[Corner] | None = None, tolerance: float | None = None
 ) -> Chart:
-    """Plot at most four corners 1:1: the path, the tool, and the tolerance band (m) around the path.
+    """Plot at most four corners with equal scales of both axes: the path, the tool's path, and the tolerance band (m).
 
     corners  default: the four with the largest error
     """
@@ -483,7 +483,7 @@ def _busiest(part: PartRun, axis: str) -> float:
 
 
 def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
-    """Plot the contour error of each law in µm around an instant, versus time from it in ms."""
+    """Plot the contour error of each law in µm around an instant, versus the time relative to this instant in ms."""
     curves = list[Curve]()
     for k, (name, part) in enumerate(parts.items()):
         at = part.contour.time

@@ -68,7 +68,7 @@ def written(unit: str) -> str:
 
 
 def named(things: Thing | Mapping[str, Thing] | Sequence[Thing]) -> dict[str, Thing]:
-    """Return a mapping by name of one object (empty name), of a mapping, or of a list of objects with a `name`."""
+    """Return objects by name: a mapping unchanged, a list by `name`, a single object under an empty name."""
     if isinstance(things, Mapping):
         return dict(things)  # type: ignore[arg-type]
     if isinstance(things, Sequence):
@@ -120,7 +120,7 @@ def dressed(ax: Axes) -> Axes:
 
 
 def narrow(things: Mapping[str, Any]) -> int:
-    """Return the number of legend columns for long texts."""
+    """Return the number of legend columns for long names: 2 for at most two entries, otherwise 1."""
     return 2 if len(things) <= 2 else 1
 
 
@@ -242,7 +242,7 @@ def decibel(magnitude: np.ndarray) -> np.ndarray:
 
 
 def padded(low: float, high: float, part: float = 0.06) -> tuple[float, float]:
-    """Widen a range by a share of its width on both sides; a single value becomes a range around it."""
+    """Widen a range by the fraction `part` of its width on both sides; a single value becomes a range around it."""
     room = part * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 

@@ -166,7 +166,7 @@ disturbance = figure_of(disturbance_chart)
 
 
 def delay_map_chart(maps: DelayMap | Mapping[str, DelayMap]) -> Chart:
-    """Plot the first tunable, at the stability limit and at the bound of Ms, versus dead time in samples."""
+    """Plot the first tunable versus dead time in samples: its values at the stability limit and at the bound of Ms."""
     chosen = style.named(maps)
     curves, bands, tunable = list[Curve](), list[Band](), ""
     for i, (name, delay_map) in enumerate(chosen.items()):

@@ -188,8 +188,10 @@ def lyapunov_weight(law: DADSC, sample_time: float = T) -> float:
     """Return twice the smallest μ for which V = s² + μ F̃² decreases for every s and F̃ under a constant disturbance,
     m²/(s² N²).
 
-    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V decreases for all states if 1 - AᵀVA
-    is positive: μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1)).
+    F̃(k) = f F̃(k-1) and Q s(k) = s(k-1) - R f F̃(k-1) with f = 1/(1 + ω_d T).  V decreases for all states if P - AᵀPA
+    is positive definite, where A is the transition matrix of (s, F̃) and P = diag(1, μ):
+
+    μ (1 - f²) > (R f/Q)² (1 + 1/(Q² - 1))
     """
     Q = 1.0 + law.reaching_rate * sample_time
     f = 1.0 / (1.0 + law.adaptation_rate * sample_time)
@@ -226,7 +228,7 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
 
 
 def _pole_map() -> tuple[list[Claim], list[Picture]]:
-    """Map the poles of both laws with the same r2 and r4, λ = Kv = 200 1/s."""
+    """Compare the poles of both laws at the same r2 and r4, with λ = Kv = 200 1/s."""
     ours, theirs = [], []
     for r2, r4 in SWEEP:
         # table 1 of the paper: r2 = m K = Kp and r4 = g1 = m Q ω_d = Kp T/Tn

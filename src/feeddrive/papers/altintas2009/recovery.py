@@ -163,7 +163,7 @@ def _table_claims(errors: dict[str, tuple[float, ...]], rule: str) -> list[Claim
 
 
 def _steps() -> list[Claim]:
-    """Check the time that the estimates of a 200 N step take to reach 90 %."""
+    """Check how long the estimates of a 200 N force step take to reach 90 % of it."""
     run = _run(StepForce(force=200.0, start=0.1), None)
     seen = _observed(run)
     first = round(0.1 / T)
@@ -284,7 +284,7 @@ def _draw(named: dict[str, np.ndarray]) -> Chart:
 
 
 def _others(rule: str, none: float, sine: Load) -> list[Claim]:
-    """Check compensation with wrong models, and under a step."""
+    """Check the compensation with inaccurate models, and under a force step."""
     # at resonance a mode of ζ = 0.03 has a half width of 3 %: 5 % off is beside it
     off = [_rms(tool_error(600.0, compensated(tuned=tuned), sine)) for tuned in (0.95, 1.05)]
     heavy = [
@@ -386,7 +386,9 @@ WAY = Polynomial7(distance=0.05, travel_time=0.5, back=True)
 
 
 def by_frequency() -> list[Claim]:
-    """Check the stiffness relative to the cascade against the equivalent PIDs, and the sensitivity bandwidth."""
+    """Check the stiffness ratio of DADSC to P-PI against the ratio of their equivalent PIDs, and the sensitivity
+    bandwidths of both laws.
+    """
     f = np.array(NAMED)
     laws: dict[str, Law] = {"DADSC": dadsc(RATE), "P-PI": cascade(RATE)}
     ours, theirs = (compliance(loop(law), f).magnitude for law in laws.values())
@@ -439,8 +441,8 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """Check that the bandwidth of the recovery is independent of law and gains, and that the bandwidth of the law's
-    own estimate equals its rate.
+    """Check that the bandwidth of the recovery is independent of law and gains, and that the bandwidth of the law's own
+    estimate equals the adaptation rate.
     """
     pulse = np.zeros(10_001)
     # 2 ms: a spectrum without zeros below 500 Hz

@@ -95,7 +95,7 @@ def _equal_velocity_gain() -> tuple[list[Claim], list[Picture]]:
 
 
 def _literal() -> list[Claim]:
-    """Compare both laws at the same r2 and r4, which is the paper's figure taken literally."""
+    """Compare both laws at the same r2 and r4, as in the paper's figure if it is taken literally."""
     # table 1 of the paper: r2 = m K = Kp and r4 = g1 = m Q ω_d = Kp T/Tn
     K = 56e3 / MASS
     w = 16e3 / (MASS * (1.0 + K * T))
@@ -163,7 +163,9 @@ def _random_cases() -> tuple[float, float]:
 
 
 def _equal_integral() -> list[Claim]:
-    """Compare at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ half as large as the other two rates."""
+    """Compare both laws at equal integral action: Kp = m K, Kv = λ, 1/Tn = ω_d, with λ half as large as the other two
+    rates.
+    """
     law = DADSC(mass=MASS, viscous=VISCOUS, tracking_rate=150.0, reaching_rate=300.0, adaptation_rate=300.0)
     ppi = CascadePPI(Kv=150.0, Kp=MASS * 300.0, Tn=1.0 / 300.0, viscous=VISCOUS)
     ours, theirs = _compliance(law), _compliance(ppi)
@@ -359,12 +361,12 @@ def _tracking() -> tuple[list[Claim], list[Picture]]:
 
 
 def step_response(law: DADSC, windup: str) -> np.ndarray:
-    """Return the position in m after an unfiltered setpoint step with limited force; `windup` is the treatment of the
-    estimate in saturation.
+    """Return the position in m after an unfiltered setpoint step with limited force; `windup` selects how the estimate
+    is treated in saturation.
 
     none              the estimate continues regardless of the limit
     freezing          the estimate is held in saturated samples
-    back-calculation  the treatment in the law itself, by `applied` and `requested`
+    back-calculation  the anti-windup of the law itself, which uses `applied` and `requested`
     """
     axis = Axis(plant=Rigid(mass=MASS, viscous=VISCOUS))
     timing = axis.timing(T)

@@ -269,7 +269,7 @@ def recoveries() -> list[Claim]:
 
 
 def compensations() -> list[Claim]:
-    """Check the mode compensation of position, velocity and acceleration, with lead, and the subtracted estimate."""
+    """Check mode compensation of position, velocity and acceleration with lead time, and the subtracted estimate."""
     from scipy.linalg import expm
 
     t, way, read = _signals()

@@ -37,9 +37,10 @@ def dadsc(rate: float, mass: float = MASS) -> DADSC:
 
 
 def cascade(rate: float, mass: float = MASS) -> CascadePPI:
-    """Return the cascade with the k_d = 3 m rate of `dadsc(rate)` and the largest integral gain that real poles allow.
+    """Return the cascade with k_d = 3 · mass · rate, as in `dadsc(rate)`, and the largest integral gain that real poles
+    allow.
 
-    s³ + a (s + Kv)(s + 1/Tn) with a = Kp/m has its double real root at Kv = 1/Tn = a/6.75 = 4 rate/9.
+    s³ + a (s + Kv)(s + 1/Tn) with a = Kp/m has its double real root at Kv = 1/Tn = a/6.75 = 4/9 · rate.
     """
     gain = 4.0 * rate / 9.0
     return CascadePPI(Kv=gain, Kp=3.0 * mass * rate, Tn=1.0 / gain, viscous=VISCOUS)
@@ -186,7 +187,7 @@ def run_ideal(
 
         v(k) = v(k-1) + (T/m) (F_m(k) + F_d(k) - b v(k)),    x(k) = x(k-1) + T v(k)
 
-    setpoint  m at kT, shape (n,), at rest before its first sample; default: 0
+    setpoint  set position at kT, m, shape (n,), at rest before its first sample; default: 0
     """
     n = disturbance.size
     x_r = np.zeros(n) if setpoint is None else setpoint
@@ -243,7 +244,7 @@ class IdealModel:
     """The state-space model of the ideal loop with a shipped law, from F_d(k) to all states: z(k) = A z(k-1) + b
     F_d(k), initially at rest.
 
-    names   of the states: x, v, and those of the law
+    names   names of the states: x, v, and those of the law
     """
 
     A: np.ndarray

@@ -116,7 +116,7 @@ def loop(axis: str, case: Case, *, dry: bool = True, sample_time: float = T) -> 
 
 
 def legs(kind: str, leg: float) -> dict[str, Reference]:
-    """Return the motion from 1 to 2 along y, then from 2 to 3 along x; z stands still."""
+    """Return the motions by axis: from point 1 to point 2 along y, then to point 3 along x; z is at rest."""
     move, time = (LinearMove if kind == "linear" else Bezier10), leg / FEED
     return {
         "x": move(distance=leg, travel_time=time, dwell_before=time),
@@ -268,7 +268,7 @@ def integration_error(cutter: HelicalCutter) -> float:
 
 
 def removed_power(cutter: HelicalCutter, chip_load: float) -> float:
-    """Return u_s times the volume removed per second in a slot, W."""
+    """Return the specific cutting energy u_s times the volume removed per second in a slot, W."""
     feed = chip_load * cutter.teeth * SPINDLE / 60.0
     return cutter.specific_energy * feed * cutter.diameter * cutter.axial_depth
 
@@ -344,7 +344,7 @@ def noise_gain(sample_time: float) -> float:
 
 
 def _edge(holds: Callable[[float], bool], good: float, bad: float) -> float:
-    """Return the value between two others at which a condition ceases to hold, by bisection."""
+    """Find by bisection the value between `good` and `bad` at which a condition ceases to hold."""
     # to a four thousandth of the interval: the claims are about the second digit
     for _ in range(12):
         middle = 0.5 * (good + bad)

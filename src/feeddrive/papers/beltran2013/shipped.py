@@ -46,7 +46,7 @@ def _roots(taylor_states: int) -> np.ndarray:
 
 
 def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: float) -> np.ndarray:
-    """Return position, velocity and disturbance by (13) to (15), with u held and y interpolated linearly, by scipy."""
+    """Compute position, velocity and disturbance by (13) to (15) with scipy; u is held, y is interpolated linearly."""
     from scipy.linalg import expm
 
     order = 2 + taylor_states
@@ -165,7 +165,9 @@ def _near(actual: np.ndarray, expected: np.ndarray) -> float:
 
 
 def errors() -> list[Claim]:
-    """Check the force (9), and the dynamics (10) and (11) of both errors against their polynomials (12) and (18)."""
+    """Check the force (9), and the dynamics (10) and (11) of tracking and observer error against their polynomials (12)
+    and (18).
+    """
     t = T * np.arange(SAMPLES)
     way = RandomMotion()
     read = RandomReadings(way, t)
@@ -223,7 +225,7 @@ def errors() -> list[Claim]:
 
 
 def settling() -> list[Claim]:
-    """Check the settling time of the estimate after a force step, in simulation and by 1 - H."""
+    """Check the settling time of the estimate after a force step, in simulation and as computed from 1 - H."""
     from scipy.signal import step
 
     run = simulate(_free(), mill.legs("linear", LEG)["z"], load=StepForce(force=200.0, start=0.05), duration=0.12)
@@ -388,7 +390,7 @@ SIDE = 3e-3  # m, width of the cut in side milling
 
 
 def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> list[Claim]:
-    """Return the claims on runs in side milling, without and with the disturbance estimate."""
+    """Return the claims about runs in side milling, without and with the disturbance estimate."""
     rule = Text(f"up milling, {Quantity(SIDE, 'm'):6 mm} of the 10 mm tool, {RUNS}")
     return [
         Claim(
@@ -414,7 +416,7 @@ def side_claims(without: Mapping[str, Run], compensated: Mapping[str, Run]) -> l
 
 
 def velocity_claims(linear: Mapping[str, Run], case: Case) -> list[Claim]:
-    """Return the claims on the error of the observer's velocity along a run of a case."""
+    """Return the claims about the observer's velocity error during a run of a case."""
     claims = []
     for axis, bounds in (("x", (520.0, 580.0)), ("y", (450.0, 510.0)), ("z", (180.0, 220.0))):
         run = linear[axis]

@@ -142,7 +142,7 @@ def loop_figures() -> Part:
 
 
 def _design_on_a_measurement(loop: Loop) -> Claim:
-    """Check the loop gain computed from frequency responses of the axis alone, as if measured."""
+    """Check the loop gain computed from frequency responses of the axis alone, as if they had been measured."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
     measured_gain = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain
@@ -321,8 +321,8 @@ EVEN = ("acceleration", "snap")
 
 
 def frequency_view() -> Part:
-    """Compare tracking with different contributions to the command, and the frequency bands in which its error is below
-    1 % and 1°.
+    """Compare tracking with different contributions to the command, and the frequency bands in which the tracking
+    response is within 1 % and 1° of unity.
     """
     parts = {
         "feedback alone": testbed.placed(SOFTER, ()),
@@ -423,7 +423,7 @@ def frequency_view() -> Part:
 
 
 def band(response: FRF) -> tuple[float, float]:
-    """Return the frequencies in Hz up to which |H - 1| stays below 1 %, and the phase within 1°."""
+    """Return the upper limits, in Hz, of the bands with |H - 1| within 1 % and with the phase of H within ±1°."""
     off = np.abs(response.response - 1.0) > 0.01
     turned = np.abs(response.phase_deg) > 1.0
     return tuple(float(BAND_LINES[np.argmax(bad)]) if bad.any() else float(BAND_LINES[-1]) for bad in (off, turned))  # type: ignore[return-value]

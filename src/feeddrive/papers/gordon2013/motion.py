@@ -1,6 +1,6 @@
 """Rope snap and tracking: with and without prefilter, with friction and machining, and on an imperfect machine.
 
-An imperfect machine has a wrong table mass and sampling jitter.
+The imperfect machine has a table heavier than in the design, and sampling jitter of the encoders.
 """
 
 from collections.abc import Mapping

@@ -131,7 +131,7 @@ def _leads(model: TwoMass, way: RandomMotion, t: np.ndarray) -> list[np.ndarray]
 
 
 def commands() -> Part:
-    """Check the force of the law with each of its three forms of commands, and the inverse dynamics, the prefilter and
+    """Check the force of the law for each of the three choices of `commands`, the inverse dynamics, the prefilter and
     the friction feedforward.
     """
     from scipy.signal import lsim

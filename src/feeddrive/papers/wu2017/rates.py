@@ -79,7 +79,7 @@ def ideal_run(loop: Loop, reference: Reference, noise: float = 0.0, seed: int = 
 
 def identity_error() -> float:
     """Return the largest difference between e(θ) - e(θ0) and G_d φᵀ (θ0 - θ), relative to the largest value of the
-    latter.
+    second expression.
     """
     start = {"mass": 30.0, "viscous": 0.0, "coulomb_positive": 0.0, "coulomb_negative": 0.0}
     errors = [ideal_run(ideal_axis(theta), SAME)["following_error"] for theta in (start, TRUE)]

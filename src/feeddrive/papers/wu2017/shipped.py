@@ -36,7 +36,10 @@ def columns(v: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def inverse(kp: float = KP) -> tuple[np.ndarray, np.ndarray]:
-    """Return numerator and denominator of Δ/C in powers of 1/z, C = Kp (1 + T/Tn - 1/z)(Kv + (1 - 1/z)/T)."""
+    """Return numerator and denominator of Δ/C in powers of 1/z.
+
+    Here Δ = 1 - 1/z and C = Kp (1 + T/Tn - 1/z)(Kv + (1 - 1/z)/T).
+    """
     pi = np.array([1.0 + T / TN, -1.0])
     return np.array([1.0, -1.0]), kp * np.polymul(pi, [KV + 1.0 / T, -1.0 / T])
 
@@ -131,7 +134,7 @@ def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) 
 
 
 def update() -> list[Claim]:
-    """Check that one update is the least-squares step, with the rate of convergence given by `convergence`."""
+    """Check that one update is the least-squares step, and that it converges at the rate predicted by `convergence`."""
     from scipy.signal import lfilter
 
     loop = ideal_axis(TRUE)
@@ -174,7 +177,7 @@ def update() -> list[Claim]:
 
 
 def believed_gains() -> list[Claim]:
-    """Check the rates of convergence of tuners that assume half and twice the gain, over four trials each."""
+    """Check the rates of convergence of tuners that assume half and twice the actual gain, over four trials each."""
     loop = ideal_axis(TRUE)
     claims = []
     for factor, gamma, least, most in (
@@ -210,7 +213,7 @@ def believed_gains() -> list[Claim]:
 
 
 def unity() -> list[Claim]:
-    """Check G = 1 by (4), (6) and (7): with the exact inverse and the set velocity a set motion causes no error."""
+    """Check G = 1 by (4), (6) and (7): with the exact inverse and the set velocity, set motion causes no error."""
     loop = _exact()
     lines = np.geomspace(1.0, 30.0, 200)
     off = float(np.max(np.abs(tracking(loop, lines).response - 1.0)))

@@ -2,16 +2,16 @@
 
 Within the tolerance P the blend of a corner with turning angle θ extends over L = P / (0.156 · 2 sin θ/2) of both
 lines.  If that is more than half of the shorter line, the joint belongs to a cluster.  The knots of the spline are
-initially 10 mm apart; they are refined where S is too far from the lines, until the bound on the distance is within the
-tolerance.
+initially 10 mm apart; they are refined where S deviates too far from the lines, until the bound on the distance is
+within the tolerance.
 
 The spline has fifth degree and follows the polyline f(u): Schoenberg's variation-diminishing spline.
 
     S(u) = Σ f(x_i) N_i(u),    x_i = (τ_{i+1} + ... + τ_{i+5}) / 5
 
 with B-splines N_i on the knots τ.  Straight parts are reproduced exactly, |S'| <= 1, no system has to be solved, and a
-change of f or of a knot affects S over three knots only.  Beyond its ends f is extended by point reflection, so that S
-begins and ends on f.  The distance |S - f| is bounded on each interval between knots and corners, where both are
+change of f or of a knot affects S only in its neighborhood.  Beyond its ends f is extended by point reflection, so that
+S begins and ends on f.  The distance |S - f| is bounded on each interval between knots and corners, where both are
 polynomials, by the convex hull of the Bernstein points.
 
 Source: Schoenberg 1967, On spline functions; de Boor 1978, A practical guide to splines.
@@ -36,7 +36,8 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
     """Write the positions at which the step limits are active, and these limits, into `at` and `goal`; return their
     number.
 
-    Steps grow by at most GRADE times the distance from each position; the first position is always included.
+    The step size may grow from each position by at most GRADE times the distance; a limit above this bound is never
+    active and is omitted. The first position is always included.
     """
     at[0] = places[0]
     goal[0] = steps[0]
@@ -60,8 +61,8 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 def place_knots(
     at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
 ) -> int:
-    """Place knots up to `total`, mirrored beyond the ends, such that the steps follow the goals at the positions `at`;
-    return the number of steps.
+    """Place knots up to `total`, mirrored beyond the ends, so that the distances between them follow the goals at the
+    positions `at`; return the number of these steps.
 
     If the first `fixed` steps are fixed, all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS]
     is 0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than
@@ -135,7 +136,7 @@ def control_points(
     corner    u at the start of each segment, and the end of the last
     group     equal numbers for consecutive segments of the same direction
     segment   segment on which each x, or its mirror image, lies
-    straight  equal numbers for neighbors between which f is straight
+    straight  equal numbers for neighboring abscissas if f is straight between them
     """
     k = first
     for i in range(count + ENDS):
@@ -289,9 +290,8 @@ def deviation(
     """Return the largest |S - f| on a span relative to the tolerance of each segment, its position, and the last
     segment reached.
 
-    The value is a bound if `bounded`, otherwise the maximum at knots and corners.  The segment search starts at
-    `first`.
-    far[k], the largest distance in m on segment k, is updated.
+    The value is a bound if `bounded`, otherwise the maximum over the knots and corners.  The segment search starts at
+    `first`. far[k], the largest distance in m on segment k, is updated.
     """
     n = len(slope[0])
     begin = knots[e]
@@ -383,8 +383,10 @@ def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> f
 def _looks_straight(
     length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
 ) -> bool:
-    """Return True if the lines on one side of a joint are close to their chord, which is written to `to`; `now` is
-    work space.
+    """Return True if the lines from index `near` on, in the direction `way` (1 or -1), stay within `aside` of their
+    chord over a distance of at least `far`.
+
+    The direction of the chord is written to `to`; `now` is workspace.
     """
     n = len(to)
     for i in range(n):
@@ -479,8 +481,8 @@ def _prepared(
     slope: Floats2,
     ahead: Floats,
 ) -> int:
-    """Compute the start positions of a cluster's lines, their directions, groups of equal direction, and tolerances;
-    `ahead` is work space.
+    """Compute the start position, the direction, the group of equal direction and the tolerance of each line of a
+    cluster; `ahead` is workspace.
     """
     n = len(slope[0])
     corner[first] = -begin
@@ -546,12 +548,12 @@ def fitted(
     Return the number of steps, 0 on failure, and the number of goal positions.
 
     begin, end  with `straight_...` the spline follows the line up to there; with `crossed_...` it ends at a corner
-                where runs overlap; there the share CROSSED of the tolerance is reserved for the overlap
-    most_steps  divisor of the total length that bounds the longest step
-    fixed       number of given steps; if not 0, all knots before, `many` goal positions from there on, and the state
-                `begins` at the first knot are also given
+                where runs overlap, and the fraction CROSSED of the tolerance is reserved for the overlap
+    most_steps  the longest step is at most the total length divided by this number
+    fixed       number of steps that are already fixed; if not 0, the knots up to there, `many` goal positions from
+                there on, and the state `begins` at the first knot are also inputs
     corner      u at the start of each line, counted from `begin`, and the end of the last one
-    sharing     tolerance of each line, m: the smaller one of those at its two joints
+    sharing     tolerance of each line, m: the smaller of the tolerances at its two joints
     curve       polynomials of the spans after knots; spans with `curved` 0 are straight
     far         bound on the distance to each line, m; not less than `floor`
     """
@@ -655,7 +657,7 @@ def fitted(
 @kernel
 def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
     """Save the data needed to continue the spline from knot e: write the knots around it to `kept`, and move the goal
-    positions after them to the front of `at` and `goal`; both are measured from u.
+    positions after them to the front of `at` and `goal`; positions are then measured from u.
 
     Return the number of goal positions.
     """

@@ -64,7 +64,7 @@ def _passed(
     a: Floats2,
     b: Floats2,
 ) -> tuple[int, float, float]:
-    """Return the type of the joint after segment k, with cosine and chord of its angle.
+    """Return the type of the joint after segment k, and the cosine and the chord of its turning angle.
 
     0: stop, 1: already smooth, 2: blend, 3: small blend between arcs of almost the same circle
     """
@@ -172,7 +172,7 @@ def join(
     runs       run number of each piece
     kept, begins, floor, at, goal  knots, state, distances and goal positions of an unfinished spline, see `fitted`
     inside     joints that belong to a cluster; those of a cluster that cannot be fitted are cleared
-    directions, sharing .. far, at_next .. curve  work space for n + 1 segments, and for knots, as in `fitted`
+    directions, sharing .. far, at_next .. curve  workspace for n + 1 segments, and for knots, as in `fitted`
     """
     n = len(length)
     axes = len(origin[0])
@@ -456,10 +456,11 @@ class _Begun(NamedTuple):
 
 
 class Joiner:
-    """The joiner that connects the segments of consecutive chains to runs.
+    """The joiner that connects the segments of consecutive chains into runs.
 
     sharpest, lonely  as in `join`
-    held      largest number of lines of a cluster held back; a fifth of it if the held lines measure 50 mm or more
+    held      largest number of lines of an unfinished cluster that are held back; a fifth of it if these lines are
+              together 50 mm or longer
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:
@@ -490,7 +491,9 @@ class Joiner:
         return sections, joint
 
     def _stopped(self, chain: Chain) -> tuple[list[Section], Joint]:
-        """End a spline that cannot be continued at its planned stop, and join the chain anew after this stop."""
+        """End the run at its planned stop, since its spline cannot be continued; join the chain from there as a new
+        run.
+        """
         assert self._begun is not None
         assert self._held is not None
         far, (held, tolerance) = self._begun.far, self._held

@@ -1,14 +1,14 @@
 """Segments of the machine's axes from the moves of a part program, and the blend that rounds a joint of two segments.
 
-Moves become lines, arcs and splines of the machine's axes, with feed and tolerance.  A move of both linear and rotary
-axes is a path in both, in which 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for a move without
-these it refers to U V W; for a move of A B C alone it is in degrees.
+Moves become lines, arcs and splines of the machine's axes, with feed and tolerance.  If a move involves both linear and
+rotary axes, its path length covers all of them, and 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for
+a move without these it refers to U V W; for a move of A B C alone it is in degrees.
 
 A blend is a polynomial of seventh degree that matches both segments in three derivatives.  At the distance L before and
 after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected over a
 parameter length B = L (1.4 + 0.3 (1 + t0·t1)), where t0 and t1 are the directions at the joint.  The distance to the
-segments is bounded, not sampled: both are polynomials of the same parameter (an arc within R (φ/2)⁸/8!), and the convex
-hull of the Bernstein points of their difference contains it.
+segments is bounded, not sampled: blend and segments are polynomials of the same parameter (arcs are approximated to
+within R (φ/2)⁸/8!), and the convex hull of the Bernstein points of their difference contains this difference.
 """
 
 from __future__ import annotations
@@ -357,7 +357,7 @@ class _Collected:
         self.rows: list[_Segment] = []
 
     def chain(self, ends: bool) -> Chain:
-        """Return all segments as a chain, or, unless it `ends`, all but the last, which is retained."""
+        """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
@@ -454,7 +454,7 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
 
 
 def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Yield the segments of a move in the coordinates `columns` of the machine's axes; a zero-length move has none."""
+    """Yield the segments of a move, none for zero length; `columns` are the point indices of the machine's axes."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]

@@ -136,7 +136,7 @@ class LineReader:
 
 
 def located(line: Line, fault: BlockError) -> ProgramError:
-    """Return the error of a faulty line with file, line and column."""
+    """Convert the error of a faulty line to a ProgramError with file, line and column."""
     column = fault.column or 1
     if fault.column is None and fault.index is not None:
         kept = _kept(line.text)
@@ -786,7 +786,7 @@ _WRITTEN = {
 
 
 def _place(text: str, letter: str, value: float) -> int:
-    """Return the position of a word in a line of plain words, or of the last one with this letter and value."""
+    """Return the index in a line of plain words at which the last word with this letter and value begins."""
     return max(word.start() for word in _WORDS.finditer(text) if word[1] == letter and float(word[2]) == value)
 
 

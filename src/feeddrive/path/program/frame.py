@@ -146,7 +146,7 @@ class Frame:
         return [sum(components) for components in zip(*parts, strict=True)]
 
     def _check(self, start: Point, end: Point, travel: bool = True) -> None:
-        """Refuse a point on absent axes or outside the travel; the travel is not checked if `travel` is False."""
+        """Refuse an end point that moves an absent axis or, if `travel`, lies outside the travel."""
         if not (-FARTHEST <= min(end) <= max(end) <= FARTHEST and math.isfinite(sum(end))):
             axis = next(axis for axis, value in enumerate(end) if not abs(value) <= FARTHEST)
             raise BlockError(

@@ -199,7 +199,7 @@ class Flow:
         return self._readers[path]
 
     def _skip(self, label: str, kinds: Sequence[str]) -> str:
-        """Skip past the next line with the o-word `label` of one of the kinds; return the kind."""
+        """Skip past the next line whose o-word has the given label and one of the given kinds; return its kind."""
         while True:
             line = self.next_line()
             if line is None:
@@ -300,7 +300,7 @@ class Flow:
         self._leave(label)
 
     def _branch(self, label: str, condition: float) -> None:
-        """Take a branch, or skip to the next one whose condition must be read."""
+        """Enter a branch if its condition is true; otherwise skip to the next elseif, else or endif."""
         here = self._top(label, "if")
         here.left = bool(condition)
         if not condition:

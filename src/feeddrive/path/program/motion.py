@@ -105,7 +105,7 @@ def _kept_words(state: State, block: Block, code: int, same: bool, across: str, 
 
 
 class _Hole:
-    """The moves of a cycle at one hole, starting at R."""
+    """The moves of a cycle at one hole, starting at the R plane."""
 
     def __init__(
         self,

@@ -116,7 +116,7 @@ MOST_TURNS = 100_000
 def center_of_radius(
     start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, unit: float
 ) -> tuple[float, float]:
-    """Return the center of an arc of given radius; a negative radius selects the longer arc. `unit`: mm per program
+    """Return the center of an arc from its radius; a negative radius selects the longer arc. `unit`: mm per program
     unit.
     """
     if radius == 0:
@@ -285,7 +285,7 @@ class Feed:
     """The feed of the following moves.
 
     linear    path speed of moves with X Y Z (or U V W), m/s; m per revolution if `per_turn`
-    angular   feed of moves of A B C only, from the same number, rad/s; rad per revolution if `per_turn`
+    angular   feed of moves of A B C only, from the same F word, rad/s; rad per revolution if `per_turn`
     per_turn  True for a feed per spindle revolution (G95)
     """
 

@@ -425,8 +425,8 @@ def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
 
 
 def go_home(state: State, emit: Emit, code: int, target: list[float], moved: list[int]) -> None:
-    """Execute G28 or G30: move via the point of the axis words to the stored position; only the named axes move, or
-    all if none is named.
+    """Execute G28 or G30: move via the point given by the axis words to the stored position; only the named axes move,
+    or all if none is named.
     """
     state.position = list(target)
     emit("STRAIGHT_TRAVERSE", *target)

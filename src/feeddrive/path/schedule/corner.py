@@ -54,8 +54,8 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add to the rows of `out` the ranges by which curvature makes an axis's velocity .. snap differ from those on the
-    tangent.
+    """Add to the rows of `out` the ranges by which velocity .. snap of an axis may differ from motion along the
+    tangent, due to curvature.
 
     c is r' of the axis at the corner, `most` are bounds on r' .. r'''', and `away` is a bound on the distance to the
     corner; u' .. u'''' are the values at the start of an interval of h seconds.
@@ -79,7 +79,7 @@ def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: flo
 
 @kernel
 def _largest(value: float, rest: Floats) -> float:
-    """Return the largest |value + rest| over an interval."""
+    """Return the largest |value + r| for all r in the interval `rest`."""
     return max(abs(value + rest[0]), abs(value + rest[1]))
 
 
@@ -285,9 +285,9 @@ def shared(
     """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
     intervals; return their number.
 
-    The other results are the interval of the first motion in which the overlap starts, its duration before the overlap
-    in s, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within 1e-12
-    of the overlap time are treated as simultaneous.
+    The other results are the interval of the first motion in which the overlap starts, its duration in s before the
+    overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
+    1e-12 of the overlap time are treated as simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
@@ -384,7 +384,9 @@ def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: b
 
 @kernel
 def _box(v: float, wide: float, short: float, out: Floats2) -> int:
-    """Append the five phases of v H, from rest to the speed v."""
+    """Write the five phases of the speed v H, from rest to v, where H is the smoothed unit step of the module
+    docstring.
+    """
     k = v / (wide * wide * short)
     x = 0.0
     u = 0.0
@@ -406,7 +408,7 @@ def _box(v: float, wide: float, short: float, out: Floats2) -> int:
 
 @kernel
 def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
-    """Return the boxcar widths of the ramps of a stretch up to and down from a peak speed."""
+    """Return the boxcar widths of both ramps of a stretch: from its head up to a peak speed, and down to its tail."""
     v0 = stretch[HEAD]
     v1 = stretch[TAIL]
     A = stretch[ACCELERATION]
@@ -421,7 +423,7 @@ def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, fl
 
 @kernel
 def _used(stretch: Floats, peak: float) -> float:
-    """Return the distance that both ramps cover."""
+    """Return the total distance covered by the two ramps of a stretch."""
     a, b, c, d, e, f = _ramps(stretch, peak)
     return 0.5 * ((stretch[HEAD] + peak) * (a + b + c) + (stretch[TAIL] + peak) * (d + e + f))
 
@@ -485,7 +487,7 @@ def straight(stretch: Floats, out: Floats2) -> int:
 
     The entries of `stretch` are: length, highest speed; acceleration, jerk and snap limits along the line; for head and
     tail the speed at the node, the boxcar widths w and s of the bump there (0 without a bump: the stretch then begins
-    or ends with the node), and the shares of jerk and snap for the ramp to it.
+    or ends with the node), and the fractions of the jerk and snap limits that the ramp to it may use.
     """
     return _rows(stretch, _peak(stretch), out)
 
@@ -638,14 +640,15 @@ def bump(
     rows1: Floats2,
     result: Floats,
 ) -> tuple[int, int]:
-    """Find the fastest bump between two stretches; write it into the rows of both, and its speed, its boxcar widths w
-    and s, and the shares into `result`; return the numbers of rows.
+    """Find the fastest bump between two stretches; write both motions into `rows0` and `rows1`, and the speed, the
+    boxcar widths w and s and the ramp fractions of the bump into `result`; return the numbers of rows.
 
     `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump brings the total time
     of both stretches below `quickest` s; with `half`, half of the second stretch remains free for the following corner.
 
-    With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w², of which ramps cancel less than
-    1.2 times the limit j: v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the axes.
+    With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w². Of this jerk the ramps cancel
+    less than 1.2 j, where j is the jerk limit, so v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the
+    axes.
     """
     gap = 0.0
     jerk = 1e300
@@ -812,16 +815,16 @@ class Crossings:
         self._open: _Run | None = None
 
     def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Add a part and return those that are now final; `tolerance` is that of the corner at its end, m, or 0 without
-        one.
+        """Add a part and return those that are now final; `tolerance` is the tolerance of the corner at the end of the
+        part, m, or 0 for a stop there.
         """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
         run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
         return self._next(run or _Run(part, tolerance, None))
 
     def add_line(self, section: Section) -> list[Part] | None:
-        """Add a run that is a single line, in closed form, and return the parts as `add` does, or None for any other
-        section of a run.
+        """If a section is a complete run along a single line, plan the run in closed form, add it and return the parts
+        as `add` does; otherwise return None.
         """
         run = self._line(section)
         return self._next(run) if run else None
@@ -911,8 +914,10 @@ class Crossings:
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
-        """Slow a run's ramp at the corner, on a line, by reducing the jerk limit to `share` and the snap limit to
-        `share`² of its value.
+        """Return the run with a slower ramp on the line at the corner: its jerk limit is multiplied by `share`, its
+        snap limit by `share`².
+
+        A run without such a stretch is returned unchanged; the result is None if no motion is possible.
         """
         if stretch is None:
             return run
@@ -1047,7 +1052,7 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
 
 
 def _made(seen: _End | None, new: np.ndarray) -> _End | None:
-    """Return the end of a run with another motion, or None if there is no such end."""
+    """Return the end of a run with its motion replaced by the rows `new`, or None if there is no such end."""
     return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
 
 

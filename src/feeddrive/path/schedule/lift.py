@@ -55,8 +55,8 @@ class _Points(NamedTuple):
 class Lifter:
     """The lifter of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4).
 
-    The end of a lifted section is held back, to be lifted again with the next part; it ends in the same state as the
-    original plan, whose planned stop therefore remains valid.
+    The last portion of a lifted section is held back, to be lifted again with the next part. A lifted section ends in
+    the same state as the original plan, whose planned stop therefore remains valid.
     """
 
     def __init__(self, limits: np.ndarray) -> None:
@@ -139,7 +139,7 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Lift a motion that is at rest at neither end, otherwise as in `lifted`; `end` is u' .. u''' at the end of the
+        """Do the same as `lifted` for a motion that is at rest at neither end; `end` is u' .. u''' at the end of the
         motion.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
@@ -185,8 +185,8 @@ class _Path:
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
-        """Return the faults, in the form of `faults_of`, in the section that changes in the spans from `first` up to
-        but excluding `last` affect.
+        """Return the faults, in the form of `faults_of`, in the section affected when the spans from `first` up to but
+        excluding `last` are changed.
         """
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
@@ -263,8 +263,8 @@ def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: floa
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
-    """Return the ranges of the n spans to be optimized again after the limits at `spans` were lowered: each of these
-    with `_ASIDE` spans on either side.
+    """Return the ranges, among n spans, to be optimized again after the limits at `spans` were lowered: each of these
+    spans with `_ASIDE` neighbors on either side.
     """
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
@@ -276,14 +276,16 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
 
 
 def _around_time(motion: Motion, first: int, last: int) -> float:
-    """Return the duration of a section plus half of that of the plateaus before and after it, s."""
+    """Return the duration of a section plus half the durations of the plateaus before and after it, s."""
     beside = [m for m in (first - 1, last) if 0 <= m < len(motion.duration)]
     flat = [m for m in beside if motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0]
     return float(np.sum(motion.duration[first:last]) + 0.5 * np.sum(motion.duration[flat]))
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the ranges of time intervals that can be lifted: between standstills and plateaus at the highest speed."""
+    """Return the ranges of time intervals that can be lifted; they are separated by standstills or plateaus at top
+    speed.
+    """
     flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
     # a time interval that ends at a joint is not affected by the piece after it
     end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
@@ -300,9 +302,7 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """Return two halves to lift in place of a section that cannot be lifted, split at its middle node, the second
-    half first.
-    """
+    """Split a section that cannot be lifted as a whole at its middle node; return both halves, the second first."""
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):

@@ -1,9 +1,9 @@
 """The speeds of nodes along a stretch of path, and the ramps and plateaus between them.
 
 A stretch lies between two nodes, where u'' = u''' = 0.  Its hump is the ramp from the left node up to a peak speed, a
-plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First a hump without
-regard to the caps (speed limits of pieces) shows which of them are active.  The slowest piece that it crosses too fast
-is passed at its cap, if both ramps to it leave room, and the stretches on either side are planned recursively;
+plateau, and the ramp down to the right node, with the highest peak that the distance allows.  First, a hump that
+ignores the caps (speed limits of pieces) shows which of them are active.  The slowest piece that this hump crosses too
+fast is passed at its cap, if both ramps to it leave room, and the stretches on either side are planned recursively;
 otherwise the stretch gets the highest hump that satisfies all caps.  Such a hump always exists, as the nodes were
 reached by feasible ramps: no backtracking is needed.
 """
@@ -296,8 +296,8 @@ MARGIN = 4e-15  # of the planned length: distance of the ends of ramps from join
 
 @kernel
 def _gain(path: Path, near: float, far: float, sense: int, end: float, c: float) -> float:
-    """Return the time gained by a ramp from the speed c that starts at `far` instead of `near`, s.  The ramp may extend
-    to `end`.
+    """Return the time, s, that a ramp from the speed c gains if it starts at `far` instead of `near`.  The ramp may
+    extend to `end`.
 
     The ramps end at the highest of several trial speeds for which both exist.
     """
@@ -406,7 +406,7 @@ def _beginning(
     there is no such plan.
 
     From rest the plan is a single hump.  If a piece ahead is too slow for the present speed, the motion is braked in as
-    few steps as possible, each to the cap of a piece that is slower than all pieces before it; `slow` is work space for
+    few steps as possible, each to the cap of a piece that is slower than all pieces before it; `slow` is workspace for
     these pieces.
     """
     if v0 == 0.0:

@@ -134,8 +134,8 @@ def root(value: float, degree: int) -> float:
 
 @kernel
 def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
-    """Return the speed limit of a piece from the feed, the velocity limits, and `share` of the limit due to its
-    curvature.
+    """Return the speed limit of a piece: the lowest of the feed, the velocity limits, and `share` times the limit due
+    to curvature.
     """
     # |r'| of splines exceeds 1 by rounding only: they get the same cap as lines
     speed = feed / norm if norm > 1.0 + 1e-10 else feed
@@ -383,7 +383,7 @@ def lacking(
     """Return the factor by which a ramp's duration must increase to satisfy the limits on every piece that it crosses,
     as a logarithm; they are satisfied if the result is <= 0.
 
-    Values above `enough` are lower bounds.
+    A result above `enough` is only a lower bound.
     """
     L1, L2, L3 = ramp
     jerk = rise / (L2 * L3)

@@ -26,7 +26,7 @@ MOST = 2.0
 
 
 class Override(NamedTuple):
-    """The feed factor as steps over time; constructed by `override`.
+    """The feed factor as a step function of time; constructed by `override`.
 
     time    start of each step, s from the start of the program, the first at 0, shape (n,)
     factor  feed factor from then on, 0 .. 2; 0 holds the motion, shape (n,)

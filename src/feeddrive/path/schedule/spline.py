@@ -115,8 +115,8 @@ def _expanded(
     slope: Floats,
     bend: Floats2,
 ) -> int:
-    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` is that of the
-    penalties, and `away` in m that of the time.
+    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` multiplies the
+    penalties, and `away` (m) the time.
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
@@ -377,7 +377,7 @@ def quickest(
     r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
     most     largest z that the velocity limits and the feed allow
     full     0 if only q'''' is evaluated
-    weight   weight of the penalties at a point, s; `away` is that of the time, m
+    weight   weight of the penalties at a point, s; `away` is the weight of the time, m
     penalty  initial μ; it is reduced stepwise down to `last`
     """
     z = zeros(4)
@@ -437,8 +437,9 @@ POINTS = 2  # number of points of a span per path piece
 
 @kernel
 def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, out: Floats, most: Floats2) -> int:
-    """Write the largest u' allowed by feed and velocity limits on each piece into `out`; `most` is work space, (N,
-    4).
+    """Write the largest u' allowed by feed and velocity limits on each piece into `out`.
+
+    `most` is workspace of shape (N, 4).
     """
     for p in range(len(length)):
         norm = bounds(kind[p], length[p], shape[p], most)
@@ -466,8 +467,9 @@ def ramp_gain(
     """Return the time, s, that a ramp of time intervals `first` up to but excluding `last` would save if its path were
     straight.
 
-    On a line in the direction of either end, whichever is more favorable, it takes L1 + L2 + L3 between the same
-    speeds; the distance saved is covered at the higher speed.  The result is 1e300 for more than one ramp.
+    Between the same speeds a ramp on a line takes L1 + L2 + L3; the line has the direction of the path at either end,
+    whichever is more favorable.  The distance saved is covered at the higher speed.  The result is 1e300 for more than
+    one ramp.
     """
     lasts = 0.0
     for m in range(first, last):
@@ -605,7 +607,7 @@ def points(
 
     begin   u at the start of each path piece
     top     largest speed that feed and velocity limits allow on each piece
-    shares  usable shares of the velocity to snap limits; larger near the ends, where the state is given
+    shares  usable fractions of the velocity to snap limits; larger near the ends, where the state is given
     time    times of the knots in the present motion, s
     """
     count = 0
