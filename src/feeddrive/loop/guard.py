@@ -152,7 +152,7 @@ class Guard(Block):
         yield from travel_rules("guard", self.travel_least, self.travel_most)
 
     def left_out(self) -> dict[str, str]:
-        """Return the consequence of each part of the guard that is set to `false`, in words."""
+        """Return a sentence for each part of the guard that is set to `false`, stating the consequence."""
         return {name: then for name, then in LEFT_OUT.items() if not getattr(self, name)}
 
     def prepare(self, T: Number) -> Prepared:
@@ -160,8 +160,8 @@ class Guard(Block):
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return setpoint and readings for a start; an invalid reading is replaced by 0, an invalid setpoint by the
-        position.
+        """Return valid setpoint and readings to start from: an invalid reading is replaced by 0, an invalid setpoint by
+        the position.
         """
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
@@ -301,19 +301,19 @@ class Guard(Block):
 
 
 def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[Number, object]:
-    """Return mode and `usual` of a loop that trips with a code if it is running and beyond a bound."""
+    """Return `mode` and `usual` after checking one bound: if `beyond` is true, a running loop trips with this code."""
     return ops.where(ops.both(mode > 0.5, beyond), -code, mode), ops.both(usual, ops.no(beyond))
 
 
 def _size(setpoint: Setpoint) -> Number:
-    """Return the sum of the magnitudes of the five numbers, which is NaN or too large if any of them is."""
+    """Return the sum of the magnitudes of a setpoint's five numbers, which is NaN or too large if any of them is."""
     size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 
 
 def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
-    """Yield the condition that the lower end of a travel in m is below its upper end; `of` names the guard or
-    limits.
+    """Yield the condition that the lower end `least` (m) of a travel is below its upper end `most`; `of` names the
+    guard or limits in messages.
     """
     if least is not None and most is not None:
         yield Rule(

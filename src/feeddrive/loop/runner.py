@@ -130,7 +130,9 @@ class Work:
         )
 
     def sample(self, first: int, count: int) -> slice:
-        """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
+        """Sample the inputs over a range unless the cached range contains it; return the range as a slice of the cached
+        one.
+        """
         start = first - self._first
         if start < 0 or start + count > self._count:
             # computed on first use: a cached path does not need it
@@ -164,7 +166,7 @@ class Work:
         return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
 
     def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """Sample the setpoints of a reference."""
+        """Sample the setpoints of a reference, without using the cache."""
         stretches = reference.stretches() if count >= _SHORT else ()
         if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
             out = _by_stretches(stretches, self.T, first, count)
@@ -296,7 +298,7 @@ class Beginning:
 
 
 class _Structure:
-    """The number of runs of a loop structure with parameter values not seen before, and its code, once compiled."""
+    """For one loop structure: the number of starts with new parameter values, and the code once it is compiled."""
 
     def __init__(self) -> None:
         self.begun = 0
@@ -362,7 +364,7 @@ def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial
 
 
 def _prepared(plain: Any, timing: Any) -> Any:
-    """Return the prepared numbers of a loop or machine; the hold of an unchanged axis is reused."""
+    """Return the prepared numbers of a loop or machine; the discretization of an unchanged axis is reused."""
     if not isinstance(plain, Loop):
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
@@ -597,8 +599,8 @@ class Prepared:
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """Return the initial states by name, including ring buffers, in their limit after infinite time at constant
-        inputs.
+        """Return the steady states by name, including ring buffers: the limits that the initial states reach after
+        infinite time at constant inputs.
         """
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
@@ -647,7 +649,7 @@ class Prepared:
         return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
 
     def retune(self, old: Prepared, code: Native, states: np.ndarray) -> None:
-        """Update the states of a single run's controllers after a live change from `old` to this one, in place."""
+        """Update in place the controller states of a single run, after a live change from `old` to this loop."""
         rows = {state.name: i for i, state in enumerate(code.plan.states)}
         for now, before in zip(self._controls(), old._controls(), strict=True):
             begun = now.begun
@@ -707,7 +709,8 @@ STRETCH = 65_536  # samples whose inputs are in memory at once
 
 
 def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """Compute some samples of a single run and update `states`; return the recorded signals, shape (count, signals)."""
+    """Compute `count` samples of a single run and update `states`; return the recorded signals, shape (count, signals).
+    """
     constants, rows = prepared.constants(code), prepared.rows(code)
     work.sample(first, count)
     record = np.empty((count, len(code.plan.outputs)))
@@ -735,7 +738,7 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 
 
 class Groups:
-    """The variants of a prepared loop in groups of lanes; the last group is filled up with its last variant."""
+    """The variants of a prepared loop in groups of lanes; the last group is padded with copies of its last variant."""
 
     def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
         self.code, self.variants, self.lanes = code, variants, code.plan.lanes

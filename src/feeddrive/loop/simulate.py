@@ -172,8 +172,8 @@ class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
     Row k is the sample at `time[k]` = kT; see `loop.Signals` for the meaning of each signal.  For a machine its name is
-    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`, or an empty
-    prefix for a single axis.
+    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`; the prefix of a
+    single axis is empty.
     """
 
     name: str
@@ -266,7 +266,8 @@ def simulate(
     For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
-    added_force force added to the command behind its limit, N: the excitation of a measurement.  The signal `force`
+    added_force force added to the command after the force limit, N: the excitation of a measurement.  The signal
+    `force`
                 does not include it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value applies until the end
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
@@ -277,9 +278,9 @@ def simulate(
     record      names of signals; default: all
     arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel
-    progress    reports the seconds of the run that are done, and may cancel
+    progress    receives the simulated time in s, and may cancel the run
 
-    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for an
+    Raises DivergedError with the sample at which |tracking error| exceeded `bound` or became NaN, ParameterError for an
     unknown signal or arithmetic and for a change with an invalid time, name or value, and StructureError for a change
     of the structure.
     """
@@ -335,7 +336,7 @@ def sample_count(work: Work, duration: float | None) -> int:
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
-    """Return the given bound, else the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
+    """Return `bound`, or by default the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
     if bound is not None:
         return bound
     # a few samples suffice for the size of the travel
@@ -463,8 +464,8 @@ def stream(
 ) -> Iterator[Run]:
     """Yield the run of `simulate` in chunks of samples, with constant memory for any length.
 
-    Arguments and errors are those of `simulate`; a chunk of None is the whole run.  The arrays of a chunk are not
-    reused.
+    Arguments and errors are those of `simulate`; `chunk` = None yields the whole run at once.  The arrays of a chunk
+    are not reused.
     """
     check_system(loop)
     record = checked_signals(loop, loop.signals() if record is None else record, arithmetic)

@@ -124,17 +124,17 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
 
 
 def leaf(graph: Graph, name: str, value: Any) -> Any:
-    """Return the symbol for a leaf of a state in a trace: a number, or a ring of the same length."""
+    """Return the symbol for a leaf of a state in a trace: a number, or a ring buffer of the same length."""
     return Ring(value.length, graph.ring(name, value.length)) if isinstance(value, Ring) else graph.input(name)
 
 
 def node(graph: Graph, value: Any) -> int:
-    """Return the node of a number or a ring."""
+    """Return the node of a number or a ring buffer."""
     return graph.symbol(value.cells if isinstance(value, Ring) else value).index
 
 
 def lengths(graph: Graph, index: int) -> int | None:
-    """Return the number of cells of a ring, before or after it is written; None for a number."""
+    """Return the number of cells of a ring buffer, whether before or after a write; None for a number."""
     origin = graph.nodes[graph.origin(index)]
     return origin[2] if origin[0] == "ring" else None
 
@@ -186,6 +186,6 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
 
 
 def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
-    """Return the values of some nodes in plain Python, the reference for the native code."""
+    """Compute the values of the output nodes in plain Python, as a reference for the native code."""
     results = node_values(graph, outputs, leaves)
     return [results[index] for index in outputs]

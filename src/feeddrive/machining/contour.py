@@ -1,6 +1,7 @@
 """Contour error: the distance of the tool from the commanded path, irrespective of its delay along the path.
 
-The path is a curve through the set positions; the error is the distance from its nearest point.
+The path is a curve through the set positions; the error is the distance of the tool from the nearest point of this
+curve.
 """
 
 from __future__ import annotations
@@ -76,9 +77,9 @@ def lengths(position: np.ndarray) -> np.ndarray:
 def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> Curve:
     """Return the curve through set positions, m, shape (n, N); a standstill becomes one node.
 
-    Tangents are those of the velocity (m/s, same shape); without velocity, those of the circle through three nodes,
-    unless their chords turn by more than 20°, which is a corner.  On an arc that turns by δ per row the error of the
-    curve is R δ⁶/1000.
+    The tangents have the direction of the velocity (m/s, same shape).  Without velocity, they are those of the circle
+    through three neighboring nodes, unless its two chords differ in direction by more than 20°; the node is then a
+    corner.  On an arc of radius R that turns by δ per row, the error of the curve is R δ⁶/1000.
 
     Raises ParameterError for positions of another shape and for a path shorter than 1 nm.
     """
@@ -367,7 +368,7 @@ class ContourError(Result):
 
     @property
     def largest(self) -> float:
-        """The largest contour error that counts, m."""
+        """The largest contour error of all samples that count, m."""
         return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
@@ -392,7 +393,7 @@ class ContourError(Result):
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """Return the largest errors that count, largest first: peaks between which the error falls to half.
+        """Return the largest errors of the samples that count, largest first, each from a separate peak of the error.
 
         apart  minimum path length between two of them, m; default: a thousandth of the path
         """
@@ -513,9 +514,9 @@ def contour_error(
     line          of the part program for each row
     counted       True for rows that count in the figures, shape (n,); default: all
     sample_time   s, for arrays
-    window        path length around the set position in which the nearest point is searched, m; default: twice the
-                  largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are
-                  closer to each other than the window are not distinguished
+    window        range of path length around the set position that is searched for the nearest point, m; default: twice
+                  the largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are closer
+                  to each other than the window are not distinguished
 
     The path between two set positions is a cubic (`curve_through`); a standstill is one point, a corner has no normal.
     The estimate is accurate to second order.  Source: definition of the contour error, Koren & Lo 1991.
@@ -627,7 +628,7 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Return position, velocity and acceleration of references at instants, s."""
+    """Return position, velocity and acceleration of the references of all axes at each time, s."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")
