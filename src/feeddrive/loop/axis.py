@@ -22,9 +22,9 @@ CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
 class Axis(Block):
     """One axis, from the commanded force to the encoder readings.
 
-    Over each substep h = T/substeps, the linear core is integrated exactly for constant forces.  Forces that depend on
-    the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the velocity
-    at the end of the substep.  The order of accuracy in h is 2 without friction and 1 with it.
+    Over each substep h = T/substeps, the linear mechanics are integrated exactly for constant forces.  Forces that
+    depend on the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the
+    velocity at the end of the substep.  The order of accuracy in h is 2 without friction and 1 with it.
     """
 
     plant: Plant = part("the linear mechanics")
@@ -121,7 +121,7 @@ class Axis(Block):
         return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
-        """Compute the exact discretization of the linear core (mechanics, lag and dead time of the drive)."""
+        """Compute the exact discretization of the linear mechanics with lag and dead time of the drive."""
         mechanics = self.mechanics()
         shape = mechanics.shape
         rows = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])

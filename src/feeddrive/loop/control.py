@@ -83,8 +83,8 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """Forces in N (commanded; requested before the limit; the requested one's three parts), trip code, 1 while
-        running.
+        """The forces of a sample in N, the trip code, and 1 while the loop runs. `requested` is the sum of feedback,
+        feedforward and compensation; `applied` is the force that is commanded, after limit and guard.
         """
 
         applied: Number
@@ -140,10 +140,10 @@ class Control(Block):
     def start(
         self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
     ) -> State:
-        """Return the state one sample before the first step, for an axis at these readings that moves at `velocity`
+        """Return the state one sample before the first step, for an axis with these encoder readings and `velocity`
         (m/s).
 
-        The last force is taken as the guard's safe force, or 0 without a guard.
+        Until then the force is assumed to be the guard's safe force, or 0 without a guard.
         """
         if self.guard is not None:
             setpoint, motor, load = self.guard.sound(setpoint, motor, load)

@@ -165,8 +165,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep h (s) that starts at `time`: the linear core is exact, other forces are evaluated at
-        mid-substep, and friction at the end.
+        """Compute one substep h (s) that starts at `time`: the linear mechanics are exact, friction is evaluated at the
+        end of the substep, and all other forces in its middle.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """
@@ -313,7 +313,7 @@ def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag:
 
 
 class Contact(NamedTuple):
-    """The friction model of one body, its state, and the body's place in the mechanics."""
+    """The friction model of one body, its state, and the body's row and column in the linear mechanics."""
 
     friction: Friction
     state: Any
@@ -413,7 +413,7 @@ class Joint:
     """
 
     class Prepared(NamedTuple):
-        """The numbers that `prepare` computes from the parameters of the linear cores and the couplings."""
+        """The numbers that `prepare` computes from the parameters of the axes and the couplings."""
 
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
@@ -572,7 +572,9 @@ def _type(names: tuple[str, ...]) -> Any:
 
 
 def _mean(held: Any, coupled: list[Any]) -> Any:
-    """Return the mean force on a table over the sample, or None for no force."""
+    """Return the mean force on a table over a sample: `held`, constant, plus the mean of `coupled` over its substeps.
+    None stands for no force.
+    """
     total: Any = None
     for force in coupled:
         total = force if total is None else total + force

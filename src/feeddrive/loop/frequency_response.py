@@ -65,7 +65,7 @@ class FRF(Result):
     over input.
 
     `coherence` and `variance`, shape (n,), belong to a measured FRF; variance is E|dG|² of the complex `response`,
-    averaged or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
+    averaged or not.  Arithmetic with numbers, and with other FRFs at the same frequencies, works as with arrays.
     The variance is propagated to first order if only one operand has one:
 
         var(c G) = |c|² var(G),   var(c + G) = var(G),   var(1/G) = var(G)/|G|⁴

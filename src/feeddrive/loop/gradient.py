@@ -535,8 +535,7 @@ def _signals(loop: System, program: Program) -> Any:
 def _augmented(
     loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
-    """Return the program extended by the accumulated cost and the tangents of all nodes that depend on the parameters.
-    """
+    """Return the program extended by the accumulated cost and the tangents of the states that depend on parameters."""
     graph = program.graph
     summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]

@@ -59,7 +59,7 @@ class Port(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The effect of the forces of one axis on the state over a substep.
+    """The columns of the input matrix Γ for the forces of one axis: their effect on the state over a substep.
 
     If the dead time is not a whole number of samples, the drive switches from one command to the next within a sample.
     `new` and `old` are the columns of the commands after and before this switch in each substep; `share` is the
@@ -74,8 +74,7 @@ class Columns(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """The step x(t + h) = x + (Φ - 1) x + Γ u of one axis; x contains positions q, velocities q' and a lagged drive
-    force.
+    """The step x(t + h) = x + (Φ - 1) x + Γ u of one axis; x contains q, q' and, if the drive has a lag, its force.
 
     `change` is Φ - 1 of shape (n, n); the other fields are those of `Columns`.
     """
@@ -92,8 +91,8 @@ class Hold(NamedTuple):
 
 
 class JointHold(NamedTuple):
-    """The exact discretization of several axes with coupled mechanics; x contains all q, all q' and the lagged drive
-    forces.
+    """The exact discretization of several axes with coupled mechanics; x contains all q, all q' and the forces of
+    drives with a lag.
     """
 
     change: Matrix
@@ -163,10 +162,10 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
 
 
 def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """Return the matrix of dx/dt of the linear core times `span`, with velocities in position units per h.
+    """Return the matrix of dx/dt of the linear mechanics times `span`, with velocities in position units per h.
 
-    Rows and columns: q (n), q' (n), the lagged drive forces, then three inputs of each axis: the drive's command and
-    the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
+    Rows and columns: q (n), q' (n), the forces of drives with a lag, then three inputs of each axis: the drive's
+    command and the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
     """
     n = len(mechanics.mass)
     lagging = [place for place, port in enumerate(ports) if port.lag is not None]

@@ -1,6 +1,7 @@
 """Linearization: the exact linear state-space model of a loop from the simulated code, with its poles and zeros.
 
-A multirate loop, whose law is periodic over several samples, is lifted; frequency responses exist for every loop.
+A multirate loop, whose law is periodic over several samples, is lifted to a time-invariant model; frequency responses
+are available for every loop.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ _FAR = 1e6
 
 
 class Natural(NamedTuple):
-    """The natural frequency in Hz and damping ratio of each pole, of shape (n,); infinite and 1 for z = 0."""
+    """The natural frequency in Hz and damping ratio of each pole, shape (n,); infinite and 1 for a pole at z = 0."""
 
     frequency: np.ndarray
     damping: np.ndarray
@@ -124,8 +125,8 @@ class StateSpace(Result):
         """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
         Nyquist.
 
-        A linear system is solved for each frequency, or `transfer` is used for many states. This avoids polynomials and
-        eigenvectors, which fail for double poles.
+        A linear system is solved for each frequency; for many states `transfer` is used instead. This avoids
+        polynomials and eigenvectors, which fail for double poles.
         """
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
@@ -320,7 +321,7 @@ def linearize(
     stored    function of name and value that rounds a parameter or prepared number of the controller that is stored
               with fewer digits
 
-    A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
+    For a multirate law with a period of n samples, the model covers one period: sample time nT, inputs held over the
     period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,
     the model is that of one sample.
     Quantizers are replaced by their slope 1; guard and force limit are left out, since they have no effect within their
@@ -384,8 +385,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return the position and velocity of each axis; both arguments may be one number for all axes, or numbers by axis.
-    """
+    """Return position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
@@ -648,7 +648,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the response of table position to set position and its exact derivatives up to snap.
+    """Return the response of the table position to the set position together with its exact derivatives up to snap.
 
     It is Σ Hₙ (j2πf)ⁿ, where Hₙ is the response to the n-th derivative alone.
 

@@ -65,8 +65,7 @@ class Probe(NamedTuple):
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """Return the command that reaches the axis: `cut` in place of the controller's, if present, plus `added_force`.
-        """
+        """Return the force command that reaches the axis: `cut`, else the controller's command, plus `added_force`."""
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -143,8 +142,8 @@ class Loop(Block):
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """Return the structure of the dead time; for an axis in `partial` it always has a fraction of a sample, even if
-        0.
+        """Return the whole samples of the dead time, and whether a fraction remains. An axis in `partial` keeps the
+        structure of a fractional dead time even if the fraction is 0.
         """
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
@@ -168,7 +167,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the same state as `start`, which needs only the controller's part of the prepared numbers."""
+        """Return the same state as `start`, from the prepared numbers of the controller alone."""
         axis = self.axis.start(position, velocity, timing)
         # the readings of one sample before, so that the first difference is the velocity
         motor, load = self.axis.still(position - velocity * self.sample_time)

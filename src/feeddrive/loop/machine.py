@@ -283,18 +283,14 @@ class Machine(Block):
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
-        """The numbers that `prepare` computes from the parameters of the controllers, the linear cores and the
-        couplings.
-        """
+        """The numbers that `prepare` computes from the parameters of the controllers, the axes and the couplings."""
 
         control: Any
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The states of the axes by name, the modes of each core, the couplings of the physics and those of the
-        controllers.
-        """
+        """The states of the axes by name, the modes of each core, the couplings, and the controllers' couplings."""
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -397,9 +393,7 @@ class Machine(Block):
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """Return the structure of each axis's dead time; for axes in `partial` it has a fraction of a sample, even if
-        0.
-        """
+        """Return the whole samples of each axis's dead time, and whether a fraction remains; see `Loop.timing`."""
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})

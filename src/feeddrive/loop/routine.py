@@ -7,8 +7,8 @@ A routine consists of four functions with named inputs and outputs:
     step        state, inputs -> state, outputs: one sample
     retune      state, parameters before and after -> state
 
-All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  Every
-printer of code for a target starts from these graphs, so no law is implemented twice.
+All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  The code
+for every target is generated from these graphs, so no law is implemented twice.
 
 The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  To
 compute them, the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation;
@@ -142,8 +142,8 @@ class Routine:
 
     conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
     origin      the loop with its guard; for several axes, their machine
-    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of what
-                `prepare` returns
+    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of the
+                result of `prepare`
     tables      rows of numbers: dotted name, node, numbers
     names       names of nodes in the source code of the law
     makers      dotted names of the blocks that compute the nodes
@@ -249,7 +249,8 @@ def on_target(system: System) -> Controller | Controllers:
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """Return the routine of the controller of a loop, or of all axes of a machine with names prefixed by the axis.
+    """Return the routine of the controller of a loop, or of all controllers of a machine, with names prefixed by the
+    axis.
 
     Raises StructureError if a part uses operations outside `ops`.
     """
@@ -716,7 +717,9 @@ class ControllerRun:
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Change parameters, by path, from the next sample onward. Raises ParameterError as the blocks do."""
+        """Change parameters, by path, from the next sample onward. Raises ParameterError for values that the blocks
+        reject.
+        """
         self._unload()
         before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)

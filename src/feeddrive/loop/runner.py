@@ -61,7 +61,7 @@ class Path:
 class Work:
     """The sampled inputs of a run for any range of samples: setpoints, load force, enable, added force.
 
-    For a machine each of them is a mapping by axis; a force without an entry for an axis is absent there.
+    For a machine each of them is a mapping by axis; an axis without an entry for a force has no such force.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Work:
         return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
-        """Return the longest travel of an axis in m, at up to `most` samples spread over the first `count`."""
+        """Return the longest travel of an axis in m, evaluated at up to `most` of the first `count` samples."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
         return max(
@@ -421,7 +421,7 @@ STARTS = tuple(f"start.{name}" for name in ("position", "velocity", *SETPOINT))
 
 
 def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], float] | None = None) -> TracedBeginning:
-    """Trace `prepare` and `start` of a system on symbols; `counted` as in `Graph`."""
+    """Trace `prepare` and `start` of a system on symbols; for `counted` see `Graph`."""
     graph = Graph(counted)
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     leaves = (graph.input(name) for name, _ in tree.leaves(system))
@@ -643,7 +643,7 @@ class Prepared:
         return by_lane(list(first), first, code.plan.lanes, lanes)
 
     def first_states(self, code: Native) -> dict[str, Any]:
-        """Return the initial states by name, in the order of the machine code; the cells of rings are 0."""
+        """Return the initial states by name, in the order of the machine code; the cells of ring buffers are 0."""
         first = {s.name: self.first.get(s.name, None) for s in code.plan.states}
         named = {name: begin(name) if value is None else value for name, value in first.items()}
         return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
@@ -709,8 +709,7 @@ STRETCH = 65_536  # samples whose inputs are in memory at once
 
 
 def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """Compute `count` samples of a single run and update `states`; return the recorded signals, shape (count, signals).
-    """
+    """Compute `count` samples of a run, updating `states`; return the recorded signals, shape (count, signals)."""
     constants, rows = prepared.constants(code), prepared.rows(code)
     work.sample(first, count)
     record = np.empty((count, len(code.plan.outputs)))
@@ -760,7 +759,7 @@ class Groups:
         self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
 
     def ends(self) -> dict[str, np.ndarray]:
-        """Return the states by name, each of shape (variants,)."""
+        """Return the present states of all variants by name, each of shape (variants,)."""
         flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 

@@ -34,7 +34,7 @@ _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
 def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
-    """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample onward).
+    """Return all changes in a run of `count` samples in chronological order, as (sample, loop from that sample onward).
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
     a whole sample.  Values by name change the controller that is active at that time.
@@ -142,7 +142,7 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
 class Recorded(Mapping[str, np.ndarray]):
-    """The signals by name from an array (samples, signals); each is copied to its own array when it is read."""
+    """A mapping from signal names to the columns of an array (samples, signals); a column is copied when it is read."""
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
@@ -267,8 +267,7 @@ def simulate(
 
     load        force on the table, N
     added_force force added to the command after the force limit, N: the excitation of a measurement.  The signal
-    `force`
-                does not include it
+                `force` does not include it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value applies until the end
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
                 {"axis.x.control.law.Kv": 80.0}.  The change is bumpless (`Control.retune`)

@@ -29,7 +29,8 @@ class Program:
     differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
+    inputs     name -> node, with a new value in each sample: `set_position` ... `set_snap`, `load_force`, `enable`,
+               probes;
                for a machine prefixed by the axis: `x.set_position`
     states     numbers carried from sample to sample
     outputs    name -> node: the signals
@@ -77,7 +78,7 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
     """Return the program of a loop or a machine.
 
     `template` and `begun` are its prepared numbers and initial state, of which only the structure matters. `names` are
-    the existing inputs, such as `set_position` or `x.load_force`; absent ones cost no operations.
+    the inputs of the program, such as `set_position` or `x.load_force`; other inputs add no operations.
     Raises StructureError if a law uses operations outside `ops`.
     """
     graph = Graph()
@@ -165,7 +166,9 @@ def apply(name: str, *values: Any) -> Any:
 
 
 def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
-    """Return the value of every node on which the outputs depend, for inputs and tables by name, in plain Python."""
+    """Return the value of every node on which the outputs depend, computed in plain Python from named inputs and
+    tables.
+    """
     results: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(graph, outputs):

@@ -121,8 +121,9 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
     """Return the minimum zone of a path by repeated linear programs: min (s - l) with l <= r - u·δc <= s.
 
-    Here r is the distance of a point from the center, u its direction, and δc the shift of the center.  A linear
-    program uses the outermost and innermost points; points outside its solution are added until there are none.
+    Here r is the distance of a point from the center, u its direction, and δc the shift of the center.  Each linear
+    program uses only the outermost and innermost points; points that violate its solution are added until none are
+    left.
     """
     # Deferred: commands that only read files do not need it.
     from scipy.optimize import linprog
@@ -342,7 +343,7 @@ class CircleTest(Result):
 
     @property
     def largest(self) -> Figures:
-        """The figures with the largest circular deviation, those of both directions if available."""
+        """The figures with the largest circular deviation, out of those of both directions if available."""
         both = [figure for figure in self.figures if figure.both]
         return max(both or self.figures, key=lambda figure: figure.G)
 
@@ -455,7 +456,7 @@ class QuadrantPeak(NamedTuple):
 
 
 def deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return polar angle about a center, rad, 0 to 2π, and radial deviation, m, in the order of motion."""
+    """Return the polar angle about a center (rad, 0 to 2π) and the radial deviation (m), in the order of motion."""
     dx, dy = circle.x - center[0], circle.y - center[1]
     return np.arctan2(dy, dx) % (2.0 * np.pi), np.hypot(dx, dy) - circle.radius
 
@@ -816,7 +817,7 @@ class CircleCauses(Result):
 
     @property
     def ranked(self) -> list[Cause]:
-        """The causes, largest effect first, without the set-up offset, which is not an error of the machine."""
+        """The causes by descending effect, without the set-up offset, which is not an error of the machine."""
         return sorted((cause for cause in self.causes if not cause.name.startswith("set-up")), key=lambda c: -c.effect)
 
     def table(self) -> Table:
@@ -865,7 +866,7 @@ def circle_causes(
     Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
     to the first one.
 
-    Raises ParameterError as `circle_test` does, and for an unknown spike and a pitch that is not > 0.
+    Raises the same errors as `circle_test`, and ParameterError for an unknown spike and a pitch that is not > 0.
     """
     figures = circle_test(circles)
     names = circles[0].axes

@@ -59,12 +59,12 @@ class Curve(NamedTuple):
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
-    """Return the length of vectors, shape (n,), in a third of the time of numpy's norm."""
+    """Return the length of each vector, shape (n,), in a third of the time that numpy's norm takes."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Normalize vectors to length 1, shape (n, N); zero vectors are kept."""
+    """Normalize vectors to length 1, shape (n, N); zero vectors remain zero."""
     length = size(vectors)
     return vectors / np.where(length > 0.0, length, 1.0)[:, None]
 
@@ -134,7 +134,8 @@ class Feet(NamedTuple):
 
 
 def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window: float) -> Feet:
-    """Return the nearest points to positions, m, shape (n, N), each within `window` m of path length around `expected`.
+    """Return the points of the curve nearest to positions (m, shape (n, N)), each searched for within `window` m of
+    path length around `expected`.
 
     expected  expected path length of each point, m, shape (n,); default: that of the previous point, and the whole
               path for the first one
@@ -385,7 +386,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error not exceeded on this share of the path, m, or 0 if no sample counts."""
+        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 if no sample counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1

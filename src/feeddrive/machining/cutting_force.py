@@ -228,7 +228,8 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
 
 
 def scallop(radius: float, step: float) -> float:
-    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill of radius R; s is the distance of its passes.
+    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill of radius R for passes spaced s = `step`
+    apart.
     """
     return radius - float(np.sqrt(radius**2 - 0.25 * step**2))
 
@@ -246,9 +247,9 @@ def wall(
 ) -> Surface:
     """Compute the finished wall that a run generates between two instants, while the feed follows a straight line.
 
-    On each line across the wall, the deepest edge determines the height. At the height z an edge has the angle v =
-    angle + 2πj/N - k z, with the edge number j of N and the lag k of a helical edge. It generates the wall near v = 0
-    in up milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
+    On each line across the wall, the deepest edge determines the height. At the height z, edge j of N has the angle v =
+    angle + 2πj/N - k z, where k is the lag angle per height of a helical edge. It generates the wall near v = 0 in up
+    milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
 
     begin, end     s; the feed is the straight line between the set positions at these instants
     milling        up or down

@@ -1,6 +1,6 @@
 """Evaluation of a part program on a machine: errors with program lines, form errors, motor load and cutting force.
 
-A tool of radius R in peripheral milling generates a wall w beside its path p:
+A tool of radius R in peripheral milling generates a wall w alongside its path p:
 
     w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling (M3)
 
@@ -11,7 +11,7 @@ A point of that wall belongs to the part if
 2. it lies on the same side of the closed path as most of the wall: inside a path around the part, outside a path in a
    pocket.  This excludes a lead-in and a lead-out on the other side.
 
-The path of a cut along a single edge encloses no area; it counts completely, since the end of the part is not known.
+The path of a cut along a single edge encloses no area; all of it counts, since the end of the part is not known.
 """
 
 from collections.abc import Iterable, Mapping
@@ -122,7 +122,7 @@ def _in_line(line: int | None) -> str:
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     """Split the path of a two-axis contour error into lines and arcs.
 
-    ends  share of each element that is excluded at each end, 0 to 0.4
+    ends  fraction of each element that is excluded at each of its ends, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
     least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
@@ -316,7 +316,7 @@ class PartRun(Result):
 
     @property
     def duty(self) -> float | None:
-        """The largest ratio of RMS force to continuous force among the axes, or None if none is stated."""
+        """The largest ratio of RMS force to continuous force of any axis; None if no continuous force is stated."""
         shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 

@@ -388,7 +388,7 @@ class _TimeLoop:
         self.last = ""  # the block in which a sample ends
 
     def entry(self) -> list[str]:
-        """Write everything that is constant over the run, and the initial states."""
+        """Write the code for all values that are constant over the run, and for the initial states."""
         plan, printer = self.plan, self.printer
         moving = plan.kinds.moving
         for i, (_, node) in enumerate(plan.tables):

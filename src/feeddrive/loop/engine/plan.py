@@ -139,8 +139,8 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each selection, the group of selections that are evaluated together with it, where its first member
-    is.
+    """Return, for each selection, the group of selections that are evaluated with it, at the place of the group's
+    first.
 
     A group has a common condition, so that results needed on only one side of it, such as the forces of a tooth in the
     cut, share one branch.  All operands of a group were traced before its first selection, so none of its selections
