@@ -180,7 +180,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return, as a clause for an error message, whether the node still answers."""
+        """Return a clause for an error message that states whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)

@@ -107,7 +107,7 @@ class Segment:
     def operate(self) -> None:
         """Switch all stations to SAFE-OP and OP once they are ready.
 
-        Process data are exchanged in the meantime, since drives monitor them.
+        Process data are exchanged during the transition, since drives monitor their arrival.
         """
         if not all(station.ready for station in self.stations):
             return

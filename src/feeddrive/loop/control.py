@@ -216,7 +216,7 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return the shift (m) of the set position by those compensations whose shift depends on the reading only."""
+        """Return the part (m) of the compensations' set-position shift that corrects the reading for pitch errors."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]

@@ -491,7 +491,7 @@ class Joint:
         return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
 
     def columns(self, prepared: Prepared) -> dict[str, Columns]:
-        """Return, by axis name, the effect of its forces on the state over a substep."""
+        """Return, for each axis by name, the columns that give the effect of its forces on the state over a substep."""
         return {
             name: axis
             for core, core_prepared in zip(self.cores, prepared.cores, strict=True)
@@ -573,7 +573,7 @@ def _type(names: tuple[str, ...]) -> Any:
 
 def _mean(held: Any, coupled: list[Any]) -> Any:
     """Return the mean force on a table over a sample: `held`, constant, plus the mean of `coupled` over its substeps.
-    None stands for no force.
+    None means no force.
     """
     total: Any = None
     for force in coupled:

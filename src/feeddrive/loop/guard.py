@@ -123,7 +123,7 @@ class Guard(Block):
         set_position: Number
 
     class Verdict(NamedTuple):
-        """The setpoint and reading given to the law, and whether its command is used.
+        """The setpoint and readings passed to the law, and whether the law's command is used.
 
         usual         true if the loop keeps running, all numbers are valid and no bound is exceeded
         ran, good     true if the loop ran in the last sample; true if readings and setpoint are valid
@@ -141,7 +141,7 @@ class Guard(Block):
         velocity: Number
 
     class Outcome(NamedTuple):
-        """The forces to apply and as requested, in N, the trip code, and 1 while the loop runs."""
+        """The applied and the requested force in N, the trip code, and 1 while the loop runs."""
 
         applied: Number
         requested: Number
@@ -161,8 +161,8 @@ class Guard(Block):
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return valid setpoint and readings to start from: an invalid reading is replaced by 0, an invalid setpoint by
-        the position.
+        """Return a valid setpoint and valid readings to start from: an invalid reading is replaced by 0, an invalid
+        setpoint by the position.
         """
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)

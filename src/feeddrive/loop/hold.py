@@ -20,7 +20,7 @@ class Timing(NamedTuple):
         return self.whole + (1 if self.partial else 0)
 
     def unchanged(self, dead_time: Number, T: Number) -> Any:
-        """True if a dead time in s gives the same structure."""
+        """True if `dead_time` (s) gives the same structure as this one."""
         samples = samples_of(dead_time, T)
         whole = ops.floor(samples)
         partial = samples > whole

@@ -394,13 +394,13 @@ def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[f
 
 
 def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
-    """Return the setpoints of a motion at constant velocity at a time in s; for a machine by axis."""
+    """Return the setpoints at `time` (s) of a motion at constant velocity; for a machine by axis."""
     setpoints = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
     return setpoints if isinstance(loop, Machine) else setpoints[loop.name]
 
 
 def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
-    """Return all inputs by name for a motion at constant velocity at a time in s."""
+    """Return all inputs by name at `time` (s) of a motion at constant velocity."""
     inputs_: dict[str, Any] = {}
     for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
         setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))

@@ -142,8 +142,8 @@ class Loop(Block):
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """Return the whole samples of the dead time, and whether a fraction remains. An axis in `partial` keeps the
-        structure of a fractional dead time even if the fraction is 0.
+        """Return the number of whole samples of dead time, and whether a fraction remains. An axis in `partial` keeps
+        the structure of a fractional dead time even if the fraction is 0.
         """
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")

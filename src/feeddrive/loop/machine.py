@@ -72,7 +72,7 @@ class Controls:
         """Return the new coupling states and, by axis, the velocities that the couplings add. A coupling adds 0 while
         one of its axes does not run.
 
-        `moved` is the part of the compensation's set-position shifts that depends only on the readings; it is not a
+        `moved` is the part of the compensations' set-position shifts that only corrects the readings; it is not a
         contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
@@ -393,7 +393,9 @@ class Machine(Block):
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """Return the whole samples of each axis's dead time, and whether a fraction remains; see `Loop.timing`."""
+        """Return, for each axis, the number of whole samples of dead time and whether a fraction remains; see
+        `Loop.timing`.
+        """
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})
@@ -405,7 +407,8 @@ class Machine(Block):
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Return the state with each axis at its position (m) and velocity (m/s), given by axis; see `Loop.start`."""
+        """Return the state with each axis at its `position` (m) and `velocity` (m/s), both by axis; see `Loop.start`.
+        """
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):

@@ -395,10 +395,10 @@ def simulate_batch(
 ) -> Batch:
     """Simulate all variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
-    Arguments are those of `simulate`, without live changes; seed and start may be arrays over the variants too.
-    `lanes` variants share a vector (default: the fastest number on this computer), and `threads` run in parallel
-    (default: all cores); the results are bit-identical for any choice. `progress` reports after each group how many
-    variants are done, and may cancel.
+    Arguments are those of `simulate`, without live changes; seed and start may be arrays over the variants too. `lanes`
+    variants share a vector (default: the fastest number on this computer), and `threads` run in parallel (default: all
+    cores); the results are bit-identical for any choice. `progress` receives the number of finished variants after each
+    group, and may cancel the simulation.
     """
     check_system(loop)
     gather = checked_signals(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)

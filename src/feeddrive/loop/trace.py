@@ -29,8 +29,7 @@ class Program:
     differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node, with a new value in each sample: `set_position` ... `set_snap`, `load_force`, `enable`,
-               probes;
+    inputs     name -> node, one value per sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
                for a machine prefixed by the axis: `x.set_position`
     states     numbers carried from sample to sample
     outputs    name -> node: the signals

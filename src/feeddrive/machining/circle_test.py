@@ -41,7 +41,7 @@ class CirclePath:
     """A full circle at constant feed, sampled evenly in angle.
 
     x, y       m, shape (n,), in the direction of the motion
-    direction  1 counter-clockwise, -1 clockwise, seen on the plane of the axes
+    direction  1 counter-clockwise, -1 clockwise, in the plane of the axes
     feed       m/s
     radius     nominal, m
     center     of the set-up, m; None if unknown
@@ -523,7 +523,7 @@ class Rows(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The data of the fit: circles, axis names, screw pitches, and True if the table stands still while a gap is
+    """The data of the fit: circles, axis names, screw pitches, and True if the table remains at rest while a gap is
     crossed.
     """
 
@@ -852,8 +852,8 @@ def circle_causes(
 
     spike  "free": any shape after a reversal, the same for both reversals of an axis and both directions, at each
            feed; "exponential": g exp(-t/decay) after each reversal
-    backlash  "stands": with the loop closed by the motor encoder the table stands still until the gap is crossed, over
-           √(2B/R) rad; "step": the table changes sides at the reversal
+    backlash  "stands": with the loop closed by the motor encoder, the table remains at rest until the gap is crossed,
+              over √(2B/R) rad; "step": the table changes sides at the reversal
     decay  s, of an exponential spike; default: the one with the smallest residual
     pitch  of the screw of an axis, m, by axis: without it no screw error is fitted
 

@@ -170,7 +170,7 @@ def _share(place: Floats, begin: Floats, end: Floats) -> float:
 def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
     """Return the offset of a cubic piece from its start at parameter u, and its first and second derivative.
 
-    The piece is given by its chord d and the derivatives at its ends, in one coordinate.
+    The piece is defined by its chord d and the derivatives at its ends, in one coordinate.
     """
     b = 3.0 * d - 2.0 * begin - end
     c = begin + end - 2.0 * d
@@ -588,7 +588,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Return the estimate ε = -e_n - κ e_t²/2, or NaN where the set position stands still."""
+    """Return the estimate ε = -e_n - κ e_t²/2, or NaN where the set position is at rest."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)

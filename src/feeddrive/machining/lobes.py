@@ -97,7 +97,7 @@ def chatter_signs(
     """Detect chatter in equidistant samples of a force, an error or a sound of an established cut.
 
     speed   spindle speed in rpm, constant; teeth: number of teeth of the tool
-    start   s, time of the first once-per-tooth sample after the first value; None: where samples spread most
+    start   s, time of the first once-per-tooth sample after the first value; None: where the samples spread the most
     runout  True for a tool with run-out: harmonics of the spindle are not chatter, and samples are taken once per turn
 
     A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
@@ -465,8 +465,8 @@ def stability_lobes(
     islands   True to search for stable ranges above the limit as well, up to `deepest`
     speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
 
-    The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of
-    15 % and found to 1e-10.
+    The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15
+    % and refined to 1e-10.
     Raises UnstableError for a tool point that is unstable without a cut, ParameterError for a measured response, for
     speeds that are not above 0, and the errors of `ToothPassage`.
     """

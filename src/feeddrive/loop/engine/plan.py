@@ -35,7 +35,7 @@ def classify(
 
     moving   nodes with a new value in each sample (inputs, the sample index)
     varying  leaves that differ between lanes (constants, states that start differently)
-    carried  (before, after) of the states; a state varies as soon as its next value does
+    carried  (before, after) nodes of the states; a state varies as soon as its next value does
     """
     before = {b for b, _ in carried}
     varying = set(varying)
@@ -139,8 +139,7 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each selection, the group of selections that are evaluated with it, at the place of the group's
-    first.
+    """Return, for each selection, its group: the selections that are evaluated together, in place of the first of them.
 
     A group has a common condition, so that results needed on only one side of it, such as the forces of a tooth in the
     cut, share one branch.  All operands of a group were traced before its first selection, so none of its selections
@@ -203,7 +202,7 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """Return the operands of the given selections."""
+    """Return the operands among which a group of selections chooses."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
@@ -333,7 +332,7 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
 
 
 def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
-    """Return the innermost branch that encloses all the given branches; None if there is none."""
+    """Return the innermost branch that encloses all of `branches`; None if there is none."""
     around = _around(branches[0], places)
     for branch in branches[1:]:
         others = _around(branch, places)
