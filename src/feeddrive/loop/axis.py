@@ -53,7 +53,7 @@ class Axis(Block):
         forces: tuple[Any, ...]
 
     class Step(NamedTuple):
-        """The friction and drive forces in N over the last substep of a sample, for the record of the run."""
+        """The friction and drive forces (N) over the last substep of a sample, to be recorded with the run."""
 
         friction_motor: Number
         friction_load: Number

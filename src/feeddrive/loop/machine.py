@@ -407,8 +407,7 @@ class Machine(Block):
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Return the state with each axis at its `position` (m) and `velocity` (m/s), both by axis; see `Loop.start`.
-        """
+        """Return the state for `position` (m) and `velocity` (m/s) of each axis, both by axis; see `Loop.start`."""
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):

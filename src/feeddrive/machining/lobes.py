@@ -466,7 +466,7 @@ def stability_lobes(
     speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
 
     The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15
-    % and refined to 1e-10.
+    % and refined to a relative accuracy of 1e-10.
     Raises UnstableError for a tool point that is unstable without a cut, ParameterError for a measured response, for
     speeds that are not above 0, and the errors of `ToothPassage`.
     """

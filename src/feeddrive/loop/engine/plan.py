@@ -202,7 +202,7 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """Return the operands among which a group of selections chooses."""
+    """Return all operands of a group of selections."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
