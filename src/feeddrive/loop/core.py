@@ -473,8 +473,7 @@ class Joint:
         return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
 
     def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
-        """Return the joint state: the axes in `states`, the modes at rest, and the couplings initialized at `motions`.
-        """
+        """Return the joint state: the axes in `states`, the modes at rest, and the couplings started at `motions`."""
         zero = ops.zero(next(iter(motions.values())).position_load)
         shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
         couplings = zip(self.couplings, prepared.couplings, strict=True)
