@@ -1,4 +1,4 @@
-"""CANopen transport by the canopen package: process data on every SYNC, on a CAN bus such as `socketcan:can0`."""
+"""CANopen transport via the canopen package: process data on every SYNC, on a CAN bus such as `socketcan:can0`."""
 
 import contextlib
 import logging
@@ -56,7 +56,9 @@ class CANopen:
             ) from None
 
     def _check_alone(self) -> None:
-        """Raise BusError if another master sends SYNC: drives would answer both and be stopped by NMT."""
+        """Raise BusError if another master sends SYNC: drives would answer both masters, and the NMT commands of this
+        one would stop the drives of the other.
+        """
         heard = Event()
         self._network.subscribe(_SYNC, lambda *_: heard.set())
         if heard.wait(_LISTENING):
@@ -178,7 +180,7 @@ class CANopen:
         self._network.send_message(_SYNC, b"")
 
     def state(self) -> str:
-        """Return, as a clause for an error message, whether the node still answers."""
+        """Return a clause for an error message that states whether the node still answers."""
         self._node.sdo.RESPONSE_TIMEOUT = _LOOKING
         try:
             self.read(0x1000, 0)

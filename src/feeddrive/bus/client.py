@@ -82,7 +82,7 @@ def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
 
 
 def _turns(transport: Transport, name: str) -> int:
-    """Return the denominator of a ratio, at least 1; 1 if the drive lacks the object."""
+    """Read the denominator of a ratio from the drive; 1 if it is 0 or the drive lacks the object."""
     return max(1, read_object(transport, name)) if has_object(transport, name) else 1
 
 
@@ -337,7 +337,9 @@ class DriveClient:
         return self.told
 
     def excites(self, unit: str) -> None:
-        """Raise BusError for an excitation in N if the drive lacks the torque offset, needed in `csp` and `csv`."""
+        """Raise BusError for an excitation in N if the drive lacks the torque offset object that `csp` and `csv` need
+        for it.
+        """
         name = "torque_offset"
         if unit == "N" and self.mode != cia402.CST and name not in self._sent.names:
             raise BusError(

@@ -33,7 +33,7 @@ MOST_WATCH = 6.5  # s that the registers of a watchdog hold
 
 
 class BusLimits(Section):
-    """The limits at which a motion over the bus is aborted. Travel, velocity, force and error have no safe default.
+    """The limits at which a motion over the bus is aborted. Travel, velocity, force and following error must be stated.
 
     They are checked in every cycle, and written to the drive if it has objects for them.
     """
@@ -79,7 +79,9 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Raise ParameterError for limits below the resolution, too short a watchdog, or limits missing in cst."""
+        """Raise ParameterError for limits below the resolution, a watchdog time that is too short, or missing limits
+        that cst requires.
+        """
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
                 raise ParameterError(
@@ -106,7 +108,9 @@ class BusDrive(Section):
 
     @property
     def watchdog_time(self) -> float:
-        """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest permitted silence."""
+        """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest time without a frame that is
+        tolerated in motion.
+        """
         if self.watchdog is not None:
             return self.watchdog
         # twice: the watchdog must not stop a drive while `play` still tolerates the silence

@@ -1,4 +1,4 @@
-"""EtherCAT transport by pysoem, for one or several drives of a segment, and checks of the network interface."""
+"""EtherCAT transport via pysoem, for one or several drives of a segment, and checks of the network interface."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Segment:
     def operate(self) -> None:
         """Switch all stations to SAFE-OP and OP once they are ready.
 
-        Process data are exchanged in the meantime, since drives monitor them.
+        Process data are exchanged during the transition, since drives monitor their arrival.
         """
         if not all(station.ready for station in self.stations):
             return
@@ -136,13 +136,15 @@ class Segment:
         self._put.add(station)
 
     def took(self, station: int, timeout: float) -> bool:
-        """Return True if the frame of this cycle came back complete; send it first if the station has new outputs."""
+        """Send the frame of this cycle if the station has new outputs; return True if the frame came back complete."""
         if station in self._put:
             self.exchange(timeout)
         return self._back
 
     def exchange(self, timeout: float) -> None:
-        """Exchange one frame with the outputs of all stations; with an unexpected working counter it counts as lost."""
+        """Exchange one frame with the outputs of all stations; a frame with an unexpected working counter counts as
+        lost.
+        """
         self._put.clear()
         self.master.send_processdata()
         self._back = self.master.receive_processdata(int(1e6 * timeout)) == self.master.expected_wkc
@@ -165,7 +167,7 @@ class Segment:
 
 
 class EtherCAT:
-    """A drive at a position on the segment, from 1. See `Transport`; stations of a `segment` share its frames."""
+    """A drive at a position on the segment (1, 2, ...). See `Transport`; stations of a `segment` share its frames."""
 
     def __init__(self, interface: str, station: int, segment: Segment | None = None) -> None:
         self.interface, self.station = interface, station
@@ -222,7 +224,7 @@ class EtherCAT:
             self.write(assigned, 0, bytes([len(layout.groups)]))
 
     def wrongly_mapped(self) -> tuple[str, bool]:
-        """Return the mapping fault, or "", and True if the drive has a mapping other than the one written."""
+        """Return the mapping fault ("" if none), and True if the drive has a mapping other than the one written."""
         sent, told = self._sent, self._told
         sizes = len(self.slave.output), len(self.slave.input)
         held = holds_mapping(self, 0x1600, 0x1C12, sent) and holds_mapping(self, 0x1A00, 0x1C13, told)
@@ -300,7 +302,7 @@ _STATES = struct.pack("<HBBHHHHHH", 0x1000 + 14, 7, 0x5A, 0, 0x0130, 2, 0, 0, 0)
 
 
 def _check_alone(where: str, interface: str) -> None:
-    """Raise BusError if another master is active, since a scan for drives would interrupt their operation.
+    """Raise BusError if another master is active, since a scan for drives would interrupt the drives that it controls.
 
     Another master is detected by a frame that this process did not send, or, if that master is slow or blocked, by a
     station in OP.  The states are read by a single frame that changes nothing.

@@ -52,7 +52,8 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
     share  fraction of the excitation amplitude that is played
     ramp   fade-in and fade-out time of the excitation, s; 0 for a profile that already has ramps
 
-    Raises LogError for a file that is not a log, ParameterError for one unsuitable for drive, mode or limits.
+    Raises LogError for a file that is not a log, ParameterError for a profile that does not suit the drive, its mode or
+    its limits.
     """
     log = read_log(path)
     known = {"excitation", "set_position"} & set(log.channels)
@@ -262,7 +263,7 @@ def play_together(
     The motions are relative to the present positions.  Row k of a log holds the setpoints sent in cycle k and the
     drive's answer to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion
     like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same cycle.
-    Raises BusError if a drive cannot be switched on; the reason of any later abort is in `Played.aborted`.
+    Raises BusError if a drive cannot be switched on; the reason for any later abort is in `Played.aborted`.
     """
     first, drive = clients[0], clients[0].drive
     for client, profile in zip(clients, profiles, strict=True):
@@ -342,7 +343,9 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
 
 
 def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Return the reason to abort: the first drive that no longer follows or is stopped by its watch; else ""."""
+    """Return the reason to abort: the first drive that no longer follows, or the first fault that a watch reports; an
+    empty string if there is none.
+    """
     for rows, fault in zip(kept, seen, strict=True):
         reason = rows.client.trouble() or fault
         if reason:
@@ -399,7 +402,7 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
 
 
 def _halt(client: DriveClient) -> str:
-    """Perform a quick stop and switch off; return the result as the end of a sentence."""
+    """Perform a quick stop and switch off; return the result as a clause to append to a message."""
     try:
         client.stop()
     except BusError as error:

@@ -173,7 +173,7 @@ def write_mapping(transport: Transport, first: int, layout: Layout) -> None:
 
 
 def holds_mapping(transport: Transport, first: int, assigned: int, layout: Layout) -> bool:
-    """Return True if the PDO mapping from `first` onward and its assignment are read back as written."""
+    """Return True if the PDO mapping from `first` onward and its assignment read back as written."""
 
     def read(index: int, subindex: int, size: int) -> int:
         return int.from_bytes(transport.read(index, subindex)[:size], "little")

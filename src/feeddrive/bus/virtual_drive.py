@@ -42,9 +42,9 @@ class Sample(NamedTuple):
 
 
 class DrivenAxis:
-    """A plant with its control, simulated step by step by the same native code as in `simulate`.
+    """A plant with its controller, simulated step by step by the same native code as in `simulate`.
 
-    A control without a guard is given a guard without limits, because only a guard can switch the control on and off.
+    A controller without a guard is given a guard without limits, because only a guard can switch it on and off.
     """
 
     def __init__(self, loop: Loop, position: float = 0.0, seed: int = 0) -> None:
@@ -78,7 +78,7 @@ class DrivenAxis:
 
     @property
     def has_velocity_loop(self) -> bool:
-        """True if the law is a cascade, whose velocity loop can run alone, with a position gain of 0."""
+        """True if the law is a cascade: its velocity loop can run alone, with a position gain of 0."""
         return isinstance(self.loop.control.law, CascadePPI)
 
     @staticmethod
@@ -97,7 +97,7 @@ class DrivenAxis:
         return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:
-        """Apply a force (N) directly to the axis with the control switched off."""
+        """Apply a force (N) directly to the axis with the controller switched off."""
         last = self._run(self._open, self._of_open, {"cut": force}, False, samples, 1)
         self.last = last._replace(force=force)
         return self.last
@@ -167,7 +167,7 @@ def _resistance(axis: Axis) -> float | None:
 
 
 def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, station: int, cycle_time: float) -> str:
-    """Return the text of a drive file for the virtual drive, with the limits of the guard and the control, if any."""
+    """Return the text of a drive file for the virtual drive, with the limits of guard and controller, if any."""
     guard, limits = loop.control.guard, loop.control.force_limit
     velocity = None if guard is None else guard.velocity_limit
     following = None if guard is None else guard.following_error_limit
@@ -261,13 +261,14 @@ class SdoAbortError(Exception):
 class Firmware:
     """The firmware of a drive: object dictionary, power states and the three cyclic synchronous modes.
 
-    csp  the control of the machine file with the target position as setpoint; the velocity offset is its set velocity,
-         and the set acceleration is 0: acceleration feedforward arrives as torque offset, after the force limit
+    csp  the controller of the machine file, with the target position as setpoint; the velocity offset is its set
+         velocity, and the set acceleration is 0: acceleration feedforward arrives as torque offset, after the force
+         limit
     csv  its velocity loop alone (a cascade with Kv = 0); not supported for laws without a velocity loop
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
-    The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint by 0x6085
-    and then switches off; a fault removes the force immediately.
+    The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
+    in 0x6085 and then switches off; a fault removes the force immediately.
     """
 
     def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
@@ -411,7 +412,7 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Run one cycle with the drive switched off, so that only friction brakes; return 0 for no error."""
+        """Run one cycle with the drive switched off, so that only friction brakes the axis; return 0 for no error."""
         self._target = None
         before = self.axis.last.position
         self.axis.push(0.0, self.samples)

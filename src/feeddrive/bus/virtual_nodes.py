@@ -284,7 +284,7 @@ class SlaveController:
                 self.firmware.lost()
 
     def _obstacle(self, state: int) -> int:
-        """Return the AL status code that tells why a state cannot be entered; 0 if it can be entered."""
+        """Return the AL status code for the reason why a state cannot be entered; 0 if it can be entered."""
         if state == PREOP and self.state == INIT:
             return 0 if all(self._sync(k) == place for k, place in ((0, MAILBOX_OUT), (1, MAILBOX_IN))) else _NO_MAILBOX
         if state == SAFEOP and self.state == PREOP:

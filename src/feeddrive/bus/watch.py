@@ -28,19 +28,19 @@ before 3/4 of the remaining distance to E is used up:
 
 A dead drive is thus detected before its target leads the last reading by E, if `lag` is not 0 and the target advances
 in each cycle by at least 3 c and at most half of E - |L_j|; with a slower target, the drive is detected at the first
-bound if E - |L_j| is 12 c or more.  The criterion is travel, not time: a stuck axis stands still until the force of its
-loop exceeds friction, which requires a certain lead, so that dwell, creep and slow setpoints cause no fault.  There is
-no false alarm for a drive whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than E/4
-per cycle: while the axis is within 2 c of a, L differs from the following error by less than 2 c.  A drive whose lag at
-speed is larger causes no false alarm either, since its target advances only about as far as the axis itself before the
-axis shows two counts.
+bound if E - |L_j| is 12 c or more.  The criterion is travel, not time: a stuck axis remains at rest until the force of
+its loop exceeds friction, which requires a certain lead, so that dwell, creep and slow setpoints cause no fault.  There
+is no false alarm for a drive whose following error never exceeds 3/4 E - 2 c, and whose target advances by less than
+E/4 per cycle: while the axis is within 2 c of a, L differs from the following error by less than 2 c.  A drive whose
+lag at speed is larger causes no false alarm either, since its target advances only about as far as the axis itself
+before the axis shows two counts.
 
 csv.  No position is controlled, so the travel S commanded by the set velocity since cycle j replaces the lead:
 
     S = Σ w T,    |S| > max(3/4 E, 3 c)                                                 fault
 
-At standstill, S is the change of the axis's distance from Σ w T since the start; this distance may change sign: there
-is no false alarm for a drive whose distance never exceeds 3/8 E - c.
+At standstill, S is the change since cycle j of the distance between the axis and Σ w T, summed from the start.  Since
+this distance may change sign, there is no false alarm for a drive whose distance never exceeds 3/8 E - c.
 
 cst.  Dead time, current loop and filters delay and smooth the force.  Let RESPONSE be 10 ms or, if longer,
 `lost_frames` + 2 cycles.  If the force responds completely within RESPONSE, the acting force is a mean of the target
@@ -65,8 +65,8 @@ Velocity.  The velocity is compared with the position differences in two ways:
    these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but its
    readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis that
    has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion
-   changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values while
-   |v| T exceeds 1.1 c, may repeat them once more by chance: it is allowed 2 n answers.
+   changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values while |v|
+   T exceeds 1.1 c, may repeat them once more by chance: it is therefore allowed 2 n identical answers.
 2. Contradiction: a leaky sum over the memory is compared with the largest speed U, from either source, in that time:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
@@ -128,7 +128,9 @@ class Fault(NamedTuple):
 
 
 class Anchor(NamedTuple):
-    """A reference reading: its cycle, the target's lead in it (csp, m), and the travel commanded since (csv, m)."""
+    """A reference reading: position and cycle, the lead of its target (csp, m), and the travel commanded since (csv,
+    m).
+    """
 
     position: float
     cycle: int
@@ -142,8 +144,8 @@ class Push(NamedTuple):
     forces  forces during the last RESPONSE, oldest first, N
     sign    its direction; 0: no push
     time    its duration so far, s
-    speed   least speed gained, m/s
-    way     least travel due to that speed, m
+    speed   minimum speed gained, m/s
+    way     minimum travel due to that speed, m
     slowest, fastest  bounds of the initial speed, m/s, of an axis that has stayed within `SURE` counts
     due     the first cycle in which a live axis must have moved; retained after the push ends
     """
@@ -278,7 +280,7 @@ class Watch:
         return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
-        """Update the push by one cycle: the least motion that it must have caused, and bounds of the initial speed."""
+        """Update the push by one cycle: the minimum motion caused by it, and the bounds of the initial speed."""
         mass, breakaway = self.limits.largest_mass, self.limits.breakaway_force
         if self.drive.mode != "cst" or mass is None or breakaway is None:
             return push

@@ -22,9 +22,9 @@ CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
 class Axis(Block):
     """One axis, from the commanded force to the encoder readings.
 
-    Over each substep h = T/substeps, the linear core is integrated exactly for constant forces.  Forces that depend on
-    the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the velocity
-    at the end of the substep.  The order of accuracy in h is 2 without friction and 1 with it.
+    Over each substep h = T/substeps, the linear mechanics are integrated exactly for constant forces.  Forces that
+    depend on the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the
+    velocity at the end of the substep.  The order of accuracy in h is 2 without friction and 1 with it.
     """
 
     plant: Plant = part("the linear mechanics")
@@ -53,7 +53,7 @@ class Axis(Block):
         forces: tuple[Any, ...]
 
     class Step(NamedTuple):
-        """The forces in N over the last substep of a sample, to be recorded."""
+        """The friction and drive forces (N) over the last substep of a sample, to be recorded with the run."""
 
         friction_motor: Number
         friction_load: Number
@@ -79,7 +79,7 @@ class Axis(Block):
             force.fits(self.plant, self.forces[:i] + self.forces[i + 1 :])
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the conditions under which the exact hold and the forces can be computed at the substep length."""
+        """Yield the conditions on the substep length under which the exact discretization and the forces are valid."""
         h = T / self.substeps
         # at the substep: more substeps allow faster modes
         yield from slow_enough(self.mechanics(), self.actuator.current_loop, h)
@@ -87,7 +87,9 @@ class Axis(Block):
             yield from force.substep_rules(h)
 
     def timing(self, T: float) -> Timing:
-        """Return the number of whole samples of dead time, and whether a fraction remains; all variants must agree."""
+        """Return the dead time as a number of whole samples, and whether a fraction of a sample remains. Raises
+        StructureError if the variants of a batch differ in the number of whole samples, or if it exceeds 1000.
+        """
         samples = samples_of(self.actuator.dead_time, T)
         whole = ops.floor(samples)
         least, most = -ops.most(-whole, 0.0), ops.most(whole, 0.0)
@@ -115,11 +117,11 @@ class Axis(Block):
         return plain._replace(damping=damping)
 
     def viscous(self, friction: Friction, row: Row) -> Matrix:
-        """Return the damping matrix, N s/m, of the viscous part of a friction model on the body at x = row · q."""
+        """Return the damping matrix (N s/m) due to the viscous part of a friction model; the body is at x = row · q."""
         return matrix.multiply([[x] for x in matrix.scale(friction.linear(), (row,))[0]], (row,))
 
     def prepare(self, T: Number, timing: Timing) -> Hold:
-        """Compute the exact hold of the linear core."""
+        """Compute the exact discretization of the linear mechanics with lag and dead time of the drive."""
         mechanics = self.mechanics()
         shape = mechanics.shape
         rows = Rows(shape[mechanics.drive], shape[mechanics.motor], shape[mechanics.load])
@@ -127,16 +129,16 @@ class Axis(Block):
         return Hold(joint.change, *joint.axes[0])
 
     def port(self, rows: Rows, timing: Timing) -> Port:
-        """Return the inputs through which the forces of the axis act on the mechanics, with lag and dead time of its
-        drive.
+        """Return the shape-matrix rows through which the forces of the axis act on the mechanics, together with the lag
+        and dead time of its drive.
         """
         bandwidth = self.actuator.current_loop
         lag = None if bandwidth is None else 2.0 * ops.pi * bandwidth
         return Port(rows, lag, self.actuator.dead_time, timing)
 
     def start(self, position: Number, velocity: Number, timing: Timing) -> State:
-        """Return the state of a rigid-body motion at `velocity` (m/s) with the load at `position` (m), without spring
-        and drive forces.
+        """Return the state of an axis that moves as a rigid body at `velocity` (m/s), with the load at `position` (m),
+        relaxed springs and no drive force.
         """
         along = self.plant.mechanics().rigid_motion()
         rigid = Motion(position, position, velocity, velocity)
@@ -164,7 +166,9 @@ class Axis(Block):
         )
 
     def read(self, state: State, motion: Motion, noise: Noise, T: Number) -> tuple[State, Number, Number]:
-        """Return the readings of the motor and load encoders at kT; a single encoder gives both."""
+        """Return the new state and the readings of the motor and load encoders at t = kT; a single encoder gives both
+        readings.
+        """
         state_motor, motor = state.encoder_motor, motion.position_motor
         state_load, load = state.encoder_load, motion.position_load
         if self.encoder_motor is not None:
@@ -176,22 +180,24 @@ class Axis(Block):
         return state._replace(encoder_motor=state_motor, encoder_load=state_load), *self._readings(motor, load)
 
     def still(self, position: Number) -> tuple[Number, Number]:
-        """Return the readings of the motor and load encoders at standstill at `position`, without noise."""
+        """Return the noise-free readings of the motor and load encoders for an axis at rest at `position`."""
         motor = position if self.encoder_motor is None else self.encoder_motor.still(position)
         load = position if self.encoder_load is None else self.encoder_load.still(position)
         return self._readings(motor, load)
 
     def encoders(self) -> int:
-        """Return the number of positions that the controller reads: 1 if there is one body or one encoder."""
+        """Return the number of distinct positions that the controller reads: 1 if there is one body or one encoder,
+        else 2.
+        """
         shape = self.plant.mechanics()
         return 1 if self.one_encoder() or shape.motor == shape.load else 2
 
     def one_encoder(self) -> bool:
-        """True if a single encoder gives both readings, with the same noise in both."""
+        """True if a single encoder gives both readings, so that both contain the same noise."""
         return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """Return the readings of both encoders; a single encoder gives both."""
+        """Return the readings of motor and load; if there is only one encoder, it gives both."""
         if self.encoder_motor is None and self.encoder_load is not None:
             return load, load
         if self.encoder_load is None and self.encoder_motor is not None:
@@ -212,8 +218,8 @@ MOST_TURN, MOST_DECAY = 1000.0, 100.0
 def slow_enough(
     mechanics: Mechanics, current_loop: Number | None, h: Number, what: str = "axis.plant"
 ) -> Iterator[Rule]:
-    """Yield the conditions that the current loop (bandwidth in Hz), the damping and the modes are slow enough for a
-    substep of h (s); `what` names the plant in messages.
+    """Yield the conditions under which the current loop, the damping and the modes are slow enough for a substep h (s).
+    `current_loop` is its bandwidth in Hz; `what` names the plant in messages.
     """
     whose = "the axis" if what == "axis.plant" else what
     if current_loop is not None:

@@ -18,7 +18,7 @@ from feeddrive.loop.guard import Guard
 
 
 class Control(Block):
-    """One sample of the controller, with its parts in the order of the signal flow.
+    """The controller of one axis, with its parts in the order of the signal flow.
 
         setpoint -> prefilter -> compensation -> law -> filters -> + feedforward + compensation -> limit -> force
 
@@ -26,9 +26,10 @@ class Control(Block):
     actually commanded and the requested force are fed back to law and compensation with the next reading, as `applied`
     and `requested`.
 
-    With `feedback_delay`, the law receives a setpoint that is delayed by this time, computed by a Taylor series up to
-    snap.  The feedforward force, which acts after the dead time, then coincides with its set motion, and the feedback
-    sees no error.  The axis lags by the same time, so all axes of a machine need the same value.
+    With `feedback_delay`, the law receives the setpoint delayed by this time, computed by a Taylor series up to snap.
+    The axis responds to a feedforward force only after the dead time; with an equally delayed setpoint, the law sees no
+    error during this response.  The axis then lags the setpoint by this time, so all axes of a machine need the same
+    value.
     """
 
     law: Law = part("the feedback law")
@@ -48,7 +49,7 @@ class Control(Block):
     guard: Guard | None = part("enable, trips and broken readings", default=None)
 
     class Prepared(NamedTuple):
-        """The prepared numbers of the parts."""
+        """The numbers that `prepare` computes from the parameters of the parts."""
 
         law: Any
         compensation: tuple[Any, ...]
@@ -56,7 +57,7 @@ class Control(Block):
         guard: Any
 
     class Memory(NamedTuple):
-        """The part of the state that a reset sets to the present position."""
+        """The states of the parts, which a reset initializes at the present position."""
 
         prefilter: Any
         compensation: tuple[Any, ...]
@@ -65,7 +66,7 @@ class Control(Block):
         feedforward: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The memory of the parts, the last command and the guard."""
+        """The states of the parts, the last force (commanded and requested), and the state of the guard."""
 
         memory: Any
         applied: Number  # N
@@ -82,7 +83,9 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """Forces in N (commanded, requested before the limit, and its three parts), trip code, and 1 while running."""
+        """The forces of a sample in N, the trip code, and 1 while the loop runs. `requested` is the sum of feedback,
+        feedforward and compensation; `applied` is the force that is commanded, after limit and guard.
+        """
 
         applied: Number
         requested: Number
@@ -93,7 +96,7 @@ class Control(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the condition that the safe force is within the limit."""
+        """Yield the condition that the guard's safe force does not exceed the force limit."""
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
         if limit is not None and held is not None:
             yield Rule(
@@ -126,7 +129,7 @@ class Control(Block):
                 fed[name] = block.kind
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute the prepared numbers of every part."""
+        """Compute the numbers of every part that depend on its parameters only."""
         return self.Prepared(
             self.law.prepare(T),
             tuple(part.prepare(T) for part in self.compensation),
@@ -137,9 +140,10 @@ class Control(Block):
     def start(
         self, prepared: Prepared, setpoint: Setpoint, motor: Number, load: Number, velocity: Number = 0.0
     ) -> State:
-        """Return the state one sample before the first step, at the position of the axis, moving with `velocity` (m/s).
+        """Return the state one sample before the first step, for an axis with these encoder readings and `velocity`
+        (m/s).
 
-        The acting force is then the guard's safe force, or 0 without a guard.
+        Until then the force is assumed to be the guard's safe force, or 0 without a guard.
         """
         if self.guard is not None:
             setpoint, motor, load = self.guard.sound(setpoint, motor, load)
@@ -176,7 +180,7 @@ class Control(Block):
         enable: Number,
         T: Number,
     ) -> tuple[State, Command]:
-        """Compute one sample, from the readings of the two encoders in m to the commanded force in N."""
+        """Compute one sample: the new state, and the commanded force (N) from the readings of the two encoders (m)."""
         return self.answer(prepared, state, self.judge(prepared, state, setpoint, motor, load, enable), T)
 
     def judge(
@@ -212,7 +216,7 @@ class Control(Block):
         return self.State(memory, outcome.applied, outcome.requested, guard), command._replace(**outcome._asdict())
 
     def moved(self, state: State) -> Number:
-        """Return, in m, the part of the compensations' shift of the set position that depends only on the reading."""
+        """Return the part (m) of the compensations' set-position shift that corrects the reading for pitch errors."""
         pairs = zip(self.compensation, state.memory.compensation, strict=True)
         shifts = [block.moved(held) for block, held in pairs]
         shifts = [shift for shift in shifts if not matrix.is_zero(shift)]
@@ -305,9 +309,11 @@ def _less(force: Any, carried: Any) -> Any:
 
 
 def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
-    """Return the state and the force that a law's step returned; during tracing, the state must keep its structure.
+    """Check the result of a law's step, a pair of state and force, and return it.  During tracing, the state must keep
+    its structure.
 
-    Raises StructureError, naming what the law returned, if the result has another form or structure.
+    Raises StructureError, with the type or the numbers that the law returned, if the result is not such a pair or the
+    state has another structure.
     """
     # exported code calls the second part `found_1`: a local name of traced code is a name in the export (`Names`)
     if not isinstance(found, tuple) or len(found) != 2:  # type: ignore[arg-type]
@@ -324,7 +330,7 @@ def _answered(law: Law, before: Any, found: Any) -> tuple[Any, Any]:
 
 
 def _check_forgetful(memory: Any, path: str) -> None:
-    """Check that a reset can clear the memory; it cannot clear a ring buffer outside a `History` or `Track`."""
+    """Raise StructureError if a reset cannot clear the memory, as with a ring buffer outside a `History` or `Track`."""
     if isinstance(memory, Ring):
         raise StructureError(
             f"{path} is a ring, which the reset of the guard does not clear: what it holds from before a trip would "

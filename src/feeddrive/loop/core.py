@@ -20,15 +20,15 @@ _ALONE = "axis"  # name of the axis in a core of one axis
 
 
 class Shared(NamedTuple):
-    """The modes that axes share: coordinates (m) and their velocities (m/s)."""
+    """The coordinates (m) and velocities (m/s) of the structure modes that several axes share."""
 
     position: tuple[Number, ...] = ()
     velocity: tuple[Number, ...] = ()
 
 
 class Acting(NamedTuple):
-    """The forces on an axis over a sample: the drive commands after and before the handover within the sample (see
-    `Columns`), and a constant force on the load.
+    """The forces on an axis during one sample: the drive commands after and before the switch from one command to the
+    next (see `Columns`), and a constant force on the load.
     """
 
     new: Number  # N
@@ -49,13 +49,13 @@ class Push(NamedTuple):
 class Core:
     """Axes whose linear mechanics form one joint system.
 
-    The coordinates are those of the axes, one after the other, and then the shared modes; springs act between tables. A
-    mode η adds shape · η to the position of each body that it moves, and a force on the body acts on the mode with the
-    same factor:
+    The coordinates are those of the axes, one axis after the other, followed by the shared modes; springs act between
+    tables. A mode η adds shape · η to the position of each body that it moves, and a force on the body acts on the mode
+    with the same factor:
 
         mass η'' + damping η' + stiffness η = Σ shape · f
 
-    A single axis without modes is computed with the same arithmetic as the axis alone.
+    For a single axis without modes, the arithmetic is the same as for the axis alone.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Core:
         self._own = sum(map(len, self._places.values()))
 
     def prepare(self, T: Number, timings: Mapping[str, Timing]) -> JointHold:
-        """Compute the exact hold of the linear core."""
+        """Compute the exact discretization of the joint linear mechanics."""
         joint = self.mechanics()
         ports = [axis.port(self._rows(name), timings[name]) for name, axis in self.axes.items()]
         return hold(joint, ports, T, self.substeps())
@@ -80,7 +80,9 @@ class Core:
         return next(iter(self.axes.values())).substeps
 
     def mechanics(self) -> Mechanics:
-        """Return the joint matrices without the shape matrix; the damping includes viscous friction."""
+        """Return the joint mass, damping and stiffness matrices, without a shape matrix; the damping includes viscous
+        friction.
+        """
         size = self._own + len(self.modes)
         mass, damping, stiffness = (matrix.zeros(size, size) for _ in range(3))
         for name, plain in self._plain.items():
@@ -105,7 +107,7 @@ class Core:
         return Mechanics(tuple(map(tuple, mass)), total, stiff, ())
 
     def _stretch(self, spring: SharedSpring) -> Row:
-        """Return the elongation of a spring as a row over all coordinates."""
+        """Return the row vector that maps all coordinates to the elongation of a spring."""
         rows = [matrix.scale(share, (self._rows(name).load,)) for name, share in spring.shares.items()]
         first, *rest = rows
         for row in rest:
@@ -163,8 +165,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep h (s) that starts at `time`: the linear core is exact, other forces are evaluated at
-        mid-substep, and friction at the end.
+        """Compute one substep h (s) that starts at `time`: the linear mechanics are exact, friction is evaluated at the
+        end of the substep, and all other forces in its middle.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """
@@ -265,7 +267,9 @@ def _outer(factor: Number, row: Row) -> matrix.Matrix:
 
 
 def acting(columns: Columns | Hold, state: Axis.State, command: Number, load: Number | None) -> tuple[Acting, Any]:
-    """Return the forces over the sample in which a command (N) is issued, and the state that stores the command."""
+    """Return the forces during the sample in which a command (N) is issued, and the axis state with this command
+    stored.
+    """
     commands = (command, *state.pending)
     partial = len(columns.old) > 0
     # newest first: the last commands are those whose dead time ends in this sample
@@ -295,7 +299,7 @@ def _sum(a: Any, b: Any) -> Any:
 
 
 def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag: int, index: int, at: Acting) -> Number:
-    """Return the mean drive force in N over a substep, including the handover from one command to the next.
+    """Return the mean drive force in N over a substep, including a switch from one command to the next within it.
 
     `lag` is the index of the drive force among the states, if the drive has a lag.
     """
@@ -309,7 +313,7 @@ def _mean_drive(change: matrix.Matrix, columns: Columns, state: Axis.State, lag:
 
 
 class Contact(NamedTuple):
-    """The friction on one body."""
+    """The friction model of one body, its state, and the body's row and column in the linear mechanics."""
 
     friction: Friction
     state: Any
@@ -333,9 +337,10 @@ def settle(
     h: Number,
     sweeps: int,
 ) -> tuple[list[Any], list[Answer]]:
-    """Return the state at the end of a substep h with friction, where `free` is the final state without friction.
+    """Return the state at the end of a substep h (s), including friction, and the result of each contact.
 
-    Each contact is solved in turn with the latest forces of the others (Gauss-Seidel), `sweeps` times.
+    `free` is the state at the end of the substep without friction.  Each contact is solved in turn with the latest
+    forces of the others (Gauss-Seidel), `sweeps` times.
     """
     n = len(position)
     answers: list[Answer | None] = [None] * len(contacts)
@@ -382,9 +387,9 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 
     The velocity of the last coordinate with a factor of 1 is set to minus the contribution of all others; with any
     other coordinate, rounding would keep the sum row · q' from being exactly 0.  The body is assumed to decelerate
-    uniformly to rest at x + v h/2, so it keeps its position if it was at rest.  With the friction force alone, which is
-    a mean over the substep, the body would creep under a loaded spring.  Where two bodies share a coordinate, as in a
-    modal model, the second is exact and the first is at rest up to rounding.
+    uniformly to rest at x + v h/2, so it keeps its position if it was at rest.  Without this correction the body would
+    creep under a loaded spring, since the friction force is a mean over the substep.  Where two bodies share a
+    coordinate, as in a modal model, the velocity of the second is exactly zero, that of the first only up to rounding.
     """
     last = max((i for i, share in enumerate(row) if matrix.is_one(share)), default=None)
     if last is None:
@@ -403,12 +408,12 @@ def _stop(row: Row, stuck: Any, end: list[Any], position: Row, velocity: Row, h:
 class Joint:
     """The physics of axes by name with the couplings between them: a machine without its controllers.
 
-    Axes that share structure modes have a common exact hold; each other axis has its own.  Couplings act at common
-    substeps, based on the motions of all axes at the same instant.
+    Axes that share structure modes are discretized together; every other axis is discretized separately.  Couplings act
+    at common substeps, based on the motions of all axes at the same instant.
     """
 
     class Prepared(NamedTuple):
-        """The prepared numbers of the linear cores and the couplings."""
+        """The numbers that `prepare` computes from the parameters of the axes and the couplings."""
 
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
@@ -448,7 +453,7 @@ class Joint:
         return self.cores[0].substeps()
 
     def rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the conditions on couplings and shared modes at the substep length."""
+        """Yield the conditions that couplings and shared modes must satisfy at the substep length."""
         h = T / self.substeps()
         for core in self.cores:
             if core.modes or core.springs:
@@ -468,7 +473,7 @@ class Joint:
         return self.Prepared(holds, tuple(coupling.prepare(h) for coupling in self.couplings))
 
     def start(self, prepared: Prepared, states: Mapping[str, Axis.State], motions: Mapping[str, Motion]) -> State:
-        """Return the state with these motions of the axes and with the modes at rest."""
+        """Return the joint state: the axes in `states`, the modes at rest, and the couplings started at `motions`."""
         zero = ops.zero(next(iter(motions.values())).position_load)
         shared = tuple(Shared((zero,) * len(core.modes), (zero,) * len(core.modes)) for core in self.cores)
         couplings = zip(self.couplings, prepared.couplings, strict=True)
@@ -484,7 +489,7 @@ class Joint:
         return self.cores[place].motion(name, state.axis._asdict(), state.shared[place])
 
     def columns(self, prepared: Prepared) -> dict[str, Columns]:
-        """Return the force columns of the hold by axis."""
+        """Return, for each axis by name, the columns that give the effect of its forces on the state over a substep."""
         return {
             name: axis
             for core, core_prepared in zip(self.cores, prepared.cores, strict=True)
@@ -528,7 +533,9 @@ class Joint:
         middle: Number,
         h: Number,
     ) -> dict[str, Push]:
-        """Return the coupling forces by axis at the middle of a substep, and update the states of the couplings."""
+        """Return the coupling forces by axis at the middle of a substep, and update the coupling states in
+        `remembered`.
+        """
         motions: dict[str, Motion] = {}
         pushes: dict[str, Push] = {}
         for i, (coupling, coefficients) in enumerate(zip(self.couplings, prepared.couplings, strict=True)):
@@ -563,7 +570,9 @@ def _type(names: tuple[str, ...]) -> Any:
 
 
 def _mean(held: Any, coupled: list[Any]) -> Any:
-    """Return the mean force on a table over the sample, or None for no force."""
+    """Return the mean force on a table over a sample: `held`, constant, plus the mean of `coupled` over its substeps.
+    None means no force.
+    """
     total: Any = None
     for force in coupled:
         total = force if total is None else total + force

@@ -43,8 +43,8 @@ _DISC = float(np.sqrt(-np.log(0.05)))
 
 
 def coherence_of(response: np.ndarray, variance: np.ndarray, freedom: np.ndarray | float) -> np.ndarray:
-    """Return γ² = 1/(1 + ν var(G)/|G|²), ν = `freedom`: the ordinary coherence that gives this variance with ν + 1
-    averages.
+    """Return γ² = 1/(1 + ν var(G)/|G|²), ν = `freedom`: the ordinary coherence at which ν + 1 averages have this
+    variance.
     """
     power = np.abs(response) ** 2
     return power / (power + freedom * variance)
@@ -61,11 +61,11 @@ def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = A
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FRF(Result):
-    """The frequency response from `input` to `output` at `frequency` in Hz, shape (n,); `unit` is output over input in
-    SI.
+    """The frequency response from `input` to `output` at `frequency` in Hz, shape (n,); `unit` is the SI unit of output
+    over input.
 
     `coherence` and `variance`, shape (n,), belong to a measured FRF; variance is E|dG|² of the complex `response`,
-    averaged or not.  Arithmetic with numbers and other FRFs on the same frequencies works as on arrays.
+    averaged or not.  Arithmetic with numbers, and with other FRFs at the same frequencies, works as with arrays.
     The variance is propagated to first order if only one operand has one:
 
         var(c G) = |c|² var(G),   var(c + G) = var(G),   var(1/G) = var(G)/|G|⁴
@@ -159,8 +159,8 @@ class FRF(Result):
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """Return the variance if known, or compute it from the coherence for this number of averages (see
-        `variance_of`); None if neither is known.
+        """Return the variance if known, else that computed from the coherence for this number of averages (see
+        `variance_of`), or None if neither is known.
         """
         if self.variance is None and self.coherence is not None:
             return variance_of(self.response, self.coherence, averages)

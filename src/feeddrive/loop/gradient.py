@@ -93,7 +93,8 @@ class LinearModel(NamedTuple):
         return np.linalg.eigvals(self.matrix[:n, :n]) if n else np.zeros(0)
 
     def response(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its derivatives.
+        """Return G = C (z - A)⁻¹ B + D at complex z (sampled) or s (continuous), and its derivatives with respect to
+        the leaves.
 
             ∂G = [w 1] ∂[A B; C D] [x; 1],   x = (z - A)⁻¹ B,   w = C (z - A)⁻¹
 
@@ -285,15 +286,16 @@ def require_slopes(
     moving: Mapping[int, Any],
     kinds: Collection[str],
 ) -> None:
-    """Raise NoSlopeError, naming the line, if outputs depend on a root or logarithm of 0 or on a choice at its
+    """Raise NoSlopeError, naming the source line, if outputs depend on a root or logarithm of 0 or on a choice at its
     threshold.
 
     moving  seeds that an input can affect; a choice that depends only on a counter is ignored
     kinds   kinds of the blocks whose choices are checked
 
-    A number counts as 0 if it is within its rounding error, and a reading if it is within one encoder count: for s =
-    1e-17, √|s| has a slope of 1e8, which is meaningless for the loop.  A choice is at its threshold if its two operands
-    are equal.  Nothing is checked for a graph without such operations, or if the numbers themselves are not finite.
+    A number counts as 0 if its magnitude is below its rounding error, a reading if it is below one encoder count: for s
+    = 1e-17, √|s| has a slope of 1e8, which is meaningless for the loop.  A choice is at its threshold if its two
+    operands are equal.  Nothing is checked for a graph without such operations, or if the numbers themselves are not
+    finite.
     """
     there = [index for index in graph.lines if index in values]
     steep = [index for index in there if graph.name(index) != "select"]
@@ -363,8 +365,8 @@ def _at_edge(
 
 
 def _rounding(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any]) -> dict[int, float]:
-    """Return the rounding error of each number on which some nodes depend, to first order; for readings it is the
-    encoder count.
+    """Return the first-order rounding error of each number on which the outputs depend; for readings it is the encoder
+    count.
     """
     # 4 ε: above the rounding of one operation, ε/2, and of the elementary functions
     unit, errors = 2.0**-50, dict[int, float]()
@@ -426,7 +428,7 @@ class Gradient(Result):
     values: Mapping[str, float]
 
     def table(self) -> Table:
-        """Return a table of the derivatives, with the relative change of the cost for 1 % of each parameter."""
+        """Return a table of the derivatives, with the relative change of the cost if a parameter changes by 1 %."""
         rows = []
         for name, slope in self.gradient.items():
             share = slope * self.values[name] / self.cost if self.cost else float("nan")
@@ -452,12 +454,12 @@ def gradient(
 ) -> Gradient:
     """Return the mean of `objective(signals)` over a run and its derivatives with respect to parameters by path.
 
-    Paths are those of the loop, such as `axis.x.control.law.Kv`.  Eight tangents at a time are computed as one vector
-    along with the run (forward mode).  `objective` is plain arithmetic on the `Signals` of one sample; for a machine it
-    takes a mapping of them by axis.  Quantizers are replaced by their slope 1; friction is differentiated in its
-    present state, stuck or sliding, with the instants of sticking held fixed.  Therefore tune with `Regularised`
-    friction, and verify with the actual friction.
-    The derivative with respect to a dead time of whole substeps is the right-hand one.
+    Paths are those of the loop, such as `axis.x.control.law.Kv`.  The tangents are computed during the run (forward
+    mode), eight at a time as one vector.  `objective` is plain arithmetic on the `Signals` of one sample; for a machine
+    its argument is a mapping from axis names to `Signals`.  Quantizers are replaced by their slope 1; friction is
+    differentiated in its present state, stuck or sliding, with the instants of sticking held fixed.  Therefore tune
+    with `Regularised` friction, and verify the result with the actual friction.
+    For a dead time of a whole number of substeps, the derivative is the right-hand one.
     Raises ParameterError for an unknown name, and for `sample_time`, which is a constant of the design; NoSlopeError if
     a root or logarithm of 0 during the run makes the gradient infinite or undefined.
     """
@@ -533,9 +535,7 @@ def _signals(loop: System, program: Program) -> Any:
 def _augmented(
     loop: System, program: Program, objective: Callable[[Any], Any], seeded: frozenset[str], started: frozenset[str]
 ) -> Program:
-    """Return the program extended by the accumulated cost and by the tangents of all nodes that depend on the
-    parameters.
-    """
+    """Return the program extended by the accumulated cost and the tangents of the states that depend on parameters."""
     graph = program.graph
     summed = graph.input(f"state.{COST}") + objective(_signals(loop, program))
     states = [*program.states, Carried(COST, graph.input(f"state.{COST}").index, summed.index)]
@@ -562,7 +562,7 @@ def _augmented(
 
 
 def _tangent(graph: Graph, state: Carried) -> Any:
-    """Return the symbol from which the tangent of a state is read."""
+    """Return the symbol for the tangent of a state at the start of a sample."""
     size = lengths(graph, state.before)
     name = f"state.d.{state.name}"
     return graph.input(name) if size is None else Ring(size, graph.ring(name, size))
@@ -620,8 +620,8 @@ def _dependent(graph: Graph, leaves: set[int]) -> set[int]:
 
 
 def _starts(setpoint: Any, start: Any) -> dict[str, Any]:
-    """Return the numbers of the first setpoint and of the start by name; for a machine the names are prefixed by the
-    axis.
+    """Return the numbers of the first setpoint and of the start state by name; for a machine the names are prefixed by
+    the axis.
     """
     if isinstance(setpoint, Mapping):
         rows = {axis: _starts(one, start[axis]) for axis, one in setpoint.items()}

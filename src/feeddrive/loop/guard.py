@@ -1,4 +1,4 @@
-"""The guard of a loop: enable, disable, trips, and handling of NaN. It is simulated and exported like the law."""
+"""The guard of a loop, which handles enable, disable, trips and NaN. It is simulated and exported like the law."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeVar
@@ -52,11 +52,12 @@ class Guard(Block):
     observers to the present position.  An `enable` that is NaN counts as off.
     A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a horizontal axis; on a
     vertical one it is the force that carries the weight.  A vertical axis then stays at rest while the brake closes,
-    and also after it has opened, since a law starts from the acting force.
+    and also after the brake has opened, since a law starts from the acting force.
     When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that their offset has no
     effect.
-    If the axis moves at enable, law and observers start in motion: from the readings of the previous sample, and
-    observers also from the velocity, which is smoothed over about 32 samples while the loop does not run.
+    If the axis moves at enable, law and observers are initialized for a moving axis: from the readings of the previous
+    sample, and the observers also from the velocity, which is smoothed over about 32 samples while the loop does not
+    run.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
@@ -65,9 +66,9 @@ class Guard(Block):
     on a reading that is NaN or beyond `reading_limit` and on a command that is NaN or absurdly large, a trip is
     latched, and a loop that does not run commands the `safe_force`.
 
-    Every conditional operation first tests `usual`: the numbers are valid, and the loop is enabled and running.  A
-    compiler merges all these tests into one branch, so that nearly all samples are computed quickly; the others take a
-    third longer.
+    Every conditional operation first tests `usual`, which is true if all numbers are valid and the loop is enabled and
+    running.  A compiler merges all these tests into one branch, so that nearly all samples are computed quickly; the
+    others take a third longer.
     """
 
     following_error_limit: Number | None = parameter(
@@ -122,7 +123,7 @@ class Guard(Block):
         set_position: Number
 
     class Verdict(NamedTuple):
-        """The setpoint and reading given to the law, and whether its command is used.
+        """The setpoint and readings passed to the law, and whether the law's command is used.
 
         usual         true if the loop keeps running, all numbers are valid and no bound is exceeded
         ran, good     true if the loop ran in the last sample; true if readings and setpoint are valid
@@ -140,7 +141,7 @@ class Guard(Block):
         velocity: Number
 
     class Outcome(NamedTuple):
-        """The forces to apply and as requested, in N, the trip code, and 1 while the loop runs."""
+        """The applied and the requested force in N, the trip code, and 1 while the loop runs."""
 
         applied: Number
         requested: Number
@@ -152,16 +153,16 @@ class Guard(Block):
         yield from travel_rules("guard", self.travel_least, self.travel_most)
 
     def left_out(self) -> dict[str, str]:
-        """Return the consequence of each part of the guard that is set to `false`, in words."""
+        """Return a sentence for each part of the guard that is set to `false`, stating the consequence."""
         return {name: then for name, then in LEFT_OUT.items() if not getattr(self, name)}
 
     def prepare(self, T: Number) -> Prepared:
-        """Return the velocity limit as a limit on the motion per sample, with the sample time."""
+        """Return the sample time, and the velocity limit converted to the largest motion per sample."""
         return self.Prepared(T, () if self.velocity_limit is None else (self.velocity_limit * T,))
 
     def sound(self, setpoint: Setpoint, motor: Number, load: Number) -> tuple[Setpoint, Number, Number]:
-        """Return setpoint and readings for a start; an invalid reading is replaced by 0, an invalid setpoint by the
-        position.
+        """Return a valid setpoint and valid readings to start from: an invalid reading is replaced by 0, an invalid
+        setpoint by the position.
         """
         one = motor is load
         load = ops.where(ops.absolute(load) <= self.reading_limit, load, 0.0)
@@ -234,7 +235,7 @@ class Guard(Block):
         return after, self.Verdict(usual, ran, good, setpoint, aligned, load, before, before_load, velocity)
 
     def _went_on(self, last: Number, state: State) -> Number:
-        """Return the substitute for an invalid reading: the extrapolated position, or the last one if not `holds`."""
+        """Return the substitute for an invalid reading: the extrapolated one, or the last one if `holds` is false."""
         return last + state.travel if self.holds else last
 
     def _set_on(self, prepared: Prepared, state: State, load: Number) -> tuple[Number, ...]:
@@ -248,7 +249,7 @@ class Guard(Block):
     def _within_bounds(
         self, prepared: Prepared, setpoint: Setpoint, moved: Number, state: State, usual: object
     ) -> tuple[State, object]:
-        """Return the state of this sample and `usual` after checking all given bounds.
+        """Return the state of this sample and `usual` after checking all bounds that are specified.
 
         A condition that needs memory keeps it in the state: `state._replace(mode=..., memory=...)`. Each condition uses
         different local names, which also appear in exports.
@@ -301,19 +302,19 @@ class Guard(Block):
 
 
 def _tripped(code: float, beyond: object, mode: Number, usual: object) -> tuple[Number, object]:
-    """Return mode and `usual` of a loop that trips with a code if it is running and beyond a bound."""
+    """Return `mode` and `usual` after checking one bound: if `beyond` is true, a running loop trips with this code."""
     return ops.where(ops.both(mode > 0.5, beyond), -code, mode), ops.both(usual, ops.no(beyond))
 
 
 def _size(setpoint: Setpoint) -> Number:
-    """Return the sum of the magnitudes of the five numbers, which is NaN or too large if any of them is."""
+    """Return the sum of the magnitudes of a setpoint's five numbers, which is NaN or too large if any of them is."""
     size_x, size_v, size_a, size_j, size_s = (ops.absolute(component) for component in setpoint)
     return size_x + size_v + size_a + size_j + size_s
 
 
 def travel_rules(of: str, least: Number | None, most: Number | None) -> Iterator[Rule]:
-    """Yield the condition that the lower end of a travel in m is below its upper end; `of` names the guard or
-    limits.
+    """Yield the condition that the lower end `least` (m) of a travel is below its upper end `most`; `of` names the
+    guard or limits in messages.
     """
     if least is not None and most is not None:
         yield Rule(

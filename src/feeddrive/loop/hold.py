@@ -1,4 +1,4 @@
-"""Exact discretization: state transition of the linear mechanics over a substep with forces held constant."""
+"""Exact discretization: the state transition of the linear mechanics over a substep at constant forces."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class Timing(NamedTuple):
-    """The part of the dead time that determines the structure of a loop."""
+    """The properties of the dead time that determine the structure of a loop."""
 
     whole: int  # samples of dead time
     partial: bool  # whether a part of a sample is left over
@@ -20,7 +20,7 @@ class Timing(NamedTuple):
         return self.whole + (1 if self.partial else 0)
 
     def unchanged(self, dead_time: Number, T: Number) -> Any:
-        """True if another dead time gives the same structure."""
+        """True if `dead_time` (s) gives the same structure as this one."""
         samples = samples_of(dead_time, T)
         whole = ops.floor(samples)
         partial = samples > whole
@@ -40,7 +40,7 @@ def samples_of(dead_time: Number, T: Number) -> Number:
 
 
 class Rows(NamedTuple):
-    """Rows of the shape matrix x = S q: the bodies of drive, motor and load of one axis."""
+    """The rows of the shape matrix S, x = S q, of the drive, the motor body and the load body of one axis."""
 
     drive: Row
     motor: Row
@@ -48,8 +48,8 @@ class Rows(NamedTuple):
 
 
 class Port(NamedTuple):
-    """The inputs through which the forces of one axis act on the mechanics shared by all axes, with its lag and dead
-    time.
+    """The shape-matrix rows through which the forces of one axis act on the mechanics, with lag and dead time of its
+    drive.
     """
 
     rows: Rows
@@ -59,11 +59,11 @@ class Port(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The effect of the forces of one axis on the state over a substep.
+    """The columns of the input matrix Γ for the forces of one axis: their effect on the state over a substep.
 
-    With dead time, one command to the drive hands over to the next within a sample.  `new` and `old` are the columns of
-    the commands after and before the handover in each substep; `share` is the fraction of each substep after it.  `old`
-    and `share` are empty if the dead time is a whole number of samples.
+    If the dead time is not a whole number of samples, the drive switches from one command to the next within a sample.
+    `new` and `old` are the columns of the commands after and before this switch in each substep; `share` is the
+    fraction of each substep after it.  `old` and `share` are empty if the dead time is a whole number of samples.
     `forces` are the columns of a force on the motor body and on the load body.
     """
 
@@ -74,7 +74,7 @@ class Columns(NamedTuple):
 
 
 class Hold(NamedTuple):
-    """x(t + h) = x + (Φ - 1) x + Γ u of one axis, x = (positions q, velocities q', drive force if it lags).
+    """The step x(t + h) = x + (Φ - 1) x + Γ u of one axis; x contains q, q' and, if the drive has a lag, its force.
 
     `change` is Φ - 1 of shape (n, n); the other fields are those of `Columns`.
     """
@@ -91,15 +91,17 @@ class Hold(NamedTuple):
 
 
 class JointHold(NamedTuple):
-    """The exact hold of several axes with coupled mechanics: x = (all q, all q', the drive forces that lag)."""
+    """The exact discretization of several axes with coupled mechanics; x contains all q, all q' and the forces of
+    drives with a lag.
+    """
 
     change: Matrix
     axes: tuple[Columns, ...]
 
 
 def hold(mechanics: Mechanics, ports: Sequence[Port], T: Number, substeps: int) -> JointHold:
-    """Return the exact hold of M q'' + C q' + K q = Sᵀ f over h = T/substeps, by matrix exponentials in plain
-    arithmetic.
+    """Return the exact discretization of M q'' + C q' + K q = Sᵀ f over h = T/substeps for constant f, by matrix
+    exponentials in plain arithmetic.
 
     With velocities in position units per substep, the entries of the matrix are of the order of (ωh)² and h/τ, so the
     series needs few squarings.
@@ -160,10 +162,10 @@ def _pick(passed: Any, mixed: Any, old: Any, both: Any, new: Any) -> Any:
 
 
 def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -> Matrix:
-    """Return the matrix of dx/dt of the linear core times `span`, with velocities in position units per h.
+    """Return the matrix of dx/dt of the linear mechanics times `span`, with velocities in position units per h.
 
-    Rows and columns: q (n), q' (n), the drive forces that lag, then three inputs of each axis: the drive's command and
-    the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
+    Rows and columns: q (n), q' (n), the forces of drives with a lag, then three inputs of each axis: the drive's
+    command and the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
     """
     n = len(mechanics.mass)
     lagging = [place for place, port in enumerate(ports) if port.lag is not None]

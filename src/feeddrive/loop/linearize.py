@@ -1,6 +1,7 @@
 """Linearization: the exact linear state-space model of a loop from the simulated code, with its poles and zeros.
 
-A multirate loop, whose law is periodic over several samples, is lifted; frequency responses exist for every loop.
+A multirate loop, whose law is periodic over several samples, is lifted to a time-invariant model; frequency responses
+are available for every loop.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ _FAR = 1e6
 
 
 class Natural(NamedTuple):
-    """The natural frequency in Hz and damping ratio of each pole, of shape (n,); infinite and 1 for z = 0."""
+    """The natural frequency in Hz and damping ratio of each pole, shape (n,); infinite and 1 for a pole at z = 0."""
 
     frequency: np.ndarray
     damping: np.ndarray
@@ -124,8 +125,8 @@ class StateSpace(Result):
         """Return C (z - A)⁻¹ B + D at z = e^(j2πfT), from one input to one output (default: the first), f in Hz up to
         Nyquist.
 
-        A linear system is solved for each frequency, or `transfer` is used for many states. This avoids polynomials and
-        eigenvectors, which fail for double poles.
+        A linear system is solved for each frequency; for many states `transfer` is used instead. This avoids
+        polynomials and eigenvectors, which fail for double poles.
         """
         row = 0 if output is None else _place(self.outputs, output, "output")
         column = 0 if input is None else _place(self.inputs, input, "input")
@@ -223,7 +224,7 @@ def samples_of_a_period(
     settle: int = 0,
     stored: Callable[[str, float], float] | None = None,
 ) -> Samples:
-    """Linearize each sample of a period in turn, as in `linearize`, along constant velocity."""
+    """Linearize each sample of a period in turn, as `linearize` does, during motion at constant velocity."""
     check_system(loop)
     unlimited = {axis: _unlimited(axis_loop) for axis, axis_loop in loop.loops().items()}
     if any(unlimited[axis] is not axis_loop for axis, axis_loop in loop.loops().items()) or isinstance(loop, Machine):
@@ -309,9 +310,9 @@ def linearize(
 ) -> StateSpace:
     """Return the exact linear model of a loop from any inputs to any signals: the Jacobian of the simulated step.
 
-    inputs    any of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force` behind the limit,
-              `reading_motor` and `reading_load` on top of the encoders, and `cut`: the loop is then open, the axis
-              follows `cut` instead of the controller, and `force` is the output of the controller
+    inputs    any of `set_position` ... `set_snap`, `load_force`, and the probes: `added_force`, added after the force
+              limit; `reading_motor` and `reading_load`, added to the encoder readings; and `cut`, which opens the loop:
+              it drives the axis in place of the controller, whose output is `force`
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
     velocity  of the axis, m/s, at which friction is linearized; at 0 the axis sticks
     position  m, for forces that depend on it; for a machine, velocity and position are numbers for all axes or mappings
@@ -320,13 +321,13 @@ def linearize(
     stored    function of name and value that rounds a parameter or prepared number of the controller that is stored
               with fewer digits
 
-    A multirate law with a period of n samples gives the model over a period: sample time nT, inputs held over the
+    For a multirate law with a period of n samples, the model covers one period: sample time nT, inputs held over the
     period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,
     the model is that of one sample.
     Quantizers are replaced by their slope 1; guard and force limit are left out, since they have no effect within their
     bounds.
-    A part that blends in after the start counts as fully active.
-    Raises ParameterError for an unknown name, an input that is named twice, and parameters with which the model
+    A part that blends in after the start is treated as fully active.
+    Raises ParameterError for an unknown name, an input that is named twice, and parameters for which the model
     overflows; NoSlopeError, naming the source line, for a law without a finite slope at this operating point, such as
     √|s| at s = 0.
     """
@@ -346,7 +347,7 @@ def linearize(
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
-    """Return the index of each cell of a ring in the linear model.
+    """Return the state index in the linear model for each cell of a ring buffer.
 
     In a history or a track the index is the age of the cell, since the newest value is in a different cell in each
     sample.
@@ -363,7 +364,7 @@ def _row(tangent: Any, width: int) -> np.ndarray:
 
 
 def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, width: int) -> np.ndarray:
-    """Return the rows of the model that give a state after the sample."""
+    """Return the rows of the model from which the next value of a state is computed."""
     if size is None:
         return _row(tangent, width)
     rows = np.zeros((size, width))
@@ -384,7 +385,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity of each axis; each may be given as one number for all axes or as numbers by axis."""
+    """Return position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))
@@ -393,13 +394,13 @@ def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[f
 
 
 def _setpoints(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> Any:
-    """Return the setpoints at a time of a motion at constant velocities; for a machine by axis."""
+    """Return the setpoints at `time` (s) of a motion at constant velocity; for a machine by axis."""
     setpoints = {axis: Setpoint(*map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))) for axis, (x, v) in at.items()}
     return setpoints if isinstance(loop, Machine) else setpoints[loop.name]
 
 
 def _inputs(loop: System, at: Mapping[str, tuple[float, float]], time: float) -> dict[str, Any]:
-    """Return all inputs by name at a time of a motion at constant velocities."""
+    """Return all inputs by name at `time` (s) of a motion at constant velocity."""
     inputs_: dict[str, Any] = {}
     for port, (x, v) in zip(loop.ports(), at.values(), strict=True):
         setpoint = map(np.float64, (x + time * v, v, 0.0, 0.0, 0.0))
@@ -454,7 +455,7 @@ def kept_states(jacobians: Sequence[np.ndarray], n: int) -> list[int]:
 
 
 def _reached(jacobians: Sequence[np.ndarray], n: int) -> np.ndarray:
-    """Return a mask over the columns: the n states that an input reaches in any of the samples, and all inputs."""
+    """Return a mask of the columns: True for a state that an input affects in any sample, and for every input."""
     there = np.any([jacobian != 0.0 for jacobian in jacobians], axis=0)
     links, reached = there[:n, :n], np.any(there[:n, n:], axis=1)
     for _ in range(n):
@@ -477,9 +478,9 @@ class Lifted:
 
         x(k+1) = A_i x(k) + B_i u(k),   y(k) = C_i x(k) + D_i u(k),   i = k mod N
 
-    With all samples of a period as one input and one output (lifting), it is a time-invariant system at the sample time
-    NT (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla & Tannenbaum 1985).  It is stable if
-    all eigenvalues of A_{N-1} ... A_0 lie inside the unit circle.
+    If all samples of a period are stacked into one input vector and one output vector (lifting), it is a time-invariant
+    system at the sample time NT (Bamieh, Pearson, Francis & Tannenbaum 1991; Meyer 1990; Khargonekar, Poolla &
+    Tannenbaum 1985).  It is stable if all eigenvalues of A_{N-1} ... A_0 lie inside the unit circle.
 
     The response to a sine at f has components at f and at its images f + k/(NT), k = 1 .. N-1.  `response` is the
     component at f, which a sine sweep measures.  For N = 1 it is the ordinary frequency response.
@@ -538,7 +539,7 @@ class Lifted:
         return np.conj(turns).transpose(0, 2, 1) @ (C @ inner + D) @ turns / N
 
     def response(self, frequency: np.ndarray, output: str, input: str) -> FRF:  # noqa: A002
-        """Return the component at f of the response to a sine at f in Hz, up to the Nyquist frequency of one sample."""
+        """Return the component at f of the response to a sine at f in Hz, up to the Nyquist frequency 1/(2T)."""
         A, B, C, D = self.stacked([input], [output])
         N, n = len(self.samples), A.shape[0]
         frequency = np.asarray(frequency, dtype=float)
@@ -587,7 +588,7 @@ def lifted(
 ) -> Lifted:
     """Return the linear models of all samples of a period, from any inputs to any signals, as in `linearize`.
 
-    Raises the errors of `linearize`.
+    Raises the same errors as `linearize`.
     """
     check_system(loop)
     samples = samples_of_a_period(loop, inputs, outputs, velocity=velocity, stored=stored)
@@ -615,7 +616,7 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
     """Return the gain L of a loop opened from `output` to `input`, with the image loops closed, and det(1 + L) of the
     images.
 
-    See `images_closed` for both.
+    For the definition of both see `images_closed`.
     Raises ParameterError for a period of more than 64 samples.
     """
     N, T = len(model.samples), model.sample_time
@@ -636,7 +637,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
     limit.
 
     For a machine it is the gain of one `axis`, with the loops of all others closed.  For a multirate law it is the gain
-    for a sine with the loops of its images closed: 1/(1 + L) is the remaining share of a sine added to the force
+    for a sine with the loops of its images closed: 1/(1 + L) is the fraction that remains of a sine added to the force
     (`images_closed`).
     """
     port, _ = _port(loop, axis)
@@ -647,7 +648,7 @@ def loop_gain(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, ax
 
 
 def tracking(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, axis: str | None = None) -> FRF:
-    """Return the response of table position to set position and its exact derivatives up to snap.
+    """Return the response of the table position to the set position together with its exact derivatives up to snap.
 
     It is Σ Hₙ (j2πf)ⁿ, where Hₙ is the response to the n-th derivative alone.
 
@@ -675,7 +676,7 @@ def compliance(loop: System, frequency: np.ndarray, *, velocity: float = 0.05, a
 def linear_model(
     loop: System, inputs: Sequence[str], outputs: Sequence[str], velocity: float = 0.05
 ) -> StateSpace | Lifted:
-    """Return the linear model of a loop, or the models of all samples of a period of a multirate loop."""
+    """Return the linear model of a loop; for a multirate loop, the models of all samples of a period."""
     return (lifted if period_of(loop) > 1 else linearize)(loop, inputs, outputs, velocity=velocity)
 
 

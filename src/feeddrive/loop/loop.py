@@ -44,7 +44,7 @@ class Signals(NamedTuple):
 
 
 class ToolPoint(NamedTuple):
-    """The signals that a machine with geometry errors adds: the position of the tool, as `tool.x`."""
+    """The additional signals of a machine with geometry errors: the position of the tool, such as `tool.x`."""
 
     x: Annotated[Number, Unit("m")]
     y: Annotated[Number, Unit("m")]
@@ -52,7 +52,7 @@ class ToolPoint(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """Points at which a loop can be opened or excited for analysis; absent ones cost no operations."""
+    """Points at which a loop can be opened or excited for analysis; unused ones add no operations to the program."""
 
     cut: Annotated[Number | None, Unit("N")] = None  # replaces the command of the control: the loop is open
     added_force: Annotated[Number | None, Unit("N")] = None  # added to the command between control and axis
@@ -65,7 +65,7 @@ class Probe(NamedTuple):
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """Return the command that reaches the axis."""
+        """Return the force command that reaches the axis: `cut`, else the controller's command, plus `added_force`."""
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -80,7 +80,9 @@ def quantity(signal: str) -> str:
 
 
 def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
-    """Return the SI unit of a signal, or `unit`; `turning` holds the signal prefixes of rotary axes, such as `c.`."""
+    """Return the unit of a signal, in rotary terms for a rotary axis; `unit` is that for a linear axis (default: SI).
+    `turning` holds the signal prefixes of rotary axes, such as `c.`.
+    """
     name = quantity(signal)
     unit = UNITS[name] if unit is None else unit
     return turned(unit) if signal.removesuffix(name) in turning else unit
@@ -90,7 +92,7 @@ class Loop(Block):
     """An axis, its controller and the sample time.
 
     At sample k the encoders read the plant at t = kT, `Control` computes the force, which acts after the dead time, and
-    the plant advances to (k+1)T in `axis.substeps` substeps with an exact hold of the linear mechanics.
+    the plant advances to (k+1)T in `axis.substeps` substeps, with exact discretization of the linear mechanics.
     """
 
     control: Control = part("all that runs on the controller")
@@ -99,7 +101,7 @@ class Loop(Block):
     name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
-        """The prepared numbers of controller and axis."""
+        """The numbers that `prepare` computes from the parameters of controller and axis."""
 
         control: Any
         axis: Hold
@@ -118,7 +120,7 @@ class Loop(Block):
         return {"axis": place, "control": f"{place}.control"}.get(field, field)
 
     def require(self) -> None:
-        """Check the block, and add the name of the axis to errors of controller and axis."""
+        """Check the block; errors from the controller or the physics are raised with the name of the axis."""
         try:
             super().require()
         except (ParameterError, StructureError) as error:
@@ -140,7 +142,9 @@ class Loop(Block):
         return tree.sampled_rules(self, self.sample_time)
 
     def timing(self, partial: Collection[str] = ()) -> Timing:
-        """Return the delay structure of the dead time, including a fraction of a sample if the axis is in `partial`."""
+        """Return the number of whole samples of dead time, and whether a fraction remains. An axis in `partial` keeps
+        the structure of a fractional dead time even if the fraction is 0.
+        """
         if not isinstance(self.sample_time, float):
             raise StructureError("loop.sample_time is a constant of the design: it cannot vary within a batch")
         timing = self.axis.timing(self.sample_time)
@@ -163,7 +167,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the state of `start` from the prepared numbers of the controller."""
+        """Return the same state as `start`, from the prepared numbers of the controller alone."""
         axis = self.axis.start(position, velocity, timing)
         # the readings of one sample before, so that the first difference is the velocity
         motor, load = self.axis.still(position - velocity * self.sample_time)
@@ -214,7 +218,7 @@ class Loop(Block):
 
 
 def inputs_of(inputs: Mapping[str, Number], port: str) -> tuple[Setpoint, Number | None, Number, Probe]:
-    """Return setpoint, load force, enable and probe of the axis with prefix `port`; None for missing ones."""
+    """Return setpoint, load force, enable and probe of the axis with prefix `port`; missing inputs are None."""
     setpoint = Setpoint(*(inputs[f"{port}{name}"] for name in SETPOINT))
     probe = Probe(**{name: inputs.get(f"{port}{name}") for name in Probe._fields})
     return setpoint, inputs.get(f"{port}load_force"), inputs.get(f"{port}enable", 1.0), probe

@@ -69,9 +69,10 @@ class Controls:
     def _corrected(
         self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """Return the velocities that couplings add; while one axis of a coupling does not run, the others get none.
+        """Return the new coupling states and, by axis, the velocities that the couplings add. A coupling adds 0 while
+        one of its axes does not run.
 
-        `moved` is the part of the compensation's set-position shifts that depends only on the readings; it is not a
+        `moved` is the part of the compensations' set-position shifts that only corrects the readings; it is not a
         contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
@@ -118,7 +119,7 @@ class Controller(Block):
         return self.control.prepare(T)
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> Any:
-        """Return the initial state at the position of the axis."""
+        """Return the initial state for an axis at rest at the position in `inputs`."""
         return self.control.start(prepared, *_control_inputs(inputs, "")[:3])
 
     def step(self, prepared: Any, state: Any, inputs: Mapping[str, Any], T: Number) -> tuple[Any, dict[str, Any]]:
@@ -127,11 +128,11 @@ class Controller(Block):
         return answer[0], _outputs(answer[1], self.motor, "")
 
     def retune(self, state: Any, old: Controller, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change."""
+        """Return the state after a live change from `old` to this controller."""
         return self.control.retune(state, old.control, old_prepared, prepared)
 
     def check_live(self, old: Controller) -> None:
-        """Raise StructureError if anything but numbers differs."""
+        """Raise StructureError if this controller differs from `old` in more than parameter values."""
         self.control.check_live(old.control)
 
 
@@ -164,7 +165,7 @@ class Controllers(Block):
         couplings: tuple[Any, ...]
 
     def controls(self) -> Controls:
-        """Return the `Controls` that the machine runs."""
+        """Return the controllers and their couplings as the `Controls` object that computes a sample."""
         there = [coupling for coupling in self.couplings if coupling is not None]
         return Controls({name: axis.control for name, axis in self.axis._asdict().items()}, there)
 
@@ -182,7 +183,7 @@ class Controllers(Block):
         return type(self.axis)(*(axis.control.prepare(T) for axis in self.axis))
 
     def start(self, prepared: Any, inputs: Mapping[str, Any]) -> State:
-        """Return the initial states at the positions of the axes."""
+        """Return the initial states for axes at rest at the positions in `inputs`."""
         readings = {name: _control_inputs(inputs, f"{name}.") for name in self.axis._fields}
         begun = (
             axis.control.start(coefficients, *readings[name][:3])
@@ -203,7 +204,9 @@ class Controllers(Block):
         return self.State(type(self.axis)(**answer[0]), answer[1]), outputs
 
     def retune(self, state: State, old: Controllers, old_prepared: Any, prepared: Any) -> State:
-        """Return the states after a live change; couplings between the controllers keep their states."""
+        """Return the states after a live change from `old` to these controllers; the couplings between them keep their
+        states.
+        """
         rows = zip(self.axis, state.axis, old.axis, old_prepared, prepared, strict=True)
         return state._replace(
             axis=type(self.axis)(
@@ -215,7 +218,7 @@ class Controllers(Block):
         )
 
     def check_live(self, old: Controllers) -> None:
-        """Raise StructureError if anything but numbers differs."""
+        """Raise StructureError if these controllers differ from `old` in more than parameter values."""
         for new, before in zip(self.axis, old.axis, strict=True):
             new.control.check_live(before.control)
 
@@ -245,7 +248,7 @@ def controller_of(loop: Loop) -> Controller:
 
 
 def motors(block: Controller | Controllers) -> Iterator[tuple[str, Any]]:
-    """Yield the prefix of the outputs of each axis, and its motor or None."""
+    """Yield, for each axis, the prefix of its outputs and its motor (None if not specified)."""
     if isinstance(block, Controller):
         yield "", block.motor
     else:
@@ -265,11 +268,11 @@ class DrivenAxis(Block):
 
 
 class Machine(Block):
-    """Axes by name that run at one sample time, as one program; signals are named `x.tracking_error`.
+    """Named axes that run at one sample time as one program; signals are prefixed by the axis: `x.tracking_error`.
 
-        for each substep:   coupling forces at its middle → forces of each axis → exact hold → friction
+        for each substep: coupling forces at its middle → forces of each axis → exact linear step → friction
 
-    Axes that share structure modes have a common exact hold; each other axis has its own, so that a machine with one
+    Axes that share structure modes are discretized together, every other axis separately, so that a machine with one
     axis gives the same results as its loop.  Couplings act at common substeps, based on the motions of all axes at the
     same instant.  `axis` is a mapping from names to `DrivenAxis`; `Machine.of` takes loops.
     """
@@ -280,14 +283,14 @@ class Machine(Block):
     sample_time: Number = parameter("s", "time from sample to sample", above=0)
 
     class Prepared(NamedTuple):
-        """The prepared numbers of the controllers, the linear cores and the couplings."""
+        """The numbers that `prepare` computes from the parameters of the controllers, the axes and the couplings."""
 
         control: Any
         cores: tuple[JointHold, ...]
         couplings: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The states of the axes by name, the modes of each core, the couplings, and those between controllers."""
+        """The states of the axes by name, the modes of each core, the couplings, and the controllers' couplings."""
 
         axis: Any
         shared: tuple[Shared, ...]
@@ -333,8 +336,8 @@ class Machine(Block):
         return Machine.of({**self.loops(), **loops}, self.couplings, self.geometry)
 
     def check(self) -> None:
-        """Check that couplings name existing axes, that all axes have the same number of substeps, and that each is a
-        valid loop.
+        """Check that couplings name existing axes, that all axes have the same number of substeps, and that each axis
+        with its controller is a valid loop.
         """
         axes = self.axes()
         if not axes:
@@ -390,7 +393,9 @@ class Machine(Block):
         return there if self.geometry is None else [*there, *(f"{_TOOL}.{way}" for way in self.geometry.axes())]
 
     def timing(self, partial: Collection[str] = ()) -> Any:
-        """Return the delay structure of each axis's dead time; those in `partial` include a fraction of a sample."""
+        """Return, for each axis, the number of whole samples of dead time and whether a fraction remains; see
+        `Loop.timing`.
+        """
         if not isinstance(self.sample_time, float):
             raise StructureError("machine.sample_time is a constant of the design: it cannot vary within a batch")
         return named({name: loop.timing(partial) for name, loop in self.loops().items()})
@@ -402,7 +407,7 @@ class Machine(Block):
         return self.Prepared(controls, *self.joint().prepare(T, dict(zip(axes, timing, strict=True))))
 
     def start(self, prepared: Prepared, timing: Any, setpoint: Any, position: Any, velocity: Any) -> State:
-        """Return the state with each axis at its position (m) and velocity (m/s), given by axis; see `Loop.start`."""
+        """Return the state for `position` (m) and `velocity` (m/s) of each axis, both by axis; see `Loop.start`."""
         started: dict[str, Loop.State] = {}
         motions: dict[str, Motion] = {}
         for name, coefficients, held in zip(self.axes(), prepared.control, timing, strict=True):

@@ -7,8 +7,8 @@ A routine consists of four functions with named inputs and outputs:
     step        state, inputs -> state, outputs: one sample
     retune      state, parameters before and after -> state
 
-All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  Every
-printer of code for a target starts from these graphs, so no law is implemented twice.
+All four are traced from the code that is simulated: `prepare`, `start`, `step` and `retune` of the blocks.  The code
+for every target is generated from these graphs, so no law is implemented twice.
 
 The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  To
 compute them, the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation;
@@ -96,7 +96,7 @@ class Variable(NamedTuple):
 
 
 class Condition(NamedTuple):
-    """A condition on the parameters: its truth node, and the sentence that states it.
+    """A condition on the parameters: the node of its truth value, and the sentence that states it.
 
     Its code is its position among all conditions, counted from 1; 0 means that none is violated.
     """
@@ -106,7 +106,7 @@ class Condition(NamedTuple):
 
 
 class Function(NamedTuple):
-    """The nodes of the results of one function of a routine, in the order of `states` and `outputs`."""
+    """The nodes that compute the results of one function of a routine, in the order of its states and outputs."""
 
     states: tuple[int, ...]
     outputs: tuple[int, ...] = ()
@@ -142,8 +142,8 @@ class Routine:
 
     conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
     origin      the loop with its guard; for several axes, their machine
-    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of what
-                `prepare` returns
+    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of the
+                result of `prepare`
     tables      rows of numbers: dotted name, node, numbers
     names       names of nodes in the source code of the law
     makers      dotted names of the blocks that compute the nodes
@@ -191,7 +191,7 @@ class Routine:
 
 
 def off_outputs(routine: Routine) -> dict[str, float]:
-    """Return the outputs of a controller without valid parameters: disabled, with the safe force of the machine
+    """Return the outputs of a controller while its parameters are invalid: disabled, with the safe force of the machine
     file.
     """
     outputs: dict[str, float] = {}
@@ -249,7 +249,8 @@ def on_target(system: System) -> Controller | Controllers:
 
 
 def controller_routine(system: System, name: str) -> Routine:
-    """Return the routine of the controller of a loop, or of all axes of a machine with names prefixed by the axis.
+    """Return the routine of the controller of a loop, or of all controllers of a machine, with names prefixed by the
+    axis.
 
     Raises StructureError if a part uses operations outside `ops`.
     """
@@ -551,7 +552,9 @@ class _Traced:
 def _live(
     graph: Graph, outputs: Sequence[int], before: Sequence[int], after: Sequence[int], retune: Retune | None
 ) -> list[int]:
-    """Return the indices of the states on which an output ever depends; no target needs to store the others."""
+    """Return the indices of the states on which an output of this or any later sample depends; no target needs to store
+    the others.
+    """
     live: set[int] = set()
     while True:
         below = set(reachable(graph, [*outputs, *(after[i] for i in live)]))
@@ -705,14 +708,18 @@ class ControllerRun:
         self.state = tree.rebuild(self.state, iter(values[name] for name, _ in tree.leaves(self.state)))
 
     def step(self, inputs: np.ndarray) -> np.ndarray:
-        """Compute some samples: inputs (n, inputs), outputs (n, outputs), in the order of the routine."""
+        """Compute n samples from inputs of shape (n, inputs); return outputs of shape (n, outputs), both in routine
+        order.
+        """
         row = np.ascontiguousarray(inputs, dtype=np.float64)
         out = np.empty((len(row), len(self.routine.outputs)))
         self._native.run(len(row), 0, self._constants, row, self._states, out, self._rows)
         return out
 
     def retune(self, changes: Mapping[str, float]) -> None:
-        """Change parameters, by path, from the next sample onward. Raises ParameterError as the blocks do."""
+        """Change parameters, by path, from the next sample onward. Raises ParameterError for values that the blocks
+        reject.
+        """
         self._unload()
         before, prepared = self._plain, self._prepared
         changed = tree.vary(self._both, changes)
@@ -725,9 +732,10 @@ class ControllerRun:
 
 
 def run(routine: Routine, inputs: np.ndarray, changes: Changes | None = None) -> np.ndarray:
-    """Return the outputs of a controller after a reset with the first inputs: inputs (n, inputs), outputs (n, outputs).
+    """Reset a controller with the first row of `inputs`, run it over all rows, and return the outputs.
 
-    `changes` holds new parameter values by sample and path, valid from that sample onward.
+    Shapes are (n, inputs) and (n, outputs). `changes` holds new parameter values by sample and path, valid from that
+    sample onward.
     """
     held = ControllerRun(routine, inputs[0])
     pieces, start = [], 0

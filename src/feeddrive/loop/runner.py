@@ -61,7 +61,7 @@ class Path:
 class Work:
     """The sampled inputs of a run for any range of samples: setpoints, load force, enable, added force.
 
-    For a machine each of them is a mapping by axis; a force without an entry for an axis is absent there.
+    For a machine each of them is a mapping by axis; an axis without an entry for a force has no such force.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Work:
         return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
-        """Return the longest travel of an axis in m, at up to `most` samples spread over the first `count`."""
+        """Return the longest travel of an axis in m, evaluated at up to `most` of the first `count` samples."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
         return max(
@@ -130,7 +130,9 @@ class Work:
         )
 
     def sample(self, first: int, count: int) -> slice:
-        """Sample the inputs over a range unless the cached range contains it; return its slice of the cached range."""
+        """Sample the inputs over a range unless the cached range contains it; return the range as a slice of the cached
+        one.
+        """
         start = first - self._first
         if start < 0 or start + count > self._count:
             # computed on first use: a cached path does not need it
@@ -164,7 +166,7 @@ class Work:
         return _references.get((place, count, self.T), lambda: self._fresh(reference, t, first, count))
 
     def _fresh(self, reference: Reference, t: Callable[[], np.ndarray], first: int, count: int) -> Path:
-        """Sample the setpoints of a reference."""
+        """Sample the setpoints of a reference, without using the cache."""
         stretches = reference.stretches() if count >= _SHORT else ()
         if stretches and _sampled_by_numpy[0] > _PAYS_AFTER:
             out = _by_stretches(stretches, self.T, first, count)
@@ -296,7 +298,7 @@ class Beginning:
 
 
 class _Structure:
-    """The number of runs of a loop structure with parameter values not seen before, and its code, once compiled."""
+    """For one loop structure: the number of starts with new parameter values, and the code once it is compiled."""
 
     def __init__(self) -> None:
         self.begun = 0
@@ -362,7 +364,7 @@ def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial
 
 
 def _prepared(plain: Any, timing: Any) -> Any:
-    """Return the prepared numbers of a loop or machine; the hold of an unchanged axis is reused."""
+    """Return the prepared numbers of a loop or machine; the discretization of an unchanged axis is reused."""
     if not isinstance(plain, Loop):
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
@@ -419,7 +421,7 @@ STARTS = tuple(f"start.{name}" for name in ("position", "velocity", *SETPOINT))
 
 
 def traced_beginning(system: System, timing: Any, counted: Callable[[Symbol], float] | None = None) -> TracedBeginning:
-    """Trace `prepare` and `start` of a system on symbols; `counted` as in `Graph`."""
+    """Trace `prepare` and `start` of a system on symbols; for `counted` see `Graph`."""
     graph = Graph(counted)
     rows = {name: graph.table(name, len(row)) for name, row in tree.tables(system)}
     leaves = (graph.input(name) for name, _ in tree.leaves(system))
@@ -597,8 +599,8 @@ class Prepared:
         return _programs.get(key, traced)
 
     def settled(self) -> dict[str, Any]:
-        """Return the initial states by name, including ring buffers, in their limit after infinite time at constant
-        inputs.
+        """Return the steady states by name, including ring buffers: the limits that the initial states reach after
+        infinite time at constant inputs.
         """
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
@@ -641,13 +643,13 @@ class Prepared:
         return by_lane(list(first), first, code.plan.lanes, lanes)
 
     def first_states(self, code: Native) -> dict[str, Any]:
-        """Return the initial states by name, in the order of the machine code; the cells of rings are 0."""
+        """Return the initial states by name, in the order of the machine code; the cells of ring buffers are 0."""
         first = {s.name: self.first.get(s.name, None) for s in code.plan.states}
         named = {name: begin(name) if value is None else value for name, value in first.items()}
         return named | dict.fromkeys(code.plan.memory[len(named) :], 0.0)
 
     def retune(self, old: Prepared, code: Native, states: np.ndarray) -> None:
-        """Update the states of a single run's controllers after a live change from `old` to this one, in place."""
+        """Update in place the controller states of a single run, after a live change from `old` to this loop."""
         rows = {state.name: i for i, state in enumerate(code.plan.states)}
         for now, before in zip(self._controls(), old._controls(), strict=True):
             begun = now.begun
@@ -707,7 +709,7 @@ STRETCH = 65_536  # samples whose inputs are in memory at once
 
 
 def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """Compute some samples of a single run and update `states`; return the recorded signals, shape (count, signals)."""
+    """Compute `count` samples of a run, updating `states`; return the recorded signals, shape (count, signals)."""
     constants, rows = prepared.constants(code), prepared.rows(code)
     work.sample(first, count)
     record = np.empty((count, len(code.plan.outputs)))
@@ -735,7 +737,7 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 
 
 class Groups:
-    """The variants of a prepared loop in groups of lanes; the last group is filled up with its last variant."""
+    """The variants of a prepared loop in groups of lanes; the last group is padded with copies of its last variant."""
 
     def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
         self.code, self.variants, self.lanes = code, variants, code.plan.lanes
@@ -757,7 +759,7 @@ class Groups:
         self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
 
     def ends(self) -> dict[str, np.ndarray]:
-        """Return the states by name, each of shape (variants,)."""
+        """Return the present states of all variants by name, each of shape (variants,)."""
         flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 

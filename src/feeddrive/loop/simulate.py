@@ -34,7 +34,7 @@ _CONTROL = re.compile(r"(axis\.\w+\.)?control\.")
 
 
 def changed_loops(loop: System, changes: Changes | None, count: int) -> list[tuple[int, System]]:
-    """Return all changes in a run of `count` samples in order of time, as (sample, loop from that sample onward).
+    """Return all changes in a run of `count` samples in chronological order, as (sample, loop from that sample onward).
 
     A change acts between two samples: sample k is the first one that runs with the new values.  A time is rounded up to
     a whole sample.  Values by name change the controller that is active at that time.
@@ -142,7 +142,7 @@ GATHERED = ("following_error", "tracking_error", "force", "velocity_load")
 
 
 class Recorded(Mapping[str, np.ndarray]):
-    """The signals by name from an array (samples, signals); each is copied to its own array when it is read."""
+    """A mapping from signal names to the columns of an array (samples, signals); a column is copied when it is read."""
 
     def __init__(self, names: Sequence[str], rows: np.ndarray) -> None:
         self._places = {name: place for place, name in enumerate(names)}
@@ -172,8 +172,8 @@ class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
     Row k is the sample at `time[k]` = kT; see `loop.Signals` for the meaning of each signal.  For a machine its name is
-    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`, or an empty
-    prefix for a single axis.
+    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`; the prefix of a
+    single axis is empty.
     """
 
     name: str
@@ -266,8 +266,8 @@ def simulate(
     For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
 
     load        force on the table, N
-    added_force force added to the command behind its limit, N: the excitation of a measurement.  The signal `force`
-                does not include it
+    added_force force added to the command after the force limit, N: the excitation of a measurement.  The signal
+                `force` does not include it
     enable      1 or 0 for each sample, shape (n,), for a loop with a guard; the last value applies until the end
     changes     live changes of parameters: by sample (int) or time in s (float), a `Control`, or values by name such as
                 {"axis.x.control.law.Kv": 80.0}.  The change is bumpless (`Control.retune`)
@@ -277,9 +277,9 @@ def simulate(
     record      names of signals; default: all
     arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel
-    progress    reports the seconds of the run that are done, and may cancel
+    progress    receives the simulated time in s, and may cancel the run
 
-    Raises DivergedError with the sample at which |tracking error| left `bound` or became NaN, ParameterError for an
+    Raises DivergedError with the sample at which |tracking error| exceeded `bound` or became NaN, ParameterError for an
     unknown signal or arithmetic and for a change with an invalid time, name or value, and StructureError for a change
     of the structure.
     """
@@ -335,7 +335,7 @@ def sample_count(work: Work, duration: float | None) -> int:
 
 
 def _bound(work: Work, bound: float | None, count: int) -> float:
-    """Return the given bound, else the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
+    """Return `bound`, or by default the larger of 1 m and 100 times the travel, evaluated at up to 257 samples."""
     if bound is not None:
         return bound
     # a few samples suffice for the size of the travel
@@ -395,10 +395,10 @@ def simulate_batch(
 ) -> Batch:
     """Simulate all variants of a loop whose parameters are arrays (`tree.vary`), along the same reference.
 
-    Arguments are those of `simulate`, without live changes; seed and start may be arrays over the variants too.
-    `lanes` variants share a vector (default: the fastest number on this computer), and `threads` run in parallel
-    (default: all cores); the results are bit-identical for any choice. `progress` reports after each group how many
-    variants are done, and may cancel.
+    Arguments are those of `simulate`, without live changes; seed and start may be arrays over the variants too. `lanes`
+    variants share a vector (default: the fastest number on this computer), and `threads` run in parallel (default: all
+    cores); the results are bit-identical for any choice. `progress` receives the number of finished variants after each
+    group, and may cancel the simulation.
     """
     check_system(loop)
     gather = checked_signals(loop, everywhere(loop, GATHERED) if gather is None else gather, arithmetic)
@@ -463,8 +463,8 @@ def stream(
 ) -> Iterator[Run]:
     """Yield the run of `simulate` in chunks of samples, with constant memory for any length.
 
-    Arguments and errors are those of `simulate`; a chunk of None is the whole run.  The arrays of a chunk are not
-    reused.
+    Arguments and errors are those of `simulate`; `chunk` = None yields the whole run at once.  The arrays of a chunk
+    are not reused.
     """
     check_system(loop)
     record = checked_signals(loop, loop.signals() if record is None else record, arithmetic)

@@ -29,7 +29,7 @@ class Program:
     differentiates.
 
     constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
-    inputs     name -> node: given at each sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
+    inputs     name -> node, one value per sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
                for a machine prefixed by the axis: `x.set_position`
     states     numbers carried from sample to sample
     outputs    name -> node: the signals
@@ -77,7 +77,7 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
     """Return the program of a loop or a machine.
 
     `template` and `begun` are its prepared numbers and initial state, of which only the structure matters. `names` are
-    the existing inputs, such as `set_position` or `x.load_force`; absent ones cost no operations.
+    the inputs of the program, such as `set_position` or `x.load_force`; other inputs add no operations.
     Raises StructureError if a law uses operations outside `ops`.
     """
     graph = Graph()
@@ -124,17 +124,17 @@ def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Progr
 
 
 def leaf(graph: Graph, name: str, value: Any) -> Any:
-    """Return the symbol for a leaf of a state in a trace: a number, or a ring of the same length."""
+    """Return the symbol for a leaf of a state in a trace: a number, or a ring buffer of the same length."""
     return Ring(value.length, graph.ring(name, value.length)) if isinstance(value, Ring) else graph.input(name)
 
 
 def node(graph: Graph, value: Any) -> int:
-    """Return the node of a number or a ring."""
+    """Return the node of a number or a ring buffer."""
     return graph.symbol(value.cells if isinstance(value, Ring) else value).index
 
 
 def lengths(graph: Graph, index: int) -> int | None:
-    """Return the number of cells of a ring, before or after it is written; None for a number."""
+    """Return the number of cells of a ring buffer, whether before or after a write; None for a number."""
     origin = graph.nodes[graph.origin(index)]
     return origin[2] if origin[0] == "ring" else None
 
@@ -165,7 +165,9 @@ def apply(name: str, *values: Any) -> Any:
 
 
 def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> dict[int, Any]:
-    """Return the value of every node on which the outputs depend, for inputs and tables by name, in plain Python."""
+    """Return the value of every node on which the outputs depend, computed in plain Python from named inputs and
+    tables.
+    """
     results: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for index in reachable(graph, outputs):
@@ -186,6 +188,6 @@ def node_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any])
 
 
 def evaluate(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any]) -> list[Any]:
-    """Return the values of some nodes in plain Python, the reference for the native code."""
+    """Compute the values of the output nodes in plain Python, as a reference for the native code."""
     results = node_values(graph, outputs, leaves)
     return [results[index] for index in outputs]

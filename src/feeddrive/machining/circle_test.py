@@ -2,8 +2,9 @@
 
 A quadrant peak is the outward deviation of a circle just after a reversal of an axis.
 
-Causes are scale, squareness, lag, backlash, reversal spikes and screws.
-All circles enter one linear least-squares fit with one column per cause: the deviation it produces on each circle.
+The causes are scale, squareness, lag, backlash, reversal spikes and the pitch errors of the screws.
+All circles are fitted together by linear least squares; each cause has one column, the deviation that it produces on
+each circle.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class CirclePath:
     """A full circle at constant feed, sampled evenly in angle.
 
     x, y       m, shape (n,), in the direction of the motion
-    direction  1 counter-clockwise, -1 clockwise, seen on the plane of the axes
+    direction  1 counter-clockwise, -1 clockwise, in the plane of the axes
     feed       m/s
     radius     nominal, m
     center     of the set-up, m; None if unknown
@@ -120,8 +121,9 @@ def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
 def minimum_zone(x: np.ndarray, y: np.ndarray) -> Zone:
     """Return the minimum zone of a path by repeated linear programs: min (s - l) with l <= r - u·δc <= s.
 
-    Here r is the distance of a point from the center, u its direction, and δc the shift of the center.  A linear
-    program uses the outermost and innermost points; points outside its solution are added until there are none.
+    Here r is the distance of a point from the center, u its direction, and δc the shift of the center.  Each linear
+    program uses only the outermost and innermost points; points that violate its solution are added until none are
+    left.
     """
     # Deferred: commands that only read files do not need it.
     from scipy.optimize import linprog
@@ -254,7 +256,7 @@ def circle_path(
 
 
 def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray, name: str) -> tuple[int, int]:
-    """Return first row and end of the longest range of rows with constant angular velocity."""
+    """Return the first row of the longest range with constant angular velocity, and the row after its last one."""
     angle = np.unwrap(np.arctan2(y - middle[1], x - middle[0]))
     whole = abs(float(angle[-1] - angle[0]))
     if whole < 2.0 * np.pi:
@@ -283,7 +285,9 @@ def _at_feed(x: np.ndarray, y: np.ndarray, time: np.ndarray, middle: np.ndarray,
 
 
 def _averaged(places: np.ndarray, r: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Average the radius between the midpoints of the requested angles; interpolate where there are no rows."""
+    """Average the radius over the interval around each angle in `wanted`; interpolate where an interval contains no
+    rows.
+    """
     step = wanted[1] - wanted[0]
     edges = np.searchsorted(places, np.append(wanted - 0.5 * step, wanted[-1] + 0.5 * step))
     sums = np.concatenate([[0.0], np.cumsum(r)])
@@ -301,7 +305,9 @@ def circle_of_run(
     points: int = POINTS,
     remedy: str = _MORE_TURNS,
 ) -> CirclePath:
-    """Return the circle of a simulated run. `signal` is that of `contour_error`; readings have the source "encoder"."""
+    """Return the circle of a simulated run. `signal` is the argument of `contour_error`; if it is a reading, the source
+    of the circle is "encoder".
+    """
     position = tool_columns(run, axes, signal)
     return circle_path(
         position[:, 0],
@@ -337,7 +343,7 @@ class CircleTest(Result):
 
     @property
     def largest(self) -> Figures:
-        """The figures with the largest circular deviation, those of both directions if available."""
+        """The figures with the largest circular deviation, out of those of both directions if available."""
         both = [figure for figure in self.figures if figure.both]
         return max(both or self.figures, key=lambda figure: figure.G)
 
@@ -450,7 +456,7 @@ class QuadrantPeak(NamedTuple):
 
 
 def deviation(circle: CirclePath, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return polar angle about a center, rad, 0 to 2π, and radial deviation, m, in the order of motion."""
+    """Return the polar angle about a center (rad, 0 to 2π) and the radial deviation (m), in the order of motion."""
     dx, dy = circle.x - center[0], circle.y - center[1]
     return np.arctan2(dy, dx) % (2.0 * np.pi), np.hypot(dx, dy) - circle.radius
 
@@ -500,7 +506,9 @@ _CORRELATED = 36  # blocks of a circle within which residuals may be alike
 
 
 class Rows(NamedTuple):
-    """A circle: polar angle about the fitted center, deviation about the set-up center, direction, feed, radius."""
+    """The data of one circle: angle about the fitted center, deviation about the set-up center, direction, feed,
+    radius.
+    """
 
     angle: np.ndarray
     deviation: np.ndarray
@@ -515,7 +523,9 @@ class Rows(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """The fit problem: circles, axis names, screw pitches, and True if the table stands still within a backlash."""
+    """The data of the fit: circles, axis names, screw pitches, and True if the table remains at rest while a gap is
+    crossed.
+    """
 
     data: list[Rows]
     names: tuple[str, str]
@@ -523,7 +533,7 @@ class Fit(NamedTuple):
     stands: bool
 
     def best_decay(self) -> float:
-        """Return the decay with the smallest residual, by a coarse grid and a search around its best value."""
+        """Return the decay with the smallest residual, from a coarse grid and a search around its best value."""
         # Deferred: commands that only read files do not need it.
         from scipy.optimize import minimize_scalar
 
@@ -540,7 +550,7 @@ class Fit(NamedTuple):
         return float(np.exp(optimum.x))
 
     def settled(self, decay: float | None, passes: int = PASSES) -> Solved:
-        """Iterate passes with the lag mismatch and backlash of the previous one until they converge."""
+        """Repeat the fit, each pass with the lag mismatch and backlash of the previous one, until both converge."""
         shape = Shape(0.0, (0.0, 0.0))
         solved = Solved(self, shape, decay, 1)
         for count in range(2, passes + 1):
@@ -560,13 +570,13 @@ class Shape(NamedTuple):
     gaps: tuple[float, float]
 
     def near(self, other: Shape) -> bool:
-        """Return True if two passes agree within the tolerances of convergence."""
+        """Return True if two passes agree within the convergence tolerances."""
         away = abs(self.mismatch - other.mismatch) <= 1e-9 * abs(self.mismatch) + 1e-12
         return away and all(abs(a - b) <= 1e-4 * a + 1e-9 for a, b in zip(self.gaps, other.gaps, strict=True))
 
 
 def since_reversal(phase: np.ndarray, d: int, reversal: float) -> np.ndarray:
-    """Return the angle since the last of an axis's two reversals per turn."""
+    """Return the angle since the most recent reversal of an axis, which reverses twice per turn."""
     return np.mod(d * (phase - reversal), np.pi)
 
 
@@ -599,7 +609,9 @@ class Solved:
         self.square = float(self.residual @ self.residual)
 
     def _independent(self) -> np.ndarray:
-        """Return independent columns, without the last one of each combination that the circles do not excite."""
+        """Return the indices of linearly independent columns: of every linearly dependent set, the last column is
+        dropped.
+        """
         kept = np.flatnonzero(self.seen)
         while True:
             _, sizes, right = np.linalg.svd(self._triangle[:, kept], full_matrices=False)
@@ -610,7 +622,7 @@ class Solved:
 
     @cached_property
     def unseparable(self) -> dict[int, list[int]]:
-        """The columns from which each column cannot be separated."""
+        """For each column that the circles cannot separate from others, the indices of those others."""
         mixed: dict[int, list[int]] = {}
         for i in np.flatnonzero(self.seen):
             if i in self.kept:
@@ -691,15 +703,15 @@ class Solved:
         return float(np.sqrt(max(self.covariance[k, k], 0.0))) / float(self.scale[i])
 
     def drawn(self, names: Sequence[str]) -> list[np.ndarray]:
-        """Return the deviation that some columns produce on each circle, m."""
+        """Return the deviation that the named columns together produce on each circle, m."""
         chosen = [self.labels.index(name) for name in names]
         whole = self.design[:, chosen] @ self.solution[chosen]
         return np.split(whole, np.cumsum([len(rows.angle) for rows in self.data])[:-1])
 
 
 def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
-    """Return the part of a gap that has not yet been crossed while the table is still at rest, by the angle since
-    reversal.
+    """Return the fraction of a gap that is not yet crossed at each angle since a reversal; until it is, the table is at
+    rest.
     """
     if gap <= 0.0:
         return np.zeros_like(since)
@@ -767,7 +779,7 @@ class Spike(NamedTuple):
 
     @property
     def peak(self) -> float:
-        """The deviation of the largest magnitude, m, signed."""
+        """The signed deviation of the largest magnitude, m."""
         return float(self.height[int(np.argmax(np.abs(self.height)))])
 
     @property
@@ -805,7 +817,7 @@ class CircleCauses(Result):
 
     @property
     def ranked(self) -> list[Cause]:
-        """The causes, largest effect first, without the set-up offset, which is not an error of the machine."""
+        """The causes by descending effect, without the set-up offset, which is not an error of the machine."""
         return sorted((cause for cause in self.causes if not cause.name.startswith("set-up")), key=lambda c: -c.effect)
 
     def table(self) -> Table:
@@ -840,21 +852,21 @@ def circle_causes(
 
     spike  "free": any shape after a reversal, the same for both reversals of an axis and both directions, at each
            feed; "exponential": g exp(-t/decay) after each reversal
-    backlash  "stands": with the loop closed by the motor encoder the table stands still until the gap is crossed, over
-           √(2B/R) rad; "step": the table changes sides at the reversal
+    backlash  "stands": with the loop closed by the motor encoder, the table remains at rest until the gap is crossed,
+              over √(2B/R) rad; "step": the table changes sides at the reversal
     decay  s, of an exponential spike; default: the one with the smallest residual
     pitch  of the screw of an axis, m, by axis: without it no screw error is fitted
 
-    The columns are those of ISO 230-4 tests to first order, with R the radius, V the feed, d the direction, θ the polar
-    angle, outward positive: scale error s: R s, squareness q: (R q/2) sin 2θ, lag -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its
-    mismatch d (V/2) Δτ sin 2θ, backlash ±B/2 along each axis, changing sign at the reversals of that axis: θ = d (V/R)
-    Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Standard errors are valid for residuals
-    correlated over 10°.
+    The columns are the radial deviations in an ISO 230-4 test to first order, outward positive.  With R the radius, V
+    the feed, d the direction and θ the polar angle, they are: scale error s: R s, squareness q: (R q/2) sin 2θ, lag
+    -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its mismatch d (V/2) Δτ sin 2θ, backlash ±B/2 along each axis, changing sign at the
+    reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Standard
+    errors are valid for residuals correlated over 10°.
 
     Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
     to the first one.
 
-    Raises ParameterError as `circle_test` does, and for an unknown spike and a pitch that is not > 0.
+    Raises the same errors as `circle_test`, and ParameterError for an unknown spike and a pitch that is not > 0.
     """
     figures = circle_test(circles)
     names = circles[0].axes
@@ -932,7 +944,7 @@ def _named(solved: Solved, i: int) -> str:
 
 
 def _remedy(solved: Solved) -> str:
-    """Name the additional circles that would separate the causes."""
+    """Return a text that names the additional circles needed to separate the causes."""
     there = {rows.d for rows in solved.data}
     missing = [f"run {DIRECTIONS[d]}" for d in (1, -1) if d not in there]
     missing += ["run a second feed"] if len(solved.feeds) == 1 else []

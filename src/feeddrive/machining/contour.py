@@ -1,6 +1,7 @@
 """Contour error: the distance of the tool from the commanded path, irrespective of its delay along the path.
 
-The path is a curve through the set positions; the error is the distance from its nearest point.
+The path is a curve through the set positions; the error is the distance of the tool from the nearest point of this
+curve.
 """
 
 from __future__ import annotations
@@ -58,12 +59,12 @@ class Curve(NamedTuple):
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
-    """Return the length of vectors, shape (n,), in a third of the time of numpy's norm."""
+    """Return the length of each vector, shape (n,), in a third of the time that numpy's norm takes."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Normalize vectors to length 1, shape (n, N); zero vectors are kept."""
+    """Normalize vectors to length 1, shape (n, N); zero vectors remain zero."""
     length = size(vectors)
     return vectors / np.where(length > 0.0, length, 1.0)[:, None]
 
@@ -76,9 +77,9 @@ def lengths(position: np.ndarray) -> np.ndarray:
 def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> Curve:
     """Return the curve through set positions, m, shape (n, N); a standstill becomes one node.
 
-    Tangents are those of the velocity (m/s, same shape); without velocity, those of the circle through three nodes,
-    unless their chords turn by more than 20°, which is a corner.  On an arc that turns by δ per row the error of the
-    curve is R δ⁶/1000.
+    The tangents have the direction of the velocity (m/s, same shape).  Without velocity, they are those of the circle
+    through three neighboring nodes, unless its two chords differ in direction by more than 20°; the node is then a
+    corner.  On an arc of radius R that turns by δ per row, the error of the curve is R δ⁶/1000.
 
     Raises ParameterError for positions of another shape and for a path shorter than 1 nm.
     """
@@ -133,7 +134,8 @@ class Feet(NamedTuple):
 
 
 def feet(curve: Curve, position: np.ndarray, expected: np.ndarray | None, window: float) -> Feet:
-    """Return the nearest points to positions, m, shape (n, N), each within `window` m of path length around `expected`.
+    """Return the points of the curve nearest to positions (m, shape (n, N)), each searched for within `window` m of
+    path length around `expected`.
 
     expected  expected path length of each point, m, shape (n,); default: that of the previous point, and the whole
               path for the first one
@@ -168,7 +170,7 @@ def _share(place: Floats, begin: Floats, end: Floats) -> float:
 def _cubic(d: float, begin: float, end: float, u: float) -> tuple[float, float, float]:
     """Return the offset of a cubic piece from its start at parameter u, and its first and second derivative.
 
-    The piece is given by its chord d and the derivatives at its ends, in one coordinate.
+    The piece is defined by its chord d and the derivatives at its ends, in one coordinate.
     """
     b = 3.0 * d - 2.0 * begin - end
     c = begin + end - 2.0 * d
@@ -367,7 +369,7 @@ class ContourError(Result):
 
     @property
     def largest(self) -> float:
-        """The largest contour error that counts, m."""
+        """The largest contour error of all samples that count, m."""
         return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
@@ -384,7 +386,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error not exceeded on this share of the path, m, or 0 if no sample counts."""
+        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 if no sample counts."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1
@@ -392,7 +394,7 @@ class ContourError(Result):
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """Return the largest errors that count, largest first: peaks between which the error falls to half.
+        """Return the largest errors of the samples that count, largest first, each from a separate peak of the error.
 
         apart  minimum path length between two of them, m; default: a thousandth of the path
         """
@@ -513,9 +515,9 @@ def contour_error(
     line          of the part program for each row
     counted       True for rows that count in the figures, shape (n,); default: all
     sample_time   s, for arrays
-    window        path length around the set position in which the nearest point is searched, m; default: twice the
-                  largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are
-                  closer to each other than the window are not distinguished
+    window        range of path length around the set position that is searched for the nearest point, m; default: twice
+                  the largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are closer
+                  to each other than the window are not distinguished
 
     The path between two set positions is a cubic (`curve_through`); a standstill is one point, a corner has no normal.
     The estimate is accurate to second order.  Source: definition of the contour error, Koren & Lo 1991.
@@ -586,7 +588,7 @@ def _signed(vector: np.ndarray, tangent: np.ndarray, corner: np.ndarray) -> np.n
 
 
 def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Return the estimate ε = -e_n - κ e_t²/2, or NaN where the set position stands still."""
+    """Return the estimate ε = -e_n - κ e_t²/2, or NaN where the set position is at rest."""
     speed = size(velocity)
     moves = speed > _SLOW
     t = unit(velocity)
@@ -627,7 +629,7 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Return position, velocity and acceleration of references at instants, s."""
+    """Return position, velocity and acceleration of the references of all axes at each time, s."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")

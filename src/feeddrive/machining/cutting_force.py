@@ -73,8 +73,8 @@ class CuttingForces(Result):
 def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     """Compute the cutting forces of a run from the motion of its axes, with the same model as in the run.
 
-    For a run with one substep the result is exactly the force of the run, otherwise the force with one substep per
-    sample.
+    If the run has one substep per sample, the result is exactly the force in the run; otherwise it is the force that
+    one substep per sample would give.
     Raises ParameterError for a run that does not begin at 0 s or without the positions and velocities of x and y.
     """
     # Regeneration depends on all earlier surfaces, so the forces cannot start in the middle of a cut.
@@ -228,7 +228,9 @@ def runout_mark(radius: float, feed: float, difference: float) -> float:
 
 
 def scallop(radius: float, step: float) -> float:
-    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill of radius R for passes at a distance s."""
+    """Return the scallop height R - √(R² - s²/4) in m of a ball end mill of radius R for passes spaced s = `step`
+    apart.
+    """
     return radius - float(np.sqrt(radius**2 - 0.25 * step**2))
 
 
@@ -243,11 +245,11 @@ def wall(
     levels: int = 1,
     axial_depth: float | None = None,
 ) -> Surface:
-    """Compute the finished wall of a run between two instants, on a straight feed.
+    """Compute the finished wall that a run generates between two instants, while the feed follows a straight line.
 
-    On each line across the wall, the deepest edge determines the height. At the height z an edge has the angle v =
-    angle + 2πj/N - k z, with the edge number j of N and the lag k of a helical edge. It generates the wall near v = 0
-    in up milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
+    On each line across the wall, the deepest edge determines the height. At the height z, edge j of N has the angle v =
+    angle + 2πj/N - k z, where k is the lag angle per height of a helical edge. It generates the wall near v = 0 in up
+    milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
 
     begin, end     s; the feed is the straight line between the set positions at these instants
     milling        up or down

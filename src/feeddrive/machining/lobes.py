@@ -1,6 +1,7 @@
 """Chatter: the stability lobes of a milling cut, and the signs of chatter in a signal.
 
-Besides the exact method there are two published ones: zero-order lobes, a quick estimate, and semi-discretization.
+In addition to the exact method there are two published ones: zero-order lobes, a quick estimate, and
+semi-discretization.
 """
 
 from __future__ import annotations
@@ -96,7 +97,7 @@ def chatter_signs(
     """Detect chatter in equidistant samples of a force, an error or a sound of an established cut.
 
     speed   spindle speed in rpm, constant; teeth: number of teeth of the tool
-    start   s, time of the first once-per-tooth sample after the first value; None: where samples spread most
+    start   s, time of the first once-per-tooth sample after the first value; None: where the samples spread the most
     runout  True for a tool with run-out: harmonics of the spindle are not chatter, and samples are taken once per turn
 
     A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
@@ -162,12 +163,12 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
 
         λ an eigenvalue of G(jω) mean(H),  L = -1/λ,  a = |L|²/(2 Re L) if Re L > 0,  ωτ = -arg(1 - L/a) + 2πk
 
-    tool   a `ToolPoint`, or a response from a force on the tool to its position in m/N, an `FRF` along the feed, or a
-           pair of them for feed and normal
+    tool   a `ToolPoint`, or the measured response of the tool's position to a force on it, m/N: an `FRF` along the
+           feed, or a pair of them for feed and normal
 
-    The solution is exact where H is constant; elsewhere it is not a bound: in narrow down milling it is too high by up
-    to a factor of two, and it has no flip lobes.  A measured response needs no model; its lines are interpolated
-    linearly.
+    The solution is exact where H is constant; elsewhere it is not a bound: in down milling at low radial immersion it
+    is too high by up to a factor of two, and it has no flip lobes.  A measured response needs no model; its lines are
+    interpolated linearly.
     Raises ParameterError for a response that is not in m/N.
     Source: Altintas & Budak 1995, Analytical Prediction of Stability Lobes in Milling, CIRP Annals 44.
     """
@@ -252,10 +253,10 @@ def semi_discretisation(
     """Return all multipliers µ of a cut by semi-discretization, the largest first, for a speed in rpm and an axial
     depth in m.
 
-    The tooth period is divided into `steps`; in each the coefficients are averaged, and the delayed value is the mean
-    of its ends (order 0) or linear (order 1).  The error is inversely proportional to steps²; with the usual 40 the
-    error of |µ| is 6 % if a mode oscillates 5 times between two teeth, and an error of 2e-4 requires ω τ / steps <=
-    0.05.
+    The tooth period is divided into `steps`.  In each step the coefficients are averaged, and the delayed displacement
+    is replaced by the mean of its values at both ends (order 0) or by a line between them (order 1).  The error is
+    inversely proportional to steps²; with the usual 40 the error of |µ| is 6 % if a mode oscillates 5 times between two
+    teeth, and an error of 2e-4 requires ω τ / steps <= 0.05.
     As in the source, only straight edges without process damping are supported; others raise ParameterError.
     Source: Insperger & Stépán 2002 and 2004, Semi-discretization method for delayed systems.
     """
@@ -433,7 +434,7 @@ _SPEED, _LIMIT, _CHATTER = Column("speed", "rpm", "6"), Column("limit", "m", "5 
 
 
 def _over(deepest: float) -> str:
-    """Return the table cell of a limit above the largest depth that was searched."""
+    """Return the table entry for a limit above the largest depth that was searched."""
     return Text(f"over {Quantity(deepest, 'm', bare=True):mm}")
 
 
@@ -460,14 +461,14 @@ def stability_lobes(
 
     tool      modes (`tool_modes`), or a loop, machine or sampled model, which `tool_point` converts
     cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` such as process_damping = 2e4 replace fields
-    deepest   axial depth in m up to which a limit is searched; default: 12 times the lowest zero-order limit
+    deepest   axial depth in m up to which a limit is searched for; default: 12 times the lowest zero-order limit
     islands   True to search for stable ranges above the limit as well, up to `deepest`
     speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
 
-    The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of
-    15 % and found to 1e-10.
+    The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15
+    % and refined to a relative accuracy of 1e-10.
     Raises UnstableError for a tool point that is unstable without a cut, ParameterError for a measured response, for
-    speeds that are not above 0, and as `ToothPassage` does.
+    speeds that are not above 0, and the errors of `ToothPassage`.
     """
     point, cut = as_tool_point(tool), regeneration(cutter, **changes)
     speeds = np.atleast_1d(np.asarray(spindle_speeds, float))
@@ -506,7 +507,7 @@ def cut_stability(
 ) -> CutStability:
     """Compute |µ| of one cut at a spindle speed in rpm and an axial depth in m, and the limit at this speed.
 
-    Raises the errors of `stability_lobes`, and ParameterError for a depth that is not above 0.
+    Raises the same errors as `stability_lobes`, and ParameterError for a depth that is not above 0.
     """
     if not (depth > 0.0 and np.isfinite(depth)):
         raise ParameterError(f"depth = {Quantity(depth, 'm'):6 SI} must be > 0: the axial depth of the cut")

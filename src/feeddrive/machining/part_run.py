@@ -1,6 +1,6 @@
 """Evaluation of a part program on a machine: errors with program lines, form errors, motor load and cutting force.
 
-A tool of radius R in peripheral milling generates a wall w beside its path p:
+A tool of radius R in peripheral milling generates a wall w alongside its path p:
 
     w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling (M3)
 
@@ -11,7 +11,7 @@ A point of that wall belongs to the part if
 2. it lies on the same side of the closed path as most of the wall: inside a path around the part, outside a path in a
    pocket.  This excludes a lead-in and a lead-out on the other side.
 
-The path of a cut along a single edge encloses no area; it counts completely, since the end of the part is not known.
+The path of a cut along a single edge encloses no area; all of it counts, since the end of the part is not known.
 """
 
 from collections.abc import Iterable, Mapping
@@ -122,7 +122,7 @@ def _in_line(line: int | None) -> str:
 def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     """Split the path of a two-axis contour error into lines and arcs.
 
-    ends  share of each element that is excluded at each end, 0 to 0.4
+    ends  fraction of each element that is excluded at each of its ends, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
     least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
@@ -196,7 +196,7 @@ _CORNERS = 300  # vertices of the polygon that decides which points lie inside t
 
 
 def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
-    """Return True for each sample of one cut in which the tool generates a finished wall of the part, shape (n,).
+    """Return a mask of the samples of one cut, shape (n,): True where the tool generates a finished wall of the part.
 
     position, velocity  of the setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill generates
                         no wall
@@ -220,7 +220,7 @@ def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: 
 
 
 def enclosed(points: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Return True for each point that a path, closed by a straight line, encloses: its winding number is not 0.
+    """Return True for each point that lies inside a path, closed by a straight line: the path winds around it.
 
     points  shape (n, 2); path  shape (m, 2)
     """
@@ -271,7 +271,7 @@ class Estimated(NamedTuple):
     error, true  N, RMS of the estimation error, with the lag of the estimate compensated, and of the true disturbance
                  without its mean
     slow         N, RMS of the error averaged over a turn of the spindle; None without a spindle
-    lag          s
+    lag          time by which the estimate lags the true disturbance, s
     disturbance  N, the estimate, shape (n,)
     """
 
@@ -286,11 +286,11 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; only samples in which the tool generates a finished wall of the part
-               (`on_part`), or moves at a feed, count
+    contour    contour error of all moving axes; only samples at which the tool generates a finished wall of the part
+               (`on_part`), or moves at a feed rate, count
     axes       figures by axis
     load       of the motors, and of the spindle if there is a cut
-    cutting    N, cutting force on the axes that exist among x, y, z, shape (n, N); None without a cut
+    cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None without a cut
     estimates  by observer and axis
     disturbances  N, the true disturbance of the axes with observers, by axis
     """
@@ -304,7 +304,7 @@ class PartRun(Result):
     disturbances: Mapping[str, np.ndarray]
 
     def worst(self, count: int = _LISTED) -> list[Worst]:
-        """Return the largest contour errors that count, a few millimeters of path apart."""
+        """Return the largest contour errors of the samples that count, a few millimeters of path apart."""
         return self.contour.worst(count, apart=max(_SAME_PLACE, 2e-3 * float(self.contour.along[-1])))
 
     @property
@@ -316,7 +316,7 @@ class PartRun(Result):
 
     @property
     def duty(self) -> float | None:
-        """The largest ratio of RMS force to continuous force among the axes, or None if none is stated."""
+        """The largest ratio of RMS force to continuous force of any axis; None if no continuous force is stated."""
         shares = [axis.of_continuous for axis in self.load.axes.values() if axis.of_continuous is not None]
         return max(shares, default=None)
 
@@ -478,7 +478,7 @@ def _estimated(run: Run, axis: str, observer: Observer, true: np.ndarray, turn: 
 
 
 def disturbance_of(run: Run, loop: Loop, axis: str) -> np.ndarray:
-    """Return the true disturbance of an axis over each sample, N, shape (n,): cut, weight, dry and viscous friction."""
+    """Return the true disturbance of an axis in each sample, N, shape (n,): cut, weight, dry and viscous friction."""
     mechanics = loop.axis.mechanics()
     # Only the damping of rigid motion disturbs the axis; that between its bodies belongs to a mode.
     along = mechanics.rigid_motion()

@@ -218,7 +218,9 @@ def _differences(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Passage(NamedTuple):
-    """A piece in time and, if it is cutting, its response to the force at the points and to the initial state."""
+    """The time interval of a piece and, if it is cutting, the response to the force at its points and to the initial
+    state.
+    """
 
     piece: Piece
     length: float  # s
@@ -230,7 +232,7 @@ class _Passage(NamedTuple):
 
 
 class ToothPassage:
-    """The monodromy of a tool point under a cut over one tooth period, at a spindle speed in rpm.
+    """The monodromy matrix of a tool point with a cut, over one tooth period at a spindle speed in rpm.
 
         y' = A y + B f,   f = -a H (C y - C y(t - τ)) - a P C A y,      split where the engagement changes
 
@@ -245,7 +247,9 @@ class ToothPassage:
     """
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
-        """Prepare the points; with a `share` of 0.6 of them |µ| is accurate to 1 %, sufficient for a start value."""
+        """Prepare the Chebyshev points; with a fraction `share` = 0.6 of them |µ| is accurate to 1 %, enough for a
+        start value.
+        """
         # Deferred: commands that only read files do not need it.
         from scipy.linalg import schur
 
@@ -380,8 +384,8 @@ class ToothPassage:
     def flips(self) -> np.ndarray:
         """Return all axial depths in m, ascending, at which a multiplier is -1, for straight edges only.
 
-        y(τ) = -y(0) and r(t - τ) = -r(t) make the motion a linear function G of the force, f = -a (2 H + P d/dt) G f:
-        the depths follow from the eigenvalues of a matrix, so that no lobe is missed, however narrow it is.
+        With y(τ) = -y(0) and r(t - τ) = -r(t), the motion is a linear function G of the force: f = -a (2 H + P d/dt) G
+        f.  The depths a follow from the eigenvalues of a matrix, so no lobe is missed, however narrow it is.
         """
         if self.cut.lag:
             return np.zeros(0)

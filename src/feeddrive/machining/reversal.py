@@ -21,7 +21,7 @@ class Reversal(NamedTuple):
 
     axis, side  axis and end, as "x" and "+": the most positive or most negative position
     time        of the reversal of the set velocity, s
-    base        outward contour error before it, m
+    base        outward contour error before the reversal, m
     height, peak_time  the largest outward contour error above the base, m, and its time after the reversal, s
     width       width of the peak at half its height, s
     stick_begin, stick_time  start after the reversal and duration of sticking, s, to within a sample; 0 without

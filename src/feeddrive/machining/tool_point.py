@@ -48,7 +48,7 @@ class ToolMode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolPoint(Result):
-    """The linear model of the motion r = (t, n) in m of the tool relative to the workpiece due to a force F in N on it.
+    """The linear model of how a force F (N) on the tool displaces it relative to the workpiece by r = (t, n) (m).
 
         y' = A y + B F,   r = C y
 
@@ -140,20 +140,22 @@ def tool_point(
     velocity: float = 0.05,
     lowest: float = 0.1,
 ) -> ToolPoint:
-    """Return the tool point of a loop or machine with sampled controllers, from a force at the load to its position.
+    """Return the tool point of a loop or machine with sampled controllers: how the load moves under a force on the
+    load.
 
     along     the axes along feed and normal, None for a rigid direction; default for a loop: its axis along the feed
     velocity  velocity of the axes for the linearization, m/s, as in `linearize`
     lowest    lowest frequency of the fit, Hz
 
-    The sampled model, divided by the hold of the force, is the response of the machine to a continuous force:
+    The sampled model, divided by the frequency response of the zero-order hold, is the response of the machine to a
+    continuous force:
 
         G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
 
     The tool point has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of hold and
-    dead time; their residues are fitted to G up to 0.4/T by least squares, with the error `missed`.  Aliases, of the
-    order of (fT)², are neglected.  A `MillingCut` of the machine names the axes and is removed, since the lobes add its
-    force.
+    dead time.  The residues are fitted to G up to 0.4/T by least squares; the remaining error is `missed`.  Aliases, of
+    the order of (fT)², are neglected.  If the machine has a `MillingCut`, its axes are the default of `along`; the cut
+    itself is removed, since the lobes add its force.
     Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit error above 1 %.
     """
     if isinstance(system, StateSpace):
@@ -215,7 +217,7 @@ def _moved(system: Loop | Machine) -> tuple[str, ...]:
 
 
 def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
-    """Return the continuous system with the poles of a sampled one that fits its response without the hold."""
+    """Return a continuous system with the poles of a sampled model, fitted to its response with the hold removed."""
     T, q = model.sample_time, len(model.inputs)
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
@@ -279,7 +281,7 @@ def _alternates(p: complex) -> bool:
 
 
 def _terms(s: np.ndarray, pole: complex) -> list[np.ndarray]:
-    """Return the basis functions of a pole: 1/(s - p), or for a pair 1 and s over its denominator."""
+    """Return the scaled basis functions of a pole: 1/(s - p), or 1/d and s/d for a pair with polynomial d."""
     if abs(pole.imag) < 1e-9 * abs(pole):
         return [abs(pole) / (s - pole.real)]
     below = s * s - 2.0 * pole.real * s + abs(pole) ** 2

@@ -8,7 +8,7 @@ The whole time loop is one function:
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables,
               i64 row, i64 column)
 
-Constants, and states followed by the cells of rings, are laid out as [number][lane], and outputs as
+Constants, and states followed by the cells of ring buffers, are laid out as [number][lane], and outputs as
 [sample][number][lane].  Inputs are the same for all lanes; `row` is their stride from sample to sample and `column`
 that from number to number, so that each input may be a separate row.  Separate rows for the outputs made the loop 8 %
 slower.  Values that do not change from sample to sample are computed before the loop.
@@ -61,11 +61,11 @@ class Printer:
         return name
 
     def varies(self, node: int) -> bool:
-        """True if a node is a vector."""
+        """True if the value of a node differs between lanes, so that it is a vector."""
         return self.plan.lanes > 1 and self.plan.kinds.varying[node]
 
     def type(self, vector: bool, scalar: str = "double") -> str:
-        """Return the type of a value."""
+        """Return the LLVM type of a value, vector or scalar."""
         return f"<{self.plan.lanes} x {scalar}>" if vector else scalar
 
     def value(self, node: int, vector: bool) -> str:
@@ -97,7 +97,7 @@ class Printer:
         return text if not vector else "<" + ", ".join([f"double {text}"] * self.plan.lanes) + ">"
 
     def load(self, base: str, place: int, vector: bool) -> str:
-        """Load a number from memory that is laid out by lanes."""
+        """Load a number from memory with the layout [number][lane]."""
         at = self.emit(f"getelementptr double, ptr {base}, i64 {place * self.plan.lanes}")
         # the memory is numpy's, which aligns numbers, not vectors
         return self.emit(f"load {self.type(vector)}, ptr {at}, align 8")
@@ -108,16 +108,16 @@ class Printer:
         return lines
 
     def begin(self, label: str) -> None:
-        """Start a new block."""
+        """Start a new basic block."""
         self.block = label
         self.lines.append(f"{label}:")
 
     def store(self, held: str, at: str) -> None:
-        """Store a number to memory that is laid out by lanes."""
+        """Store a number to memory with the layout [number][lane]."""
         self.lines.append(f"  store {self.type(self.plan.lanes > 1)} {held}, ptr {at}, align 8")
 
     def node(self, index: int) -> None:
-        """Write one operation."""
+        """Write the operation of a node."""
         node = self.plan.graph.nodes[index]
         name, inner = node[0], arguments(node)
         if name in ("input", "table", "ring") or (index in self.plan.together and index in self.names):
@@ -170,7 +170,7 @@ class Printer:
             raise AssertionError(f"no text for the operation '{name}'")
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> None:
-        """Write a selection between two values, by one condition for all lanes or one per lane."""
+        """Write a selection between two values, with one condition for all lanes or one per lane."""
         group = self.plan.together.get(index, (index,))
         if Branch(group[0], 1) in self.branches or Branch(group[0], 2) in self.branches:
             self.branch(group)
@@ -264,7 +264,7 @@ class Printer:
         return self.by_lane(read, self.names[place]) if vector else read(self.names[place])
 
     def get(self, ring: int, place: int, vector: bool) -> str:
-        """Read a cell of a ring: the same cell in all lanes, or a different one per lane."""
+        """Read a cell of a ring buffer: the same cell in all lanes, or a different one per lane."""
         if not vector:
             return self.emit(f"load double, ptr {self.cell(ring, self.names[place], 0)}, align 8")
         if not self.varies(place):
@@ -277,7 +277,7 @@ class Printer:
         return total
 
     def put(self, ring: int, place: int, value: int) -> None:
-        """Overwrite a cell of a ring in place."""
+        """Overwrite a cell of a ring buffer in place."""
         held = self.value(value, self.plan.lanes > 1)
         if not self.varies(place):
             self.store(held, self.cell(ring, self.names[place], 0))
@@ -288,7 +288,7 @@ class Printer:
             self.lines.append(f"  store double {one}, ptr {self.cell(ring, at, lane)}, align 8")
 
     def cell(self, ring: int, place: str, lane: int) -> str:
-        """Return the address of a cell of a ring in the memory of the states."""
+        """Return the address of a cell of a ring buffer, which lies in the memory of the states."""
         offset = self.emit(f"fptosi double {place} to i64")
         if self.plan.lanes > 1:
             offset = self.emit(f"mul i64 {offset}, {self.plan.lanes}")
@@ -297,7 +297,7 @@ class Printer:
         return self.emit(f"getelementptr double, ptr {self.names[ring]}, i64 {offset}")
 
     def by_lane(self, function: Callable[[str], str], x: str) -> str:
-        """Write a scalar operation for each lane."""
+        """Write a scalar operation separately for each lane."""
         lanes = self.plan.lanes
         kind = self.type(True)
         total = "poison"
@@ -388,7 +388,7 @@ class _TimeLoop:
         self.last = ""  # the block in which a sample ends
 
     def entry(self) -> list[str]:
-        """Write everything that is constant over the run, and the initial states."""
+        """Write the code for all values that are constant over the run, and for the initial states."""
         plan, printer = self.plan, self.printer
         moving = plan.kinds.moving
         for i, (_, node) in enumerate(plan.tables):
@@ -464,13 +464,17 @@ class _TimeLoop:
         return printer.taken()
 
     def _join(self, name: str) -> str:
-        """Return the phi instruction of a state: its initial value, or its value at the end of the previous sample."""
+        """Return the phi instruction of a state, which takes its initial value or its value at the end of the previous
+        sample.
+        """
         kind = self.printer.type(self.printer.varies(self.plan.states[self.places[name]].before))
         return f"phi {kind} [ {self.begins[name]}, %entry ], [ {self.ends[name]}, %{self.last} ]"
 
 
 def _flush(target: str) -> tuple[list[str], list[str], list[str]]:
-    """Return the declarations, and the lines that set and restore the mode in which subnormal numbers count as 0."""
+    """Return the declarations for flush-to-zero mode (subnormal numbers count as 0), and the lines that set and restore
+    it.
+    """
     if target.startswith("x86_64"):
         return (
             ["declare void @llvm.x86.sse.stmxcsr(ptr)", "declare void @llvm.x86.sse.ldmxcsr(ptr)"],
@@ -526,7 +530,7 @@ class Native:
         outputs: np.ndarray | None,
         tables: Sequence[np.ndarray],
     ) -> None:
-        """Compute `count` samples from sample `first` on; `states` is updated, `outputs` is filled.
+        """Compute `count` samples, beginning with sample `first`; update `states` and fill `outputs` in place.
 
         The shapes are constants (n, lanes), inputs (count, n), states (n, lanes) and outputs (count, n, lanes). All
         arrays are float64 in C order, except that the inputs may have any strides.
@@ -537,8 +541,8 @@ class Native:
         self.run_at(count, first, memory, inputs.strides)
 
     def run_at(self, count: int, first: int, memory: Sequence[int], strides: Sequence[int]) -> None:
-        """Run with the addresses of constants, inputs, states, outputs and tables; `strides` are those of the inputs,
-        in bytes.
+        """Run with `memory`, the addresses of constants, inputs, states, outputs and tables; `strides` are those of the
+        inputs, in bytes.
         """
         self._call(count, first, *memory, *[stride // _NUMBER for stride in strides])
 

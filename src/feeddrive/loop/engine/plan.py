@@ -1,4 +1,4 @@
-"""The plan from which a code printer works: lowered graph, memory order, kinds of nodes, lazy branches.
+"""The plan from which code is generated: lowered graph, memory order, kinds of nodes, lazy branches.
 
 In a single run, an operation that only one branch of a `select` needs is computed only if that branch is taken.
 
@@ -33,9 +33,9 @@ def classify(
 ) -> Kinds:
     """Return the kinds of all nodes.
 
-    moving   nodes that are given at each sample (inputs, the sample index)
+    moving   nodes with a new value in each sample (inputs, the sample index)
     varying  leaves that differ between lanes (constants, states that start differently)
-    carried  (before, after) of the states; a state varies as soon as its next value does
+    carried  (before, after) nodes of the states; a state varies as soon as its next value does
     """
     before = {b for b, _ in carried}
     varying = set(varying)
@@ -78,7 +78,7 @@ class Plan:
 
     @property
     def memory(self) -> list[str]:
-        """The names of all numbers that are carried from sample to sample, in the order of memory."""
+        """The names of all numbers that are carried from sample to sample, in memory order."""
         cells = (f"{name}[{i}]" for name, _, length in self.rings for i in range(length))
         return [*(state.name for state in self.states), *cells]
 
@@ -139,11 +139,11 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 
 
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
-    """Return, for each selection, all selections with the same condition that can be evaluated in place of the first.
+    """Return, for each selection, its group: the selections that are evaluated together, in place of the first of them.
 
-    Several results that are needed on only one side of the condition, such as the forces of a tooth in the cut, then
-    share one branch.  All their operands were traced before the first selection, so none of the selections depends on
-    another.
+    A group has a common condition, so that results needed on only one side of it, such as the forces of a tooth in the
+    cut, share one branch.  All operands of a group were traced before its first selection, so none of its selections
+    depends on another.
     """
     open_: dict[int, list[int]] = {}
     groups: list[list[int]] = []
@@ -161,14 +161,14 @@ def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[
 def _ordered(
     graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
 ) -> tuple[int, ...]:
-    """Return the order of evaluation: with lanes, that of the trace; for a single run, the longest chains first.
+    """Return the order of evaluation: with lanes, the order of the trace; for a single run, the longest chains first.
 
     The longest chains are the longest sequences of dependent operations that lead to the next value of a state.  A
     single run waits for such a chain in every sample; a processor that starts it early fills the latency with other
     operations.  With lanes there are enough other operations, and the order of the trace keeps fewer numbers alive.
 
-    A ring is written in place, after all reads of its previous contents.  Selections that are evaluated together are
-    consecutive.
+    A ring buffer is written in place, after all reads of its previous contents.  Selections that are evaluated together
+    are consecutive.
     """
     before = reads_first(graph, needed)
 
@@ -202,14 +202,14 @@ def _ordered(
 
 
 def _chosen_from(graph: Graph, group: Sequence[int]) -> list[int]:
-    """Return the operands of the given selections."""
+    """Return all operands of a group of selections."""
     return [i for index in group for i in arguments(graph.nodes[index])]
 
 
 def reads_first(graph: Graph, needed: Collection[int]) -> dict[int, list[int]]:
-    """Return, for each write to a ring, the reads of its previous contents, which must come first.
+    """Return, for each write to a ring buffer, the reads of its previous contents, which must be evaluated first.
 
-    Raises StructureError if a ring is written twice from one state, since a ring is overwritten in place.
+    Raises StructureError if two writes start from the same contents of a ring buffer, since it is overwritten in place.
     """
     reads: dict[int, list[int]] = {}
     writes: dict[int, int] = {}
@@ -232,8 +232,8 @@ ARITHMETIC = ("exact", "libm", "fma")
 
 
 def lower(graph: Graph, roots: Sequence[int], arithmetic: str) -> tuple[Graph, dict[int, int]]:
-    """Return the graph of the roots, rewritten in operations that printers support, and the new node of each old
-    one.
+    """Return the graph of the roots, rewritten in operations that the code printers support, and the map from old to
+    new nodes.
     """
     return rebuilt(graph, roots, lambda target, name, values: composed(target, name, values, arithmetic))
 
@@ -269,7 +269,7 @@ _COSTS = {"input": 0, "div": 10, "sqrt": 10, "uniform": 30, "gather": 5} | dict.
 
 
 class Branch(NamedTuple):
-    """A branch of a `select` node, or of several evaluated together: the first node, and 1 for true or 2 for false."""
+    """A branch of a `select` node or of a group evaluated together: its first node, and 1 for true or 2 for false."""
 
     select: int
     branch: int
@@ -332,7 +332,7 @@ def _places(plan: Plan) -> dict[int, Branch | None]:
 
 
 def _common(branches: list[Branch | None], places: dict[int, Branch | None]) -> Branch | None:
-    """Return the innermost branch that encloses all the given branches; None if there is none."""
+    """Return the innermost branch that encloses all of `branches`; None if there is none."""
     around = _around(branches[0], places)
     for branch in branches[1:]:
         others = _around(branch, places)
