@@ -100,7 +100,7 @@ _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal poi
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences on the laws without a rank, with the reasons; those that are refused alike in one."""
+    """Return the sentences of `standings`, then those on laws that cannot control the axis, one for each reason."""
     refused = dict[str, list[str]]()
     for refusal in comparison.refusals:
         first = _SENTENCES.split(marked(refusal.reason), maxsplit=1)[0].rstrip(".")

@@ -21,7 +21,7 @@ _SUFFIX = ".txt"
 
 
 class NewRequest(Request):
-    """The kind of the package, and its name."""
+    """The kind of package to create, and its name."""
 
     what: str = argument("What to make: law")
     name: str = argument("Its name, as in a machine file: smith_law, or SmithLaw")
