@@ -111,7 +111,7 @@ def matched_dynamics(
 class ContourGain(Result):
     """The largest stable gain of cross-coupled control in 1/s, for the critical direction of the path.
 
-    direction   critical path direction, as components of a unit vector by axis: a gain above `largest` is unstable
+    direction   path direction along which a gain above `largest` is unstable: components of a unit vector by axis
     gain        the current gain of the machine
     peak        Ms of the contour loop at this gain, that is the maximum of 1/|1 + L| over all directions, where
                 L = gain · n (G/Kv) n, n is the unit normal of the path, and G contains the responses of the axes from

@@ -30,9 +30,10 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredLoop(Result):
-    """The loop gain of a controller on a measured axis, and its closed-loop compliance if the axis's was measured.
+    """The loop gain of a controller on a measured axis, and the closed-loop compliance, if it can be computed.
 
-    Margins alone do not prove that the closed loop is stable: see `encirclement`.
+    The compliance requires a measurement of the compliance of the open axis.  Margins alone do not prove that the
+    closed loop is stable: see `encirclement`.
     """
 
     loop_gain: FRF

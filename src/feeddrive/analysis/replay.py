@@ -221,7 +221,7 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 
 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
-    """Return what the force limit leaves of `added_force` if it is added before the limit, and the replay with that.
+    """Return the part of `added_force` that passes the limit if added before it, and the replay with this part.
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F, the force limit,   u the force that the controller requests
 

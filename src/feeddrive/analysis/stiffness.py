@@ -46,9 +46,9 @@ NAMED = (1.0, 10.0, 100.0, 1000.0)  # Hz, at which the table states it
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stiffness(Result):
-    """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); shown in N/um.
+    """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); displayed in N/um.
 
-    `static` is its limit at 0 Hz, infinite with integral action, None if it is unknown.
+    `static` is its limit at 0 Hz: infinite with integral action, None if unknown.
     """
 
     frequency: np.ndarray
@@ -89,7 +89,7 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Return a table of static and minimum stiffness, and of the stiffness at the `frequencies` within the lines."""
+        """Return a table of static and minimum stiffness, and of the stiffness at `frequencies` within the lines."""
         rows = list[list[Cell]]()
         if self.static is not None:
             rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
@@ -248,7 +248,7 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
 
 
 def reading_deviation(encoder: Any) -> float:
-    """Return the standard deviation of an encoder's reading in m, from quantization, q/√12, and noise."""
+    """Return the standard deviation of an encoder's reading in m, from quantization (resolution/√12) and noise."""
     resolution = getattr(encoder, "resolution", None) or 0.0
     # the error of a count is uniform over one count
     return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)

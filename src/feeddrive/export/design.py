@@ -38,7 +38,7 @@ MACHINE_FILE = "machine.toml"  # the copy of the machine file in an export
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """What is exported: a controller, an axis, or all axes with their couplings, as a routine and its memory layout."""
+    """A controller, an axis, or all axes with their couplings, as a routine and its memory layout."""
 
     machine: MachineFile
     axis: str
@@ -142,7 +142,7 @@ class Design:
 
     @property
     def judgment(self) -> Judgment:
-        """The judgment on the stability of the axes: that of the first axis with a negative one, if there is one."""
+        """The judgment on the stability of the axes: the first negative one, or `EXPORTED` if there is none."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
         judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
@@ -316,7 +316,7 @@ def _too_large(value: float) -> bool:
 
 
 def _design_name(layout: Layout, field: Field) -> str:
-    """Return how messages call a design number: by its dotted name if it is a parameter, else by its field name."""
+    """Return the name of a design number in messages: its dotted name if it is a parameter, else its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"
 

@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: a P-PI design with LinuxCNC's stock pid components, and how its behavior then differs."""
+"""The target `linuxcnc-pid`: a P-PI design with LinuxCNC's stock pid components, and the remaining differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -285,8 +285,8 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
 def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
     """Return a move that needs 40 % of the force limit and, if there is a limit, one that needs 150 %.
 
-    The velocity is half the limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the second move;
-    both moves stay within the travel.
+    The velocity is half of the velocity limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the
+    second move; both moves stay within the travel.
     """
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     mass, limit = float(loop.axis.plant.rigid_mass()), loop.control.force_limit

@@ -685,7 +685,7 @@ def write_parameters(
 
 
 def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
-    """Return lines or lost parts with their paths completed to those in the machine file."""
+    """Return lines or lost parts with their full paths in the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 

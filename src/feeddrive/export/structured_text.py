@@ -89,7 +89,7 @@ def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
 
 
 def _depending(graph: Graph, others: set[int]) -> list[bool]:
-    """Return, per node, True if it is one of `others` or depends on one."""
+    """Return, per node, True if it is one of `others` or depends on one of them."""
     depends: list[bool] = []
     for index, node in enumerate(graph.nodes):
         depends.append(index in others or any(depends[i] for i in arguments(node)))

@@ -441,7 +441,7 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the name of a node's variable: that in the law, or that of a state, or else a numbered one.
+        """Return the name for a node's variable: its name in the law, the name of a state, or else a numbered name.
 
         The name of a state is used for a selection that may leave this state unchanged.
         """

@@ -36,7 +36,7 @@ _NUMBERS = {"int | None": int, "float | None": float}
 
 @dataclass(frozen=True)
 class Proof:
-    """How an export is proven: the module whose function `prove` runs it, and the length of the trial.
+    """The proof of an export: the module whose function `prove` performs it, and the length of the trial.
 
     samples    number of samples, for a trial that takes some seconds
     changes    number of live parameter changes in the trial; 0 if the program does not support them
@@ -59,7 +59,7 @@ class Proof:
 
 @dataclass(frozen=True)
 class Target:
-    """An export target: the function that writes it, its capabilities, and how its export is proven.
+    """An export target: the function that writes it, its capabilities, and the proof of its exports.
 
     options     names in `OPTIONS` that its function accepts
     precisions  supported precisions, default first
@@ -89,7 +89,7 @@ class TargetOption(NamedTuple):
 
     kind   its type in the request of the command `export`
     unit   its SI unit
-    asked  its name in that request, if it is another one
+    asked  its name in that request, if that name is different
     """
 
     kind: str

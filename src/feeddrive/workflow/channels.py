@@ -92,7 +92,7 @@ class Doubt:
     moves: bool = False
 
     def stop(self, progress: Progress) -> None:
-        """Show the interpretations and raise LogError, unless the units were given."""
+        """Show the interpretations and raise LogError, unless the user stated the units."""
         if self.why and not self.told:
             if self.readings is not None:
                 progress.remark(self.readings)
@@ -100,13 +100,13 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """Return the judgment that the units must be clarified first; None if the magnitudes are plausible."""
+    """Return the judgment that the units must be clarified first, with the first doubt as reason, or None."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
 @dataclass(frozen=True)
 class _Group:
-    """The column of the motion or of the force: its role, its unit as read, and the origin of the unit."""
+    """The column of the motion or of the force: its role, the unit in which it was read, and the origin of the unit."""
 
     role: str
     column: str

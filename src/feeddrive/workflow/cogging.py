@@ -364,7 +364,7 @@ def _section(block: Cogging, axis: str) -> str:
 
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:
-    """Return the strong orders that do not change sign with the direction, strongest first."""
+    """Return the strong orders whose sign does not depend on the direction of motion, strongest first."""
     # cogging is a force of position alone; what changes its sign with the direction is friction
     common = [
         order

@@ -333,7 +333,7 @@ class Outcome(Generic[T]):
     files     paths of the written files, by kind
     details   tables and sentences that reports always contain, and the terminal shows with --verbose, after the remarks
     rotary    True for a rotary axis, which is shown in rad, N m and kg m2; the result may declare this instead
-    judgment  the judgment of the command on its result, which gives the exit code
+    judgment  the judgment of the command on its result, which determines the exit code
     failure   the reason for a negative judgment, if the verdict does not state it
     error     the error that ended the command early, if partial results are worth keeping
     page      the function that builds the command's own report, if there is one; it must be picklable
@@ -487,7 +487,7 @@ class Command(Generic[P, R, T]):
         return outcome.result
 
     def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Build the request. Raise ParameterError for an invalid field; for a rotary axis, it states rotary units."""
+        """Build the request. Raise ParameterError for an invalid field, in rotary units for a rotary axis."""
         try:
             # bound first, so that a wrong name is reported in the words of the command and not by a TypeError of a
             # dataclass

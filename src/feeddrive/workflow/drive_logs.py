@@ -96,7 +96,7 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the role to use: the first of `roles` that the log has, roles named by the user before all others.
+    """Return the first of `roles` that the log has; roles whose column the user named take precedence.
 
     Raises LogError if the log has none of them.
     """

@@ -141,7 +141,7 @@ def opened(
 
 
 def check_followed(sources: Collection[Path]) -> None:
-    """Raise FileError or ParameterError for a source that can never be followed, as in a missing folder."""
+    """Raise FileError or ParameterError for a source that can never be followed, such as an invalid drive file."""
     for source in sources:
         if source.suffix.lower() == ".toml":
             from feeddrive.bus.drive_file import read_drive

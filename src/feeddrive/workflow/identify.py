@@ -122,7 +122,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
-    """Return True if machine file or option state a rotary axis. Raise ParameterError if lead or log contradict."""
+    """Return True if machine file or option state a rotary axis. Raise ParameterError if lead or log contradict it."""
     turns = request.rotary or (loop is not None and loop.axis.rotary)
     if turns and request.lead is not None:
         raise ParameterError("--lead belongs to a screw, and the axis turns: leave out --lead, or rotary = true")

@@ -92,7 +92,7 @@ class IterateRequest(Request):
 
     @property
     def machine(self) -> MachineLike:
-        """The machine file of the loop. Raises ParameterError for a log without `controller`."""
+        """The machine file of the loop. Raises ParameterError if a log is given without `controller`."""
         source = self.source if self.controller is None else self.controller
         if isinstance(source, Log):
             raise ParameterError(f"{source.name}: is a log: say with --controller which machine ran it")

@@ -1,4 +1,4 @@
-"""`feeddrive new law NAME`: create a package with a user-defined law, its tests, and a machine file to try it."""
+"""`feeddrive new law NAME`: create a package with a user-defined law, its tests, and a machine file for trying it."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class PlayRequest(Request):
         return Path("results") / f"play_{self.drive[0].stem}"
 
     def check(self) -> None:
-        """Raise ParameterError for excitation options with a plan, and for several drives without a plan."""
+        """Raise ParameterError for excitation options combined with a plan, and for several drives without a plan."""
         if self.plan is not None and (self.share != 1.0 or self.ramp):
             raise ParameterError("--share and --ramp are for an excitation: a plan is played as it was proven")
         if self.plan is None and len(self.drive) != 1:

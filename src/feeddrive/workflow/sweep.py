@@ -1,4 +1,4 @@
-"""`feeddrive sweep`: run all variants of a study, on the cores of this machine or on a Dask cluster.
+"""`feeddrive sweep`: run all variants of a study, on the cores of this computer or on a Dask cluster.
 
 manifest.json                 the study as given, digest, version of feeddrive
 rows/chunk_00000000.parquet   one row per variant: the varied values, and figures in SI or why there are none
@@ -41,7 +41,7 @@ class SweepRequest(EvaluationRequest):
 
 @command(SweepRequest)
 def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
-    """Run all variants of a study on the cores of this machine, or on a Dask cluster.
+    """Run all variants of a study on the cores of this computer, or on a Dask cluster.
 
     Finished chunks are kept if the sweep ends early, and `resume` computes the rest.  Raises ParameterError if no
     output for the rows is named, and the errors of `feeddrive.study.sweep`.

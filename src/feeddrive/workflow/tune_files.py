@@ -354,7 +354,7 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
 
     A law of the same kind is edited parameter by parameter; for another kind the section is replaced.  Prefilters are
     treated likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
-    blocks, blocks that stay are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
+    blocks, retained ones are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control

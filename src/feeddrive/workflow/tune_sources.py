@@ -56,7 +56,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """The display name of the load response, used for the measurement in errors."""
+        """The display name of the load response, by which error messages name the measurement."""
         return called(self.load)
 
 
