@@ -429,7 +429,7 @@ def mapped(
     *,
     steady: bool = False,
 ) -> Mapped:
-    """Read a log and assign its columns to the roles in `wanted`; a role for which it has no column stays empty.
+    """Read a log and assign its columns to the roles in `wanted`; roles without a suitable column are left out.
 
     named     the column of each role as typed on the command line; it takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the

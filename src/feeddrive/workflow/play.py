@@ -234,7 +234,7 @@ def _greet(progress: Progress, client: DriveClient) -> None:
 def _outcome(
     result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
 ) -> Outcome[T]:
-    """Write all logs, named by axis or else numbered, and return the outcome with their tables, remarks and paths."""
+    """Return the outcome of a motion; if `out` is set, write all logs there, named by axis or else by number."""
     lines: list[Table | str] = []
     written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):
