@@ -23,10 +23,11 @@ _WORTH_SAYING = 1e-6  # m off a line at 45 degrees
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatchedDynamics(Result):
-    """The mismatch of axis dynamics, on a line at 45 degrees and on a circle with a feed in m/s and a radius in m.
+    """The mismatch of axis dynamics, on a line at 45 degrees and on a circle; `feed` is in m/s, `radius` in m.
 
     lag      lag in s of each axis behind its setpoint at constant velocity
-    answer   response of each axis at the circle's frequency, from the set position with its derivatives to the table
+    answer   complex response of each axis at the circle's frequency, from the set position and its derivatives to the
+             table position
     """
 
     feed: float
@@ -45,7 +46,7 @@ class MatchedDynamics(Result):
         return 0.5 * self.radius * abs(first - second)
 
     def remarks(self) -> list[str]:
-        """Return a sentence for each pair of axes whose mismatch matters."""
+        """Return a sentence for each pair of axes whose mismatch causes a relevant contour error."""
         remarks = []
         for a, b in combinations(self.lag, 2):
             off = self.line(a, b)
@@ -110,11 +111,11 @@ def matched_dynamics(
 class ContourGain(Result):
     """The largest stable gain of cross-coupled control in 1/s, for the critical direction of the path.
 
-    direction   unit vector of the path, by axis, along which a gain above `largest` is unstable
+    direction   path direction along which a gain above `largest` is unstable: components of a unit vector by axis
     gain        the current gain of the machine
-    peak        Ms of the contour loop at this gain, the largest 1/|1 + L| over all directions, with
-                L = gain · n (G/Kv) n, the unit normal n of the path, and the responses G of the axes from set position
-                to reading; for three axes, the largest singular value in the plane normal to the path
+    peak        Ms of the contour loop at this gain, that is the maximum of 1/|1 + L| over all directions, where
+                L = gain · n (G/Kv) n, n is the unit normal of the path, and G contains the responses of the axes from
+                set position to reading; for three axes, the largest singular value in the plane normal to the path
     """
 
     place: str
@@ -160,11 +161,12 @@ _MOST = 1e6  # 1/s: no sampled loop is stable beyond
 def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> ContourGain:
     """Return the largest stable gain of a `CrossCoupled` coupling of a machine, for the worst direction of the path.
 
-    The machine without this coupling, from set positions to readings, has the model A, B, C.  With the coupling, the
-    state matrix is A - gain (B/Kv) N C, with N = I - t tᵀ, the path direction t and the Kv of each law; its eigenvalues
-    decide stability.  The gain is found by bisection to a relative 1e-6 in each direction.  For equal axes, it is the
-    difference between the largest stable Kv and the actual Kv.  The path direction rotates at V/R, the feed over the
-    radius of the path; this rotation is neglected, which is permissible while V/R is far below Kv.
+    Let A, B, C be the model of the machine without this coupling, from set positions to readings.  With the coupling,
+    the state matrix is A - gain (B/Kv) N C, where N = I - t tᵀ, t is the path direction and Kv the position gain of
+    each axis; its eigenvalues determine stability.  For each direction, the gain is found by bisection with a relative
+    accuracy of 1e-6.  For equal axes, it is the difference between the largest stable Kv and the actual Kv.  On a
+    path of radius R with feed V, the path direction rotates at V/R.  This rotation is neglected, which is permissible
+    if V/R is far below Kv.
     Raises ParameterError if that coupling is not a `CrossCoupled`.
     """
     coupling = machine.couplings[place] if 0 <= place < len(machine.couplings) else None
@@ -198,7 +200,7 @@ def contour_gain(machine: Machine, place: int = 0, *, directions: int = 72) -> C
 
 
 def _responses(model: StateSpace) -> np.ndarray:
-    """Return the responses from every input to every output, shape (lines, outputs, inputs)."""
+    """Return the frequency responses from every input to every output, shape (lines, outputs, inputs)."""
     nyquist = 0.5 / model.sample_time
     z = np.exp(2j * np.pi * np.geomspace(1e-4 * nyquist, nyquist, _LINES) * model.sample_time)
     inner = np.linalg.solve(z[:, None, None] * np.eye(len(model.A)) - model.A, model.B.astype(complex)[None])
@@ -206,7 +208,10 @@ def _responses(model: StateSpace) -> np.ndarray:
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]
-    """Return the upper end of the range of stable gains from 0, to a relative accuracy of 1e-6; 0 if there is none."""
+    """Return the largest gain up to which all gains from 0 are stable, with a relative accuracy of 1e-6.
+
+    It is 0 if not even the gain 0 is stable.
+    """
     low = 0.0
     if not stable(0.0):
         return 0.0
@@ -223,7 +228,7 @@ def _largest(stable) -> float:  # type: ignore[no-untyped-def]
 
 
 def _directions(axes: int, count: int) -> list[np.ndarray]:
-    """Return unit vectors over half a circle, or over half a sphere and along the axes; no two are opposite."""
+    """Return unit vectors spread over a half circle or, for three axes, over a hemisphere and along the axes."""
     if axes == 2:
         angle = np.pi * np.arange(count) / count
         return [np.array([np.cos(component), np.sin(component)]) for component in angle]

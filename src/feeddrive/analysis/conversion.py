@@ -21,12 +21,12 @@ def as_frf(
 ) -> FRF:
     """Return an FRF from an FRF, a feeddrive model, numpy arrays, or an object of python-control.
 
-    source     FRF                        unchanged
+    source     FRF                        returned unchanged
                feeddrive StateSpace       its first input to its first output at `frequency`
                complex array (n,)         at `frequency`
                array (n, 3)               columns: Hz, real, imaginary part
                (frequency, response)      two arrays
-               python-control FRD         its own lines; python-control's rad/s become Hz
+               python-control FRD         at its own frequencies, converted from rad/s to Hz
                python-control tf, ss      at `frequency`: on the imaginary axis, or at z = e^(j2πfT) if its dt is a
                                           sample time
     frequency  Hz, shape (n,); needed if the source has no frequencies

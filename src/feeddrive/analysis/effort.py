@@ -18,7 +18,10 @@ from feeddrive.loop.trace import concrete
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Effort(Result):
-    """The operations of one sample by kind: add, sub, mul, div, select, lt ...; elementary functions count as one."""
+    """The number of operations in one sample by kind: add, sub, mul, div, select, lt, ...
+
+    An elementary function counts as one operation.
+    """
 
     operations: Mapping[str, int]
 
@@ -36,8 +39,9 @@ class Effort(Result):
 def effort(loop: Loop) -> Effort:
     """Count the operations of the controller in one sample, without the guard, which is the same for all laws.
 
-    Operations that use only parameters are done once before the run and do not count; repeated operations count once.
-    The count depends only on the code of the law, so it is the same on every computer; docs/speed.md lists times.
+    Operations on parameters alone are executed once before the run and are not counted; common subexpressions are
+    counted once.  The count depends only on the code of the law, so it is the same on every computer.  docs/speed.md
+    lists measured times.
     """
     plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
     prepared = plain.control.prepare(plain.sample_time)

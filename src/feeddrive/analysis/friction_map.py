@@ -1,4 +1,4 @@
-"""Friction versus velocity from a recorded motion, and the position error at its reversals."""
+"""Friction versus velocity from a recorded motion, and the time window around the worst reversal of a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from feeddrive.loop.simulate import Run
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionMap(Result):
-    """The mean friction force (N) by velocity (m/s), its standard deviation (N) and the number of samples.
+    """The mean friction force (N), its standard deviation (N) and the number of samples at each velocity (m/s).
 
     All arrays have shape (m,); the velocities of both directions are in ascending order.
     """
@@ -39,7 +39,7 @@ def friction_map(
 
         friction = force - mass · x'',   x' and x'' from a least-squares parabola in a sliding window of the position
 
-    window  smoothing time of the position, s; a longer one blurs reversals, a shorter one passes quantization noise
+    window  length of the smoothing window in s; a longer one blurs reversals, a shorter one passes quantization noise
     bins    number of velocities in each direction
 
     The force is averaged over the same window.  Samples whose window contains a reversal or a change of acceleration
@@ -85,7 +85,7 @@ STANDING = 1e-3  # of the largest set velocity: slower than this does not count 
 
 
 class Window(NamedTuple):
-    """A time window of a run to be shown in detail, in s, and the reversal in it (None if the motion has none)."""
+    """A time window of a run, in s, to be shown in detail, and the time of the reversal in it, if there is one."""
 
     begin: float
     end: float
@@ -93,7 +93,7 @@ class Window(NamedTuple):
 
 
 def set_velocity(run: Run) -> np.ndarray:
-    """Return the set velocity in m/s, or the derivative of the set position if the reference (a log) lacks it."""
+    """Return the set velocity in m/s; it is the derivative of the set position if a log does not contain it."""
     recorded = run["set_velocity"]
     if np.any(recorded) or run.time.size < 2:
         return recorded
@@ -101,16 +101,17 @@ def set_velocity(run: Run) -> np.ndarray:
 
 
 def reversals(velocity: np.ndarray) -> np.ndarray:
-    """Return the samples at which a set velocity starts in the opposite direction."""
+    """Return the indices of the samples at which a set velocity resumes with the opposite sign."""
     moving = np.flatnonzero(np.abs(velocity) > STANDING * np.max(np.abs(velocity), initial=0.0))
     signs = np.sign(velocity[moving])
     return moving[1:][signs[1:] != signs[:-1]]
 
 
 def worst_window(runs: Sequence[Run], signal: str = "following_error") -> Window:
-    """Return a window around the reversal with the largest error, with each run normalized by its own peak.
+    """Return a time window around the reversal with the largest error of all runs, which must share one reference.
 
-    Without a reversal, the window surrounds the largest error of the last run.  All runs have the same reference.
+    The error of each run is divided by its peak over the whole run, and these relative errors are added.  If there is
+    no reversal, the window surrounds the largest error of the last run.
     """
     first = runs[0]
     T, n = first.sample_time, first.time.size

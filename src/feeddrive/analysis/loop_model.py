@@ -21,8 +21,8 @@ class LoopModel:
     open    the loop cut between controller and actuator
     closed  the same model with cut = force
 
-    For a law with a period of several samples both are lifted, and the loop gain is that part of the response to a sine
-    which has the frequency of the sine (`loop_gain`).
+    For a law with a period of several samples both models are lifted.  The response to a sine then contains several
+    frequencies, and the loop gain describes only the component at the frequency of the sine (`loop_gain`).
     """
 
     open: StateSpace | Lifted
@@ -73,10 +73,10 @@ def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
 
 
 def close(model: StateSpace, gain: float = 1.0) -> StateSpace:
-    """Return the model with `cut` = gain · `force`; its other inputs and outputs are kept.
+    """Return the model closed by `cut` = gain · `force`; its other inputs and outputs remain.
 
-    x' = A x + b f + B u,  f = c x + d u  gives  x' = (A + b c) x + (B + b d) u: the command of a sample never depends
-    on the actuator's force in the same sample.
+    x' = A x + b f + B u,  f = c x + d u  gives  x' = (A + b c) x + (B + b d) u,  for gain = 1.  There is no
+    algebraic loop, since the command of a sample never depends on the actuator's force in the same sample.
     """
     place, row = model.inputs.index("cut"), model.outputs.index("force")
     kept = [i for i in range(len(model.inputs)) if i != place]
@@ -99,9 +99,10 @@ _LATEST = 400  # samples: largest dead time of the search
 
 
 def gain_edge(model: Lifted) -> float | None:
-    """Return the factor above 1 on the force at which the loop becomes unstable, from its poles over one period.
+    """Return the factor > 1 by which the force may be multiplied until the loop becomes unstable.
 
-    It is exact for a gain common to all samples, whereas the loop gain of a sine considers one frequency only.
+    It is computed from the poles over one period of the law, and is exact if all samples have the same factor, whereas
+    the loop gain of a sine considers one frequency only.
     The result is None if the loop is stable for factors up to 1000.  The loop itself must be stable.
     """
 
@@ -121,7 +122,7 @@ def gain_edge(model: Lifted) -> float | None:
 
 
 def delay_edge(model: Lifted) -> int | None:
-    """Return the largest number of additional samples of dead time with which the loop is stable, from its poles.
+    """Return the number of samples by which the dead time may grow with the loop still stable, from its poles.
 
     The result is None if the loop is stable even with 400 additional samples.
     """

@@ -27,10 +27,10 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
         b(P, C) = min over the lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
 
-    A stable closed loop remains stable while the normalized coprime factors of P change by less than b; its
-    phase margin is at least 2 asin b, its gain margin (1 + b)/(1 - b).  For the plant 1/s² no controller exceeds
-    1/√(4 + 2√2).  If C is a sampled law, P is the sampled axis with its dead time: P = L/C.
-    Do not use it as a goal for P-PI, which does not roll off: b then measures its gain at half the sample rate.
+    A stable closed loop remains stable as long as the normalized coprime factors of P change by less than b.  Its phase
+    margin is at least 2 asin b, and its gain margin at least (1 + b)/(1 - b).  For the plant 1/s² no controller exceeds
+    b = 1/√(4 + 2√2).  For a sampled law C, P must be the sampled axis with its dead time, P = L/C.
+    Do not tune P-PI for b: this law does not roll off, and b then measures its gain at half the sample rate.
     Raises ParameterError if the lines are not common to both, or the crossover is not within their range.
     Source: McFarlane & Glover 1990.
     """
@@ -48,7 +48,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return location and value of the minimum of y(x), by a parabola unless it is at an end; x, y of shape (n,)."""
+    """Return location and value of the minimum of y(x), shape (n,), refined by a parabola unless it is at an end."""
     k = int(np.argmin(y))
     if k in (0, y.size - 1):
         return float(x[k]), float(y[k])
@@ -77,16 +77,16 @@ class GainCrossover(NamedTuple):
 
 
 class PhaseCrossover(NamedTuple):
-    """A phase crossover, L real and negative, at `frequency` in Hz; the margin in dB is < 0 for a gain reduction."""
+    """A phase crossover at `frequency` in Hz: L is real and negative; a gain reduction has a negative margin in dB."""
 
     frequency: float
     gain_margin_dB: float
 
 
 class Logarithms(NamedTuple):
-    """The logarithm of a loop gain L: x = ln f, level = ln |L|, lead = phase + 180° in rad, turn = step of the phase.
+    """The logarithm of a loop gain L: x = ln f, level = ln |L|, lead = phase + 180° in rad.
 
-    x, level, lead of shape (n,), turn of shape (n - 1,).
+    turn is the phase change in rad from line to line.  x, level, lead have shape (n,), turn has shape (n - 1,).
     """
 
     x: np.ndarray
@@ -96,7 +96,7 @@ class Logarithms(NamedTuple):
 
 
 def logarithms(frequency: np.ndarray, loop_gain: np.ndarray) -> Logarithms:
-    """Return ln L over ln f (Hz), to be interpolated linearly; values within rounding of 0 are set to 0."""
+    """Return ln L over ln f (f in Hz), for linear interpolation; values that are 0 except for rounding are set to 0."""
     # tiny, since a zero of L has no logarithm
     level = _snapped(np.log(np.maximum(np.abs(loop_gain), np.finfo(float).tiny)))
     # from the ratio of neighbors and not np.unwrap: it needs no branch cut, and each step stands for itself
@@ -129,7 +129,10 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 
 
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
-    """Return index i and position (0 to 1) of each zero on the line from a[i] to b[i]; a lasting zero counts once."""
+    """Return index i and position (0 to 1) of each zero crossing on the straight line from a[i] to b[i].
+
+    A crossing that stays at zero over several lines counts once.
+    """
     crosses = (a * b < 0.0) | ((b == 0.0) & (a != 0.0))
     # an interval counts where it ends on zero; the first line has no interval before it
     crosses[0] |= bool(a[0] == 0.0 and b[0] != 0.0)
@@ -145,7 +148,7 @@ def _gain_crossover(frequency: float, lead: float) -> GainCrossover:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margins(Result):
-    """The stability margins of a loop gain. A figure that does not exist is None or an empty tuple, never NaN.
+    """The stability margins of a loop gain. A margin that does not exist is None or an empty tuple, never NaN.
 
     The figures are valid only for a stable closed loop. A frequency response alone does not show stability: see
     `stability`.  Frequencies are in Hz.
@@ -179,7 +182,10 @@ class Margins(Result):
 
     @cached_property
     def delay_margin(self) -> float | None:
-        """The smallest added dead time at which L passes through -1, s; often not where the phase margin is least."""
+        """The smallest additional dead time in s at which L passes through -1.
+
+        It often belongs to another crossover than the smallest phase margin.
+        """
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
     @cached_property
@@ -190,9 +196,10 @@ class Margins(Result):
 
     @cached_property
     def small_gain_delay(self) -> float | None:
-        """The largest extra dead time τ with |T| |e^(-jωτ) - 1| <= 1 on all lines, s; at most the delay margin.
+        """The largest additional dead time τ in s for which |T| |e^(-jωτ) - 1| <= 1 on all lines, where T = L/(1 + L).
 
-        T = L/(1 + L).  The result is None if |T| is nowhere above ½, since no dead time then violates the condition.
+        It never exceeds the delay margin.  It is None if |T| is nowhere above ½: no dead time then violates the
+        condition.
         """
         size = np.abs(self.loop_gain.response / (1.0 + self.loop_gain.response))
         # |T| |e^(-jωτ) - 1| <= 2 |T| for any τ
@@ -208,7 +215,7 @@ class Margins(Result):
         return 1.0 / self.modulus_margin if self.modulus_margin > 0.0 else float("inf")
 
     def numbers(self) -> dict[str, float | None]:
-        """Return the scalar figures by name, as they are written to files."""
+        """Return the scalar margins by the names under which they are written to files."""
         return {
             "crossover_Hz": self.crossover,
             "phase_margin_deg": self.phase_margin_deg,
@@ -250,13 +257,13 @@ def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) ->
     """Return the margins of a loop gain L(f); the stability limit is 1 + L = 0.
 
     Between two lines ln |L| and the phase are interpolated linearly over ln f, so a pure power of f is exact; the
-    modulus margin is interpolated by a parabola.  The phase of two neighboring lines must differ by less than 180°.  If
-    a sampled loop is given up to Nyquist, its last line is assumed to be real.  For an array or a loop gain of another
-    tool give `frequency` in Hz: see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the drive
-    (`loop_model`); without `frequency` the lines are chosen automatically.
+    modulus margin is interpolated by a parabola.  The phases of neighboring lines must differ by less than 180°.  If
+    the lines of a sampled loop extend to Nyquist, the last one is assumed to be real.  For an array or a loop gain of
+    another tool, `frequency` in Hz is required, see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the
+    drive (`loop_model`); without `frequency` the lines are chosen automatically.
     Raises ParameterError for fewer than two lines.
 
-    Not suitable for a loop that is unstable when closed, or for a measured L with low coherence.
+    The margins are meaningless if the closed loop is unstable, and unreliable for a measured L with low coherence.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4 (definitions).
     """
     if isinstance(loop_gain, Loop):
@@ -287,7 +294,7 @@ def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FR
     """Return the sensitivity S = 1/(1 + L): the response to a disturbance at the point where the loop was opened.
 
     The variance of a measured L is propagated to first order, |S|⁴ var(L).
-    Raises ParameterError if L is exactly -1 on a line: the closed loop is then at its stability limit.
+    Raises ParameterError if L is exactly -1 on a line, since the closed loop is then at its stability limit.
     """
     L = as_frf(loop_gain, frequency)
     _check(L)
@@ -297,8 +304,8 @@ def sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FR
 def complementary_sensitivity(loop_gain: FRF | Any, frequency: np.ndarray | None = None) -> FRF:
     """Return T = L/(1 + L) = 1 - S: the closed-loop response to a signal at the point where the loop was opened.
 
-    Raises ParameterError if L is exactly -1 on a line.  The response to the setpoint, which includes feedforward, is
-    `tracking`.
+    Raises ParameterError if L is exactly -1 on a line.  For the response to the setpoint, which includes feedforward,
+    use `tracking`.
     """
     L = as_frf(loop_gain, frequency)
     _check(L)
@@ -311,7 +318,7 @@ _HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 
 
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
-    """Return the interval, and the position in it (0 to 1), at which |S| = 1/|1 + L| first rises to √½, or None.
+    """Return where |S| = 1/|1 + L| first rises to √½, as index of the interval and position in it (0 to 1), or None.
 
     Between two lines ln |S| is interpolated linearly over ln f.
     """
@@ -328,9 +335,9 @@ def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
 
 
 def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
-    """Return the bandwidth of disturbance rejection in Hz, where |S| = |1/(1 + L)| first rises to -3 dB, √½.
+    """Return the bandwidth of disturbance rejection in Hz, at which |S| = |1/(1 + L)| first rises to √½, or -3 dB.
 
-    frequency, loop_gain  Hz and L, both of shape (n,); the result is None if |S| has no such crossing.
+    frequency is in Hz and loop_gain is L, both of shape (n,); the result is None if |S| has no such crossing.
     Source: Skogestad & Postlethwaite, Multivariable Feedback Control, section 2.4.5.
     """
     crossing = bandwidth_crossing(loop_gain)
@@ -341,7 +348,7 @@ def bandwidth(frequency: np.ndarray, loop_gain: np.ndarray) -> float | None:
 
 
 def tracking_bandwidth(response: FRF) -> float | None:
-    """Return the frequency in Hz at which the setpoint response first falls below -3 dB, √½; None if it never does."""
+    """Return the frequency in Hz at which the setpoint response first falls below √½ (-3 dB); None if it never does."""
     # a fall of the response is a rise of its inverse
     rise = _first_rise(np.log(_HALF_POWER) - np.log(np.maximum(response.magnitude, np.finfo(float).tiny)))
     if rise is None:
@@ -352,9 +359,9 @@ def tracking_bandwidth(response: FRF) -> float | None:
 
 
 def peak_deviation(loop_gain: np.ndarray, variance: np.ndarray) -> float:
-    """Return the standard deviation of Ms = max 1/|1 + L| from the variance E|dL|² of the lines, to first order.
+    """Return the standard deviation of Ms = max 1/|1 + L| from the variance E|dL|² of each line, to first order.
 
-    It is Ms² [var(L)/2]^½ at the line nearest to -1: half of the variance lies in the direction of -1.
+    It is Ms² [var(L)/2]^½ at the line at which L is nearest to -1; half of the variance is in the direction of -1.
     """
     away = np.abs(1.0 + loop_gain)
     k = int(np.argmin(away))
@@ -381,7 +388,7 @@ _CENTER, _SPREAD = 1, 2  # steps by which a window is narrower than the widest t
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """A linear smoother of the lines of an FRF, given by its sparse weight matrix of shape (n, n)."""
+    """A linear smoother of the lines of an FRF: a sparse weight matrix of shape (n, n)."""
 
     weights: csr_array
 
@@ -393,12 +400,13 @@ class Smoother:
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
-    """Return smoothers by local parabolas over ln f, as wide as the variances allow: (center, spread).
+    """Return two smoothers of an FRF, (center, spread), which fit local parabolas over ln f in windows of lines.
 
-    Windows grow from 5 to 97 lines until one fails, that is, until χ² of the residuals exceeds its 99.9 % point. Where
-    even the smallest one fails, the line is not smoothed. A window that just passes has a bias as large as the
-    remaining noise. The curve itself therefore uses windows one step narrower. Its spread, which must cover the rest of
-    that bias, uses windows two steps narrower.
+    At each line the window grows from 5 to at most 97 lines until χ² of the residuals exceeds its 99.9 % point. A line
+    for which even the smallest window fails is not smoothed. In the widest window that passes, the bias is as large as
+    the remaining noise. The smoother `center`, for the curve itself, therefore uses windows one step narrower. The
+    smoother `spread`, for random draws whose spread must also cover the remaining bias, uses windows two steps
+    narrower.
     Raises ParameterError for an FRF without variance.
     Source: Goldenshluger & Nemirovski 1997 (windows as wide as the noise allows); Schoukens et al. 2009 (local
     polynomials of frequency responses).
@@ -441,7 +449,7 @@ def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
 
 
 def _smoother(n: int, maps: Sequence[tuple[np.ndarray, np.ndarray]], reach: np.ndarray) -> Smoother:
-    """Return the smoother with window number `reach` for each line; lines with a negative number are not smoothed."""
+    """Return the smoother that uses, at each line, the window with the index `reach`; negative: line not smoothed."""
     from scipy.sparse import csr_array
 
     stays = np.flatnonzero(reach < 0)
@@ -471,7 +479,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure with its confidence interval; `sure` is True if the figure exists and agrees in nearly all draws."""
+    """A margin with its confidence interval; `sure` is True if nearly all draws have this margin, around one value."""
 
     value: float
     low: float
@@ -482,9 +490,9 @@ class Interval:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MarginIntervals(Result):
-    """The confidence intervals of margins, by name of the figure in `Margins`; figures that do not exist are left out.
+    """The confidence intervals of margins, by their names in `Margins`; margins that do not exist are left out.
 
-    margins  margins of the smoothed loop gain; the values of the intervals are these minus the bias caused by noise
+    margins  margins of the smoothed loop gain; `value` of an interval is the margin minus the bias caused by noise
     level    confidence level of each single interval
     draws, seed   number of draws and random seed of the Monte Carlo simulation
     """
@@ -518,22 +526,21 @@ class MarginIntervals(Result):
 def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: int = 0) -> MarginIntervals:
     """Compute confidence intervals of all margins from the variance of a measured loop gain, by Monte Carlo.
 
-    The smallest of many noisy distances to -1 is biased low, and noisy lines cross |L| = 1 many times.  So the loop
-    gain is first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
+    The smallest of many noisy distances to -1 is biased low, and noisy lines cross |L| = 1 many times.  Therefore the
+    loop gain is first smoothed as far as its variances allow, and every draw is smoothed a little less (`smoothers`):
 
         L* = B (A L + e),  e complex normal with the variance of each line, independent from line to line
         θ = margins of A L - (mean(θ*) - margins of B A L),  θ* = margins of L*,  interval = θ ± z std(θ*)
 
-    A and B are the two smoothers (center, spread), and z is the quantile of the normal distribution for `level`.
-    The parenthesis is the bias caused by noise: the minimum of several noisy distances is below the true one.
+    A and B are the smoothers `center` and `spread`, and z is the quantile of the normal distribution for `level`.
+    The term in parentheses is the bias caused by noise: the minimum of several noisy distances is below the true one.
 
-    A figure is marked as not sure if less than 95 % of the draws have it, or if less than 95 % lie around one value.
-    Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. The interval then
-    also contains the central share `level` of the draws.
+    A margin is marked as not sure if less than 95 % of the draws have it, or if less than 95 % lie around one value.
+    Where a resonance just reaches |L| = 1, for example, the delay margin jumps between two crossings. If the values do
+    not lie around one value, the interval is extended to contain the central share `level` of the draws.
 
-    Raises ParameterError for an L without variance.  Nonlinear distortion counts only if the variance includes it.
-    Not suitable for resonances narrower than five lines, which no window spans; their interval is that of the
-    unsmoothed lines.
+    Raises ParameterError for an L without variance.  Nonlinear distortion is covered only if the variance includes it.
+    Resonances narrower than five lines are not smoothed, and their intervals are those of the unsmoothed lines.
     """
     if not 0.5 <= level < 1.0 or draws < 20:
         raise ParameterError(f"level = {Quantity(level):6} must be >= 0.5 and < 1, and draws = {draws} at least 20")
@@ -583,7 +590,11 @@ def margin_intervals(L: FRF, *, level: float = 0.95, draws: int = DRAWS, seed: i
 
 
 def _settled(drawn: np.ndarray) -> bool:
-    """Return True if nearly all draws lie around one value: no gap exceeds the standard deviations of both sides."""
+    """Return True if nearly all draws lie around one value.
+
+    This holds if the largest gap between the sorted draws does not exceed the sum of the standard deviations of the
+    draws on either side; 5 % of the draws at each end are treated as outliers.
+    """
     ordered = np.sort(drawn)
     # a gap near an end separates a few outliers only, and is no sign of two crossings
     beyond = int(np.ceil((1.0 - _SURE) * ordered.size))  # fewer draws than this are outliers

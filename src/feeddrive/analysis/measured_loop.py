@@ -30,9 +30,10 @@ from feeddrive.loop.loop import Loop
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredLoop(Result):
-    """The loop gain of a controller on a measured axis, and the compliance if that of the open axis was measured.
+    """The loop gain of a controller on a measured axis, and the closed-loop compliance, if it can be computed.
 
-    Margins alone do not prove that the closed loop is stable: see `encirclement`.
+    The compliance requires a measurement of the compliance of the open axis.  Margins alone do not prove that the
+    closed loop is stable: see `encirclement`.
     """
 
     loop_gain: FRF
@@ -48,7 +49,11 @@ class MeasuredLoop(Result):
         return margin_intervals(self.loop_gain, level=level, seed=seed)
 
     def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
-        """Judge the stability of the closed loop by the Nyquist criterion; `integrators` are those of axis and law."""
+        """Judge the stability of the closed loop by the Nyquist criterion.
+
+        unstable_poles  number of unstable poles of the open loop
+        integrators     number of integrators of axis and law together; None: from the slope of L
+        """
         return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
 
     @property
@@ -93,14 +98,15 @@ def measured_loop(
 
         u = C1 x1 + C2 x2,   L = -(C1 X1/u + C2 X2/u),   x2/d = X2/d + X2/u (C1 X1/d + C2 X2/d) / (1 + L)
 
-    control       a Control: C1 and C2 are its linearization, filters and compensation included, at `velocity` in m/s;
-                  or one response C from the position error to the force, N/m, so that C2 = -C, in any form that
-                  `as_frf` accepts
-    sample_time   s; None for a response C that is not sampled
-    load, motor   X2/u and X1/u, from the commanded force to the readings; with one encoder leave `motor` out
-    disturbance   X2/d and X1/d, from a force on the table (a hammer's) to the readings, for the compliance
-    delay         computation delay, s, if the responses were measured from the acting force, not from its command
-    frequency     Hz, for responses that are arrays or models of python-control
+    control       a Control, whose linearization at `velocity` in m/s, with filters and compensation, gives C1 and C2;
+                  or a single response C from the position error to the force, N/m, in any form that `as_frf` accepts,
+                  so that C2 = -C
+    sample_time   sample time in s; None for a response C that is not sampled
+    load, motor   X2/u and X1/u, from the commanded force to the readings; omit `motor` for a single encoder
+    disturbance   X2/d and X1/d, from a force on the table, such as that of a hammer, to the readings; they are needed
+                  for the compliance only
+    delay         computation delay, s, if the responses were measured from the acting force instead of its command
+    frequency     frequencies in Hz, for responses that are arrays or models of python-control
 
     The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated, its upper bound
     (|C1| σ(X1/u) + |C2| σ(X2/u))² is used: confidence intervals are then conservative.
@@ -117,7 +123,7 @@ def measured_loop(
         by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
-        """Return the force of the controller in response to an input of the axis."""
+        """Return the response of the controller's force to an input of the axis, given those of the readings."""
         return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
     gain = -answered(load, motor).delayed(delay)
@@ -143,7 +149,7 @@ def measured_loop(
 def _responses(
     control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the responses of the controller alone, from the readings of motor and load to the force."""
+    """Return the frequency responses of the controller alone, from the readings of motor and load to the force."""
     law = control.law
     if T is None:
         raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")
@@ -163,7 +169,7 @@ def _responses(
 
 
 def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_encoder: bool) -> np.ndarray:
-    """Return the response of a controller that is specified as force over position error."""
+    """Return the response of a controller that is specified by its frequency response from position error to force."""
     if not one_encoder:
         raise ParameterError("a control that is one response reads one encoder: leave `motor` out, or give a Control")
     C = as_frf(control, None if isinstance(control, FRF) or hasattr(control, "omega") else frequency)
@@ -182,7 +188,7 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
 
 
 def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
-    """Return the smaller coherence of two measurements."""
+    """Return, at each line, the smaller coherence of two measurements; without the motor's, that of the load."""
     if load.coherence is None or motor is None or motor.coherence is None:
         return load.coherence
     return np.minimum(load.coherence, motor.coherence)

@@ -28,7 +28,7 @@ class Trigger:
     edge        rising or falling
     hysteresis  distance by which the signal must have been on the other side of the level, so that noise triggers
                 only once; >= 0, in the unit of the channel
-    hold        holdoff: time after a trigger during which no other one is accepted; >= 0, s
+    hold        holdoff: time after a trigger during which no further trigger is accepted; >= 0, s
     """
 
     channel: str
@@ -53,12 +53,12 @@ class Trigger:
 class Crossings:
     """A detector of trigger instants in a signal that arrives in blocks; block boundaries do not affect the result.
 
-    A rising edge lies between two samples a, b at the times s, t with a < level <= b, if the signal was at or
-    below level - hysteresis after it last was at or above the level:
+    A rising edge lies between two consecutive samples a at time s and b at time t if a < level <= b, and if the signal
+    has been at or below level - hysteresis since it was last at or above the level.  By linear interpolation:
 
         instant = s + (t - s) (level - a) / (b - a)
 
-    A falling edge is a rising edge of the negated signal.  NaN is a gap, which resets the detector.
+    A falling edge is a rising edge of the negated signal.  NaN marks a gap, which resets the detector.
     """
 
     def __init__(self, trigger: Trigger) -> None:
@@ -105,11 +105,11 @@ _SPARE = 1.5  # windows that are kept
 
 
 class Rows(NamedTuple):
-    """The new rows of several signals since the last call.
+    """The rows of several signals that have arrived since the last call.
 
-    time    ascending, s (or samples, for a source without a clock), shape (n,)
+    time    ascending, in s (or in samples, for a source without a clock), shape (n,)
     values  shape (n, channels); a row of NaN is a gap
-    anew    True if earlier rows are invalid: the file was replaced or truncated, or the clock restarted
+    anew    True if earlier rows are invalid, since the file was replaced or truncated, or the clock restarted
     """
 
     time: np.ndarray
@@ -129,7 +129,10 @@ class LiveSource(Protocol):
     """True if the source has ended."""
 
     def take(self) -> Rows:
-        """Return the new rows since the last call, without waiting. Raises FeeddriveError for a source that failed."""
+        """Return the rows that have arrived since the last call, without waiting.
+
+        Raises FeeddriveError if the source has failed.
+        """
         ...
 
     def state(self) -> str:
@@ -156,12 +159,12 @@ class Recording:
 
     @property
     def time(self) -> np.ndarray:
-        """The times in s, shape (n,); a view that the next `add` may change."""
+        """The times in s, shape (n,), as a view that the next `add` may change."""
         return self._rows[self._from : self._to, 0]
 
     @property
     def values(self) -> np.ndarray:
-        """The values, shape (n, channels); a view that the next `add` may change."""
+        """The values, shape (n, channels), as a view that the next `add` may change."""
         return self._rows[self._from : self._to, 1:]
 
     def add(self, time: np.ndarray, values: np.ndarray) -> None:
@@ -177,7 +180,7 @@ class Recording:
         self._to = there.stop
 
     def _make_room(self, more: int) -> None:
-        """Move the kept rows to the front; enlarge the buffer if less than a tenth of it would be spare."""
+        """Move the kept rows to the front, and enlarge the buffer if less than a tenth of it would remain free."""
         held, needed = self._rows[self._from : self._to], len(self) + more
         # with less than a tenth to spare the rows would be moved again after a few additions
         fitting = needed <= 0.9 * len(self._rows)
@@ -204,7 +207,7 @@ class Shown:
     channels      units of the columns of values by name, as stated by their source; empty where unknown
     zero          time origin of the window: the trigger instant, or else the end of the window
     start, end    limits of the window relative to `zero`
-    triggered     True if there was a trigger
+    triggered     True if the window belongs to a trigger
     whole         True if the recording covers the whole window
     clock         unit of the time
     """
@@ -221,7 +224,7 @@ class Shown:
 
 
 class Readout(NamedTuple):
-    """The readings of two cursors: values of all channels at times a and b, relative to the zero of a window.
+    """The readings of two cursors: the values of all channels at times `a` and `b`, relative to the window's time zero.
 
     Values are interpolated linearly between samples; NaN outside the window and in gaps.
     """
@@ -248,7 +251,7 @@ class Readout(NamedTuple):
 
 
 def readout(shown: Shown, a: float, b: float) -> Readout:
-    """Return the values of a window at two times, relative to its zero."""
+    """Return the values of all channels at two times, relative to the time zero of the window."""
     return Readout(a, b, _at(shown, a), _at(shown, b))
 
 
@@ -270,12 +273,13 @@ class Oscilloscope:
     """An oscilloscope: the last seconds of a source, and the windows captured by its trigger.
 
     window   length of the window, s (or samples)
-    before   pre-trigger share of the window, 0 to 0.95
+    before   fraction of the window before the trigger, 0 to 0.95
     mode     one of `MODES`
-    trigger  None: the last seconds are shown continuously in every mode
+    trigger  trigger condition; None: the last seconds are shown continuously in every mode
 
-    A trigger is accepted once its pre-trigger share is recorded, but not while a window is being filled.  Trigger and
-    mode may be changed at any time; the captured window is kept until the next one.
+    A trigger is accepted only if the part of its window before the trigger has been recorded, and not while another
+    window is being filled.  Trigger and mode may be changed at any time; a captured window is kept until the next one
+    is complete.
     """
 
     def __init__(
@@ -303,7 +307,10 @@ class Oscilloscope:
         self.arm()
 
     def arm(self) -> None:
-        """Rearm the trigger, in single mode for one more window. Raises ParameterError for an unknown channel."""
+        """Rearm the trigger; in single mode, it then captures one more window.
+
+        Raises ParameterError for an unknown channel.
+        """
         if self.trigger is not None and self.channels and self.trigger.channel not in self.channels:
             raise ParameterError(
                 f"there is no channel '{self.trigger.channel:.60}'{nearest(self.trigger.channel, self.channels)}"
@@ -331,7 +338,7 @@ class Oscilloscope:
         return rows.time.size
 
     def _forget(self) -> None:
-        """Drop the recording of another clock or other channels; the captured window is kept."""
+        """Drop the recording after the clock or the channels have changed; the captured window is kept."""
         self.recording = Recording(len(self.channels))
         self._crossings = None if self.trigger is None else Crossings(self.trigger)
         self._ready, self._filling, self._fed = -math.inf, None, -math.inf
@@ -351,7 +358,7 @@ class Oscilloscope:
 
     @property
     def _at_once(self) -> int:
-        """The number of rows processed at a time, so few that a window is complete before its rows are dropped."""
+        """The number of rows processed at a time, so small that no row is dropped before its window is complete."""
         return min(1 << 14, max(1, self.recording.most // 8))
 
     @property
@@ -406,7 +413,7 @@ class Oscilloscope:
 
     @property
     def _overdue(self) -> bool:
-        """True if no trigger followed the last window within its length, the holdoff and 2 s, whichever is longest."""
+        """True if the last window ended longer ago than its length, the holdoff and 2 s, without a new trigger."""
         if self._filling is not None or self.caught is None or self.trigger is None:
             return False
         since = self._fed - (self.caught.zero + self.caught.end)

@@ -31,7 +31,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A controller that receives setpoint, readings and the applied force, sample by sample."""
+    """A controller whose inputs in each sample are setpoint, readings and the force applied according to a log."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)
@@ -59,10 +59,10 @@ def commanded(
 
     set_position   m, shape (n,), one row per sample of the controller
     reading        m, shape (n,): reading of the load encoder, also used for the motor if `reading_motor` is None
-    force          N, shape (n,), as it was commanded at each row
+    force          N, shape (n,): the force that was commanded at each row
 
-    No plant model is involved: for the controller that produced the log the result is the logged force, apart from
-    rounding and the initial state of the controller.  The guard is left out.
+    No plant model is involved: for the controller that produced the log, the result is the logged force, except for
+    rounding and the unknown initial state of the controller.  The guard is inactive.
     """
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
@@ -90,7 +90,7 @@ def commanded(
 
 
 def _ran(compiled: Native, system: OnLog, prepared: Any, begun: Any, rows: np.ndarray) -> np.ndarray:
-    """Run all rows in machine code and return the commanded force."""
+    """Run a compiled controller over all rows and return the commanded forces."""
     steps, held = compiled.plan, dict(tree.leaves(begun))
     values = {**dict(tree.leaves(system)), **dict(numbers(prepared, "prepared")), "seed": 0.0}
     states = [np.float64(held[state.name]) for state in steps.states]
@@ -122,10 +122,10 @@ FITTED = 50  # samples from which position and velocity at the start are estimat
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replay(Result):
-    """A predicted run and the measured signals of the same names, over the same samples.
+    """A simulated run along a log, and the measured signals by the same names at the same samples.
 
-    `skipped` samples at the start do not count in the errors: the initial state of the real loop is not known.
-    `contained` is True if the logged force included the injected one, which is subtracted in `measured`.
+    The first `skipped` samples are excluded from the errors, since the initial state of the real loop is unknown.
+    `contained` is True if the logged force included the injected one, which has been subtracted in `measured`.
     """
 
     run: Run
@@ -163,13 +163,13 @@ class Replay(Result):
 def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, name: str = "predicted") -> Replay:
     """Run the recorded reference through the loop, from the position and velocity at which the log starts.
 
-    measured  `set_position` and `position_load` in m, optionally `force` in N and `load_force` in N (a known extra
-              force on the table, which is applied to the model too) and `added_force` in N (one that an experiment
-              added at the drive, after the limit); all of shape (n,), one row per sample of the loop
-    skip      number of samples at the start that do not count in the errors
+    measured  `set_position` and `position_load` in m; optionally `force` in N, `load_force` in N (a known additional
+              force on the table, which is also applied to the model) and `added_force` in N (a force that an experiment
+              added at the drive, after the force limit); all of shape (n,), one row per sample of the loop
+    skip      number of samples at the start that are excluded from the errors
 
-    A drive may log its command before or after such a force is added.  Of the two interpretations the one closer to the
-    model's force is used.
+    A drive may log its command before or after `added_force` is added.  The interpretation that agrees better with the
+    force of the model is used.
 
     Raises LogError for a log too short to estimate its initial state.
     """
@@ -204,7 +204,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
 def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) -> tuple[float, Replay]:
     """Return the factor on the injected forces that fits the log best, ideally 1, and the replay with that factor.
 
-        c = -e₀ · d / (d · d),   e₀ the position residual without them, d the change that they cause
+        c = -e₀ · d / (d · d),   e₀ the position residual without injected forces, d the change that they cause
 
     `fit` is the replay with the unscaled forces.
     """
@@ -221,13 +221,13 @@ def injected_scale(loop: Loop, measured: Mapping[str, np.ndarray], fit: Replay) 
 
 
 def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay) -> tuple[np.ndarray, Replay] | None:
-    """Return the part of `added_force` that passes the force limit if added before the limit, and the replay with it.
+    """Return the part of `added_force` that passes the limit if added before it, and the replay with this part.
 
         a'(k) = sat(u(k) + a(k)) - sat(u(k)),   sat at ±F, the force limit,   u the force that the controller requests
 
-    The a' of each run follows from the requests of the previous one, until a' converges, at most 20 times.  The result
-    is None if the limit is never active.  The law receives its own command, without the injected part.  `limited` is
-    the replay with the force added after the limit.
+    Each run uses the a' computed from the requested forces of the previous run, until a' converges, at most 20 times.
+    The result is None if the limit is never active.  The law receives its own command, without the injected force.
+    `limited` is the replay with the force added after the limit.
     """
     if loop.control.force_limit is None:
         return None
@@ -243,7 +243,7 @@ def before_limit(loop: Loop, measured: Mapping[str, np.ndarray], limited: Replay
 
 
 def estimate_start(position: np.ndarray, T: float) -> tuple[float, float]:
-    """Estimate position (m) and velocity (m/s) at the first sample, by a parabola fit to `FITTED` samples."""
+    """Estimate position (m) and velocity (m/s) at the first sample, by a parabola fit to the first `FITTED` samples."""
     t = np.arange(FITTED) * T
     _, velocity, start = np.polyfit(t, position[:FITTED], 2)
     return float(start), float(velocity)
@@ -265,9 +265,10 @@ class Observation(Result):
     lag: float
 
     def error(self, true: np.ndarray, *, skip: int = 0, aligned: bool = False) -> float:
-        """Return the RMS error of the disturbance in N after `skip` samples; `aligned` delays `true` by the lag.
+        """Return the RMS error of the estimated disturbance in N, without the first `skip` samples.
 
-        true  N, shape (n,); row k acts over [kT, (k+1)T], as `load_force` of a run does
+        true     the true disturbance in N, shape (n,); row k acts over [kT, (k+1)T], like `load_force` of a run
+        aligned  True to delay `true` by the lag of the observer before comparing
         """
         if true.shape != self.disturbance.shape:
             raise ParameterError(f"the true disturbance has {true.size} rows, the estimate {self.disturbance.size}")
@@ -301,9 +302,9 @@ def observe(
     position     m, read at kT, shape (n,): `reading_load` of a run, `position_load` of a log
     force        N, commanded at kT and acting over [kT, (k+1)T], shape (n,): `force` of a run or a log
     sample_time  s
-    before       N, force before the first row, such as the weight that a vertical axis holds
+    before       N, force before the first row, such as the force that holds the weight of a vertical axis
     velocity     m/s, velocity of the axis at the first row; needed for a record that begins in motion: otherwise the
-                 first estimates show a false force pulse that brings the observer up to speed
+                 first estimates contain a false force pulse that accelerates the observer to this velocity
 
     Raises LogError for rows of different length or with values that are not finite, ParameterError for an observer that
     cannot run at the sample time.

@@ -16,8 +16,8 @@ LARGEST = 6  # lines that the table names
 class Spectrum(Result):
     """The one-sided amplitude spectrum and cumulative RMS of a signal by `frequency` in Hz, 0 to Nyquist, shape (m,).
 
-    A sine of amplitude a on a line has the value a.  The last value of `cumulative_rms` is the RMS of the whole signal.
-    All values are in `unit`, an SI unit.
+    The spectrum of a sine whose frequency is that of a line equals its amplitude there.  The last value of
+    `cumulative_rms` is the RMS of the whole signal.  All values are in `unit`, an SI unit.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Spectrum(Result):
         return [(float(self.frequency[i]), float(self.amplitude[i])) for i in chosen]
 
     def table(self) -> Table:
-        """Return a table of the largest peaks with the cumulative RMS up to each, as a share of the RMS."""
+        """Return a table of the largest peaks, with the cumulative RMS up to each peak as a share of the total RMS."""
         rows, unit = [], signal_unit(self.unit)
         for frequency, amplitude in self.largest():
             gathered = float(self.cumulative_rms[np.searchsorted(self.frequency, frequency)])
@@ -63,8 +63,8 @@ def spectrum(
         amplitude(0) = |mean|,  amplitude(f) = c |Σ w (x - mean) e^(-j2πfkT)| / Σ w,  c = 2, and 1 at Nyquist
         cumulative_rms(f)² = Σ over lines up to f of c |Σ x e^(-j2πfkT)|² / n²
 
-    window  "hann" (default) or "none".  It applies to the amplitudes, where it limits the leakage of a motion that is
-            not periodic, but not to the cumulative RMS, which satisfies Parseval's theorem exactly.
+    window  "hann" (default) or "none".  It applies to the amplitudes, in which it limits the leakage of a signal that
+            is not periodic, but not to the cumulative RMS, which satisfies Parseval's theorem exactly.
 
     Raises ParameterError for another window, fewer than two samples, or a value that is not finite.
     """

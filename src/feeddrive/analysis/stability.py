@@ -87,11 +87,11 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 
 
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
-    """Return the stability, or raise UnstableError with frequency, growth, remedy and the nearest stable gains.
+    """Return the stability, or raise UnstableError if the system is unstable.
 
-    For a machine the gain of cross-coupled control is checked in all directions of the path.
+    The message states frequency, growth factor, a remedy and the nearest stable gains; `where` names the loop in it.
 
-    `where` names the loop in the message.
+    For a machine, the gain of cross-coupled control is checked in all directions of the path.
     """
     verdict = stability(system, velocity=velocity)
     if verdict.stable:
@@ -126,7 +126,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
 
 def _slower(law: Law) -> str:
-    """Return the gains of a law to reduce and the time constants to increase, as text: `Kp and Kv, or lengthen Tn`."""
+    """Return the gains to reduce and the time constants to increase, as text: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
@@ -135,7 +135,7 @@ def _slower(law: Law) -> str:
 
 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
-    """Return a clause with stable gains, found by slowing the law down by a common factor; empty if there are none."""
+    """Return a clause that states stable gains, found by slowing the law down by a common factor; else empty."""
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
@@ -176,10 +176,10 @@ _DISC = 2.4477  # √χ²(95 %, 2): deviations of the real part within which 95 
 class Encirclement(Result):
     """The stability of the closed loop according to its Nyquist curve.
 
-    turns          encirclements of -1 by L, counterclockwise, over all frequencies, -∞ to ∞
-    unstable       unstable poles of the closed loop: unstable_poles of the open loop - turns
+    turns          number of counterclockwise encirclements of -1 by L, over all frequencies from -∞ to ∞
+    unstable       number of unstable poles of the closed loop: `unstable_poles` of the open loop minus `turns`
     arc            assumed phase change of L between 0 Hz and the first line, degrees
-    rounding       distance of the unrounded turns from a whole number
+    rounding       difference between the computed turns and the nearest whole number
     doubts         possible reasons for a wrong count: lines too far apart, noise that covers -1, a gain above 1 at
                    the last line
     """
@@ -211,7 +211,7 @@ class Encirclement(Result):
         return f"the closed loop is {verdict}: L turns {self.turns} times round -1, the open loop has {open_loop}"
 
     def table(self) -> Table:
-        """Return a table of the encirclements and their doubts."""
+        """Return a table of the encirclements, with the doubts about the count."""
         rows = [
             ["turns round -1, counterclockwise", self.turns],
             ["unstable poles of the open loop", self.unstable_poles],
@@ -229,17 +229,17 @@ def encirclement(
     unstable_poles: int = 0,
     integrators: int | None = None,
 ) -> Encirclement:
-    """Judge the stability of the closed loop by the argument of 1 + L from line to line (Nyquist 1932).
+    """Judge the stability of the closed loop by the change of arg(1 + L) from line to line (Nyquist 1932).
 
         unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
 
-    unstable_poles  poles of the open loop outside the left half plane (or the unit circle), without those at the origin
-    integrators     poles of L at the origin (z = 1); None: from the slope of its lowest lines
+    unstable_poles  number of open-loop poles outside the left half plane (or the unit circle), without integrators
+    integrators     number of poles of L at the origin (z = 1); None: from the slope of its lowest lines
 
     Below the first line L is assumed to start at +∞, or at -∞ for a negative gain, and to follow the arc of its
-    integrators, -90° each, to the nearest branch of its measured phase. Its exact path there does not matter as long as
-    |L| > 1. A sampled L is closed at Nyquist, where it is real; any other L must be below 1 at its last line and stay
-    there. `closing` is the angle of 1 + L from the last line to this end of the curve.
+    integrators, -90° for each, to the nearest branch of its measured phase. The exact path there does not matter as
+    long as |L| > 1. A sampled L ends at Nyquist, where it is real; the magnitude of any other L must be below 1 at its
+    last line and above it. `closing` is the angle of 1 + L from the last line to this end of the curve.
     Raises ParameterError for fewer than two lines and for an L of exactly -1.
     """
     L = as_frf(loop_gain, frequency)
@@ -319,12 +319,12 @@ def encirclement(
 
 
 def _turned(curve: np.ndarray) -> float:
-    """Return the total angle of a curve around the origin, rad."""
+    """Return the total angle in rad by which a curve turns around the origin."""
     return float(np.sum(np.angle(curve[1:] / curve[:-1])))
 
 
 def _integrators(L: FRF) -> int:
-    """Count integrators by the slope of ln |L| over ln f on the lowest lines: one octave, but at least five lines."""
+    """Return the number of integrators, from the slope of ln |L| over ln f on the lowest octave (>= 5 lines)."""
     # an octave: enough lines to average their noise, and still near 0 Hz
     many = max(int(np.searchsorted(L.frequency, 2.0 * L.frequency[0])), min(5, L.frequency.size))
     x, y = np.log(L.frequency[:many]), np.log(np.maximum(np.abs(L.response[:many]), 1e-300))
@@ -334,9 +334,9 @@ def _integrators(L: FRF) -> int:
 
 
 def _arc(angle: float, integrators: int) -> tuple[float, float]:
-    """Return the start phase of L, 0 (at +∞) or, for a negative gain, π (at -∞), and the turn to `angle`, rad.
+    """Return the phase at which L starts, 0 (at +∞) or, for a negative gain, π (at -∞), and its turn to `angle`, rad.
 
-    Of the possible turns the one nearest to -90° per integrator is selected.
+    Of all turns that lead to this angle, the one nearest to -90° per integrator is selected.
     """
     wanted = -0.5 * np.pi * integrators
     turns = [wanted + (angle - begin - wanted + np.pi) % (2.0 * np.pi) - np.pi for begin in (0.0, np.pi)]

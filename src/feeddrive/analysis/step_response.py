@@ -23,7 +23,7 @@ class StepResponse(Result):
     """The position (m) of a linear loop over time (s) after a step of the set position by 1 m at time 0.
 
     final      final position, m
-    settled    half-width of the settling band, as a share of `final`
+    settled    half-width of the settling band, as a fraction of `final`
     """
 
     time: np.ndarray
@@ -33,7 +33,7 @@ class StepResponse(Result):
 
     @property
     def overshoot(self) -> float:
-        """The overshoot as a share of the final position; 0 without overshoot."""
+        """The overshoot as a fraction of the final position; 0 if there is no overshoot."""
         return max(float(np.max(self.position / self.final)) - 1.0, 0.0)
 
     @property
@@ -68,9 +68,9 @@ class StepResponse(Result):
 
 
 def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
-    """Return the first instant in s after which |error| never exceeds `near`; infinite if it is exceeded at the end.
+    """Return the first time in s after which |error| never exceeds `near`; infinite if the last error exceeds it.
 
-    time, error  of shape (n,); near in the unit of the error
+    time and error have shape (n,); near is in the unit of the error
     """
     far = np.flatnonzero(np.abs(error) > near)
     if not far.size:
@@ -82,7 +82,7 @@ def step_response(system: StateSpace | Loop, *, velocity: float = 0.05) -> StepR
     """Compute the position after a step of the set position of a linear loop, or of the first input of a model.
 
     The set velocity and its derivatives remain 0, so that their feedforward is inactive; a law that differentiates the
-    set position itself does feed the jump forward.  Guard and force limit are left out, friction is linearized at
+    set position itself does feed the jump forward.  Guard and force limit are inactive, and friction is linearized at
     `velocity` (m/s), see `linearize`.  For a law with a period of N samples every N-th sample is returned.
     Raises UnstableError for a loop that does not come to rest within a million samples, ParameterError for one that
     does not move.

@@ -1,4 +1,4 @@
-"""Disturbance response and robustness of the closed loop: dynamic stiffness, ISE of a force step, noise, rope snap."""
+"""Disturbance response and robustness of the closed loop: dynamic stiffness, rope-snap error, noise, margins."""
 
 import math
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _DOUBLINGS = 64  # 2^64 samples: longer than any run
 def summed(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return P = Σ (Aᵀ)^k Q A^k over k = 0, 1, ...: the solution of P = Aᵀ P A + Q.
 
-    P ← P + Aᵀ P A, A ← A A doubles the number of terms in each step.
+    Each step, P ← P + Aᵀ P A and A ← A A, doubles the number of terms.
     Raises UnstableError if the sum does not converge.  Source: Smith 1968 (squaring for the Lyapunov equation).
     """
     total, power = Q.copy(), A.copy()
@@ -46,9 +46,9 @@ NAMED = (1.0, 10.0, 100.0, 1000.0)  # Hz, at which the table states it
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stiffness(Result):
-    """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); shown in N/um.
+    """The dynamic stiffness |force/displacement| in N/m by `frequency` in Hz, both of shape (n,); displayed in N/um.
 
-    `static` is its limit at 0 Hz, infinite with integral action, None if it is unknown.
+    `static` is its limit at 0 Hz: infinite with integral action, None if unknown.
     """
 
     frequency: np.ndarray
@@ -67,7 +67,10 @@ class Stiffness(Result):
 
     @property
     def mean(self) -> float:
-        """The geometric mean over the lines, N/m; for lines evenly spaced in ln f the mean on log-log axes."""
+        """The geometric mean of the stiffness over the lines, N/m.
+
+        For lines evenly spaced in ln f, it is the mean height of the curve on log-log axes.
+        """
         return float(np.exp(np.mean(np.log(self.magnitude))))
 
     def _least(self) -> tuple[float, float]:
@@ -86,7 +89,7 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Return a table of the static and minimum stiffness, and of values at given frequencies within the lines."""
+        """Return a table of static and minimum stiffness, and of the stiffness at `frequencies` within the lines."""
         rows = list[list[Cell]]()
         if self.static is not None:
             rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
@@ -140,7 +143,7 @@ def mean_compliance(frequency: np.ndarray, compliance: np.ndarray, band: tuple[f
 def static_stiffness(model: StateSpace) -> float:
     """Return the stiffness at 0 Hz in N/m of a model from `load_force` to a position; infinite with integral action.
 
-    It is 1/|C (I - A)⁻¹ B + D|; a compliance below 1e-9 of the magnitude of its terms is rounding and counts as 0.
+    It is 1/|C (I - A)⁻¹ B + D|; a compliance below 1e-9 of the magnitude of its terms is rounding error and taken as 0.
     Raises ParameterError for a model that drifts away under a constant force.
     """
     n = model.A.shape[0]
@@ -158,13 +161,13 @@ def static_stiffness(model: StateSpace) -> float:
 
 
 def rope_snap(model: StateSpace | Lifted) -> float:
-    """Return ISE^½ of the position after a force step of 1 N, in m s^½/N; infinite if an offset remains.
+    """Return the square root of the integrated squared position error (ISE) after a force step of 1 N, in m s^½/N.
 
         ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
 
     The sum over all samples (`summed`) uses C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
-    Without integral action the axis does not return, and the figure is infinite.  For a lifted model the sum covers
-    all samples of its periods, and the step is at the start of a period.
+    Without integral action the axis does not return to its position, and the result is infinite.  For a lifted model,
+    the sum covers all samples of each period, and the step is at the start of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
@@ -189,11 +192,12 @@ def rope_snap(model: StateSpace | Lifted) -> float:
 
 
 def rope_snap_weights(frequency: np.ndarray, T: float) -> np.ndarray:
-    """Return the weights w in s² Hz of ISE = Σ w |C|², with the compliance C in m/N on lines in Hz, up to Nyquist.
+    """Return the weights w, in s² Hz, for ISE = Σ w |C|², with the compliance C in m/N on lines in Hz up to Nyquist.
 
         ISE = ∫ |C|² T² / (2 - 2 cos ωT) dω/π
 
-    The integrand is the |C|²/ω² of a continuous loop, with the step held over each sample as in `rope_snap`.
+    ISE is the integrated squared error after a force step, as in `rope_snap`.  The integrand is the sampled counterpart
+    of |C|²/ω², which applies to a continuous loop.
     The integral is evaluated by the trapezoidal rule; below the first line the integrand is constant, since C is
     proportional to ω with integral action.
     """
@@ -244,19 +248,20 @@ def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared
 
 
 def reading_deviation(encoder: Any) -> float:
-    """Return the standard deviation of an encoder's reading in m, from quantization, q/√12, and noise."""
+    """Return the standard deviation of an encoder's reading in m, from quantization (resolution/√12) and noise."""
     resolution = getattr(encoder, "resolution", None) or 0.0
     # the error of a count is uniform over one count
     return math.hypot(resolution / math.sqrt(12.0), getattr(encoder, "noise", None) or 0.0)
 
 
 def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
-    """Return the weights w of σ_u² = Σ w |C S|² σ², the variance of the command due to white noise σ of one reading.
+    """Return the weights w for σ_u² = Σ w |C S|² σ², the variance of the command due to white noise σ of one reading.
 
         σ_u² = σ² 2 T ∫ |C S|² df   from 0 to 1/(2T)
 
     The integral is evaluated by the trapezoidal rule over lines in Hz, with a constant integrand below the first and
-    above the last line.  C: the controller's response from that reading, N/m, with or without dead time; S = 1/(1 + L).
+    above the last line.  C is the controller's response from that reading in N/m; S = 1/(1 + L).  A dead time of C has
+    no effect.
     """
     width = trapezoid_weights(frequency)
     width[0] += frequency[0]
@@ -266,7 +271,10 @@ def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
 
 def force_noise_of_lines(frequency: np.ndarray, T: float, readings: Sequence[tuple[np.ndarray, float]]) -> float:
-    """Return the RMS of the commanded force in N from C S (N/m) and independent white noise (m) of each reading."""
+    """Return the RMS of the commanded force in N that independent white noise of the readings causes.
+
+    readings  for each reading, the response C S in N/m and the standard deviation of the noise in m
+    """
     weight = force_noise_weights(frequency, T)
     return float(np.sqrt(sum(float(np.sum(weight * sigma**2 * np.abs(C) ** 2)) for C, sigma in readings)))
 
@@ -275,7 +283,7 @@ _EDGE = 1e-9  # of |z|: the uncertainty of eigenvalues of a small matrix
 
 
 class Robustness(NamedTuple):
-    """The robustness figures of a loop; an unstable one has infinite Ms and rope snap, and a delay margin of 0."""
+    """The robustness figures of a loop; an unstable loop has infinite Ms and rope snap, and a delay margin of 0."""
 
     growth: float  # |z| of the largest pole; infinite where the parameters do not fit each other
     sensitivity_peak: float = np.inf  # Ms

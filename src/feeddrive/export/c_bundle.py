@@ -1,4 +1,4 @@
-"""The target `c`: sources, a self-test, build files for make and CMake, a README, and the execution of an export."""
+"""The target `c`: sources, a self-test, build files for make and CMake and a README, and a way to run an export."""
 
 import importlib.util
 import shutil
@@ -66,7 +66,7 @@ def self_test(layout: Layout, seed: int = 0) -> tuple[str, str]:
 
 
 def stepped(layout: Layout, tried: Trial) -> np.ndarray:
-    """Return the outputs of a trial, computed in Python operation by operation, in the precision of the layout."""
+    """Run a trial in Python, operation by operation in the precision of the layout; return the outputs."""
     held = LayoutRun(layout)
     held.reset(tried.inputs[0])
     outputs = []
@@ -78,7 +78,7 @@ def stepped(layout: Layout, tried: Trial) -> np.ndarray:
 
 
 def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]]]:
-    """Return the sample of each change, with the values of all parameters after it."""
+    """Return, for each parameter change, its sample index and the values of all parameters after it."""
     values = {v.path: v.value for v in layout.routine.parameters}
     rows = []
     for sample in sorted(tried.changes):
@@ -88,7 +88,7 @@ def _parameter_rows(layout: Layout, tried: Trial) -> list[tuple[int, list[float]
 
 
 def _rows(values: np.ndarray, real: str) -> str:
-    """Return rows of numbers as bit patterns, since not every compiler accepts NaN and infinity as constants."""
+    """Return a C initializer with numbers as bit patterns, since not every compiler accepts NaN and infinity."""
     with np.errstate(over="ignore"):
         held = np.ascontiguousarray(values, np.float64 if real == "double" else np.float32)
     digits = 2 * held.itemsize
@@ -97,7 +97,7 @@ def _rows(values: np.ndarray, real: str) -> str:
 
 
 def filled(routine: Routine) -> str:
-    """Return the C lines that copy the inputs of stored sample k."""
+    """Return the C lines that copy the stored sample k into the inputs of the controller."""
     return "\n".join(f"        inputs.{v.name} = value(samples[k][{i}]);" for i, v in enumerate(routine.inputs))
 
 
@@ -198,7 +198,7 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off")
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """The outputs of exported C code, shape (n, outputs), with compiler and flags."""
+    """The outputs of exported C code in a trial, shape (n, outputs), and the compiler and flags used."""
 
     outputs: np.ndarray
     compiler: str
@@ -208,9 +208,9 @@ class Streamed:
 def streamed(
     layout: Layout, files: Mapping[str, str], tried: Trial, *, flags: Sequence[str] = FLAGS, command: str | None = None
 ) -> Streamed:
-    """Compile the C files of an exported controller and run a trial through the program.
+    """Compile the C files of an exported controller and run the program on the samples of a trial.
 
-    Raises MissingProgramError without a compiler, and FileError if compilation or the program fails.
+    Raises MissingProgramError if there is no compiler, and FileError if compilation or the program fails.
     """
     routine, P = layout.routine, layout.routine.name
     program = _STREAM_PROGRAM.format(
@@ -245,7 +245,7 @@ def streamed(
 
 
 def _packed(layout: Layout, tried: Trial) -> bytes:
-    """Return the binary input of the program: blocks of samples, with the values of all parameters between them."""
+    """Return a trial as binary program input: blocks of samples, and the values of all parameters between blocks."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -320,7 +320,7 @@ int main(void)
 
 
 def compiler(command: str | None = None) -> list[str]:
-    """Return the command that starts the C compiler: the named one, else gcc, cc or clang, else the package ziglang.
+    """Return the command that starts the C compiler: the requested one, or else gcc, cc, clang or the package ziglang.
 
     Raises MissingProgramError if there is none.
     """
@@ -351,7 +351,7 @@ def compiled(folder: Path, sources: Sequence[str], flags: Sequence[str], command
     """Compile C files of a folder into a program and return its path.
 
     The code that runs once, `*_configure.c`, is compiled without optimization, since optimizing it takes seconds.
-    Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
+    Raises MissingProgramError if there is no compiler, and FileError, with its first message, if compilation fails.
     """
     words = compiler(command)
     objects = []
@@ -392,7 +392,7 @@ WARNINGS = "-Wall -Wextra -Wconversion -Wdouble-promotion"
 
 
 def c_files(design: Design, *, single_header: bool = False) -> dict[str, str]:
-    """Return the files of the export by name, except machine file and manifest."""
+    """Return the files of the export by name, except the machine file and the manifest."""
     P = design.name
     written = texts(design.layout, design.title, design.made_by)
     if single_header:

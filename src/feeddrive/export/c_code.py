@@ -1,7 +1,7 @@
-"""A routine as C99 text: expressions and statements, checks of the arithmetic, header and sources.
+"""Generation of C99 code from a routine: expressions and statements, checks of the arithmetic, header and sources.
 
-The header declares structs with units and meanings; one source contains `step` and `reset`, another the functions that
-run outside the interrupt.  `header_only` combines all of it in one header.
+The header declares structs with units and meanings; one source file contains `step` and `reset`, a second one the
+functions that run outside the interrupt.  `header_only` combines all three files into a single header.
 """
 
 import inspect
@@ -40,7 +40,8 @@ _TAKEN = frozenset(
 class Body:
     """The C statements that compute some nodes of a graph, in the order of the law's source.
 
-    `leaves` maps values that already exist to their text; `makers` and `titles` give the heading above a block's lines.
+    `leaves` maps nodes whose values already exist to their C text.  `makers` gives the block that computes a node, and
+    `titles` the heading above the lines of a block.
     """
 
     def __init__(
@@ -73,7 +74,10 @@ class Body:
         return self.texts[index]
 
     def compute(self, order: Iterable[int], kept: Iterable[int]) -> None:
-        """Emit statements for nodes in order; nodes in `kept`, and those used more than once, become variables."""
+        """Emit statements for nodes in order.
+
+        Nodes in `kept` and nodes used more than once become variables; others are written inline if they are short.
+        """
         order = [index for index in order if index not in self.texts]
         self._counts = Counter(i for index in order for i in arguments(self.graph.nodes[index]))
         # twice: a kept node becomes a variable even if no other node reads it
@@ -101,7 +105,7 @@ class Body:
                 self.texts[index] = text
 
     def _matrix(self, index: int, values: list[str]) -> None:
-        """Emit the test whether the powers of a matrix decay, in a scope of its own, which frees its memory early."""
+        """Emit the test of whether the powers of a matrix decay, in a separate scope, which frees its memory early."""
         size = math.isqrt(len(values))
         self._unnamed += 1
         self.texts[index] = f"v{self._unnamed}"
@@ -173,7 +177,10 @@ _SAID = {
 
 
 def helpers(used: set[str], real: str) -> list[str]:
-    """Return the helper functions that statements need, dependencies first; add their operations to `used`."""
+    """Return the helper functions that the operations `used` call, dependencies first.
+
+    The operations that the helpers themselves use are added to `used`.
+    """
     suffix = "f" if real == "float" else ""
     wanted = [name for name in sorted(ELEMENTARY) if name in used]
     texts = []
@@ -401,7 +408,7 @@ SENTENCE = (
 
 
 def rules(routine: Routine) -> dict[int, str]:
-    """Return the meaning of each code of `P_broken_rule`: the check of the arithmetic, then the parameter rules."""
+    """Return the meaning of each code of `P_broken_rule`: check of the arithmetic first, then parameter rules."""
     return {CODE: SENTENCE, **routine.sentences}
 
 
@@ -416,7 +423,7 @@ _DIVISOR = {_DOUBLE: 49.0, _FLOAT: 41.0}
 def exact(signature: str, real: str) -> str:
     """Return a C function that tests whether sums, products and quotients are rounded as in the simulation.
 
-    The numbers are read from volatile memory, so that the compiler cannot evaluate the test.
+    The operands are volatile, so that the test runs on the target instead of being evaluated by the compiler.
     """
 
     def text(value: float) -> str:
@@ -536,7 +543,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
 
 
 def mark(P: str) -> str:
-    """Return the name of the macro for the value that a successful configure stores in `configured`."""
+    """Return the name of the macro whose value `configure` stores in the field `configured` when it succeeds."""
     return f"{P.upper()}_CONFIGURED"
 
 
@@ -569,7 +576,7 @@ def _trips(layout: Layout) -> list[str]:
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """Return the struct of the design: parameters with unit and meaning, and prepared numbers grouped by block."""
+    """Return the struct of design numbers: parameters with unit and meaning, and prepared numbers grouped by block."""
     # reversed: of several paths to one node the first one gives the heading
     prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""
@@ -595,7 +602,7 @@ def _meaning(variable: Variable) -> str:
 
 
 def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """Return a struct with the meaning of each member; an empty one gets a dummy member, as C requires."""
+    """Return a struct with a comment on each member; an empty struct gets a dummy member, as C requires."""
     members = members or [("char", "none", "nothing is kept here")]
     lines = [f"    {kind} {member};" for kind, member, _ in members]
     wide = max(len(line) for line in lines)
@@ -732,7 +739,7 @@ def _configure(layout: Layout, title: str, made_by: str) -> str:
 
 
 def _off(layout: Layout, answers: bool) -> str:
-    """Return the lines that set the outputs, with the safe force, without a valid configuration; empty for a plant."""
+    """Return the lines that set the outputs if the configuration is invalid, with the safe force; empty for a plant."""
     routine = layout.routine
     if routine.memory != "controller" or not answers:
         return ""
@@ -844,7 +851,7 @@ _DESIGN = "DESIGN_"  # tables of `configure`, in double precision even if those 
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """Return the text of each value that already exists: struct members, tables, the sample time."""
+    """Return, by node, the C text of the values that already exist: struct members, tables and the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,
@@ -890,7 +897,7 @@ def _laws(routine: Routine) -> str:
 
 
 def _titles(routine: Routine) -> Callable[[str], str]:
-    """Return a function that gives the heading above the statements of a block, by its dotted name."""
+    """Return a function that maps the dotted name of a block to the heading above its statements."""
     kinds: dict[str, Block] = dict(routine.blocks)
 
     def title(owner: str) -> str:
@@ -905,7 +912,7 @@ def _titles(routine: Routine) -> Callable[[str], str]:
 
 
 def _needed(used: set[str], real: str) -> list[str]:
-    """Return the includes of a file and the helper functions that its statements call."""
+    """Return the #include lines of a file and the helper functions that its statements call."""
     functions = helpers(used, real)
     lines = ["#include <math.h>"] if used & {"abs", "sqrt", "floor"} else []
     lines += ["#include <string.h>"] if used & set(FUNCTIONS) else []
@@ -920,7 +927,7 @@ _SHARED = re.compile(r"\b(designed|designs_exactly|decays|exact_\w+|power_of_two
 
 
 def header_only(P: str, files: Texts) -> str:
-    """Return declarations and definitions as one header, to be included where the step is called."""
+    """Return declarations and definitions as one header, to be included in the file that calls the step."""
     close = f"#ifdef __cplusplus\n}}\n#endif\n\n#endif /* {P.upper()}_H */\n"
     header = files.header.removesuffix(close)
     assert header != files.header, "the header ends otherwise than expected"
@@ -937,7 +944,7 @@ def header_only(P: str, files: Texts) -> str:
 
 
 def _own(P: str, text: str) -> str:
-    """Prefix functions and tables with the name of the axis, so that two axes fit in one program."""
+    """Prefix the names of functions and tables with that of the axis, so that one program can contain several axes."""
     text = _SHARED.sub(lambda match: f"{P}_{match[0]}", text)
     return re.sub(r"\bTABLE_", f"{P.upper()}_TABLE_", text)
 

@@ -1,4 +1,4 @@
-"""The target `cortex-m`: C sources for a core, precomputed constants, build files, and runs on an emulated core."""
+"""The target `cortex-m`: C sources for a core, precomputed constants and build files, and runs on an emulated core."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ set(CMAKE_C_FLAGS_RELEASE "-O2")
 class Core(NamedTuple):
     """A Cortex-M core.
 
-    precision  that of its floating-point unit, "float" or "double"
+    precision  precision of its floating-point unit, "float" or "double"
     flags      gcc flags
     machine    QEMU machine, a board with this core
     title      full name of the core
@@ -184,7 +184,7 @@ def cores_for(precision: str) -> tuple[Core, ...]:
 
 
 def find_core(name: str | None, precision: str) -> Core:
-    """Return the core with a name, or by default the first core with hardware for the precision.
+    """Return the core of this name; by default, the first core with floating-point hardware for the precision.
 
     Raises ParameterError for an unknown name, and for a core without hardware for the precision.
     """
@@ -206,7 +206,7 @@ PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """The error of a bundle that does not build, times out, or fails its self-test; the message contains the output."""
+    """Raised if a bundle does not build, times out, or fails its self-test; the message contains the output."""
 
     exit_code = 1
 
@@ -218,8 +218,8 @@ class Cost:
     least, most  executed instructions per step, including called functions
     flash        bytes of reset and step
     configure    bytes of the code that runs once, without library functions
-    prepared     bytes of the constants that can replace that code
-    memory       bytes of RAM per controller
+    prepared     bytes of the precomputed constants that can replace that code
+    memory       bytes of RAM for each controller
     """
 
     least: int
@@ -238,7 +238,10 @@ def check_programs() -> None:
 
 
 def self_test(bundle: Path) -> str:
-    """Return the output of a bundle's self-test. Raises MissingProgramError, or EmulatorError if it does not pass."""
+    """Return the output of a bundle's self-test.
+
+    Raises MissingProgramError if a program is missing, and EmulatorError if the self-test does not pass.
+    """
     return _made(bundle, "selftest")[0]
 
 
@@ -388,7 +391,7 @@ def _named(variables: Sequence[Variable]) -> str:
 
 
 def _act(design: Design) -> str:
-    """Return the C lines that pass the commands to the drives, in the drive's unit if the machine file has a motor."""
+    """Return the C lines that pass the commands to the drives, in the drive's unit if a motor is specified."""
     units, lines = {v.path: v.unit for v in design.routine.outputs}, list[str]()
     for port in design.routine.origin.ports():
         path = f"{port}command" if f"{port}command" in units else f"{port}force"
@@ -582,7 +585,7 @@ SECTIONS
 
 
 def prepared_files(layout: Layout) -> dict[str, str]:
-    """Return `P_prepared.h` and `P_prepared.c`, which replace `configure`, so that it need not be linked."""
+    """Return the files `P_prepared.h` and `P_prepared.c`: constants that make it unnecessary to link `configure`."""
     P, run = layout.routine.name, LayoutRun(layout)
     numbers = [f"        .{field.name} = {_text(run.design[field.node], layout.precision)}," for field in layout.design]
     parameters = [f"        .{v.name} = {number(v.value)}," for v in layout.routine.parameters]

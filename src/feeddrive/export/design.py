@@ -1,4 +1,4 @@
-"""A design to export: the checked controller or plant of a machine file, and test inputs for the controller."""
+"""A design to export: the checked controller or plant of a machine file, and random test inputs for it."""
 
 import hashlib
 from collections.abc import Mapping
@@ -60,7 +60,7 @@ class Design:
 
     @property
     def together(self) -> bool:
-        """True if the design covers all axes."""
+        """True if the design contains all axes of the machine."""
         return not isinstance(self.routine.origin, Loop)
 
     @property
@@ -142,7 +142,7 @@ class Design:
 
     @property
     def judgment(self) -> Judgment:
-        """The judgment on the stability of all axes: the first bad one, if any."""
+        """The judgment on the stability of the axes: the first negative one, or `EXPORTED` if there is none."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
         judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
@@ -219,7 +219,7 @@ def read_design(
 
 
 def _require_uncorrected(machine: MachineFile, axis: str) -> None:
-    """Raise ParameterError if a coupling between controllers corrects the controller of an axis."""
+    """Raise ParameterError if a coupling between controllers acts on the controller of this axis."""
     for i, coupling in enumerate(machine.couplings):
         if coupling.controls and axis in coupling.axes():
             raise ParameterError(
@@ -242,7 +242,7 @@ def require_alone(design: Design, target: str) -> None:
 def require_guard(loop: Loop) -> None:
     """Raise StructureError for a controller without a guard; the message gives the lines to add to the machine file.
 
-    The reaction of a target to invalid readings must be defined and equal to the simulated one.
+    Only a guard defines how the controller reacts to invalid readings, on the target as in the simulation.
     """
     if loop.control.guard is None:
         held = float(weight(loop.axis))
@@ -316,7 +316,7 @@ def _too_large(value: float) -> bool:
 
 
 def _design_name(layout: Layout, field: Field) -> str:
-    """Return the dotted name of a design number that is a parameter, else its field name."""
+    """Return the name of a design number in messages: its dotted name if it is a parameter, else its field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"
 
@@ -328,7 +328,7 @@ BROKEN = (np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310)
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The inputs of a trial, shape (n, inputs), and its parameter changes by sample and dotted name."""
+    """The inputs of a test run, shape (n, inputs), and its parameter changes by sample and dotted name."""
 
     inputs: np.ndarray
     changes: Mapping[int, Mapping[str, float]]
@@ -336,7 +336,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """The outputs of an exported program in a trial, shape (n, outputs), and how it was built and run."""
+    """The outputs of an exported program in a trial, shape (n, outputs), and a description of its build and run."""
 
     outputs: np.ndarray
     program: str
@@ -367,7 +367,7 @@ def trial(routine: Routine, count: int, seed: int = 0, *, changes: int = 50, bro
 
 
 def _wandering(guard: Guard, T: float, count: int, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return random inputs of one axis, by name."""
+    """Return random inputs for one axis, by name of the input."""
     far = 1e-3 if guard.following_error_limit is None else float(guard.following_error_limit)
     fast = 1.0 if guard.velocity_limit is None else float(guard.velocity_limit)
 

@@ -21,10 +21,10 @@ from feeddrive.loop.loop import Loop
 
 
 class DriveQuantity(NamedTuple):
-    """A quantity of a drive: its units at the table and at the motor's shaft, and the power of r between the two.
+    """A quantity of a drive: its units at the table and at the motor's shaft, and the power of r that converts it.
 
-    With r = gear · 2π / lead in rad/m, the value at the shaft is the value at the table · r^power.  `path` is the name
-    of the quantity in a machine file.
+    The value at the shaft is the value at the table times r^power, with r = gear · 2π / lead in rad/m.  `path` is the
+    name of the quantity in a machine file.
     """
 
     table: str
@@ -58,7 +58,7 @@ _GUARD = "control.guard."
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """The drive train between motor and table: a screw with a gear, or a linear motor, for which the lead is None."""
+    """The drive train between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
 
     lead: float | None  # m
     gear: float = 1.0
@@ -71,13 +71,13 @@ class DriveTrain:
 
     @property
     def radians_per_metre(self) -> float:
-        """The ratio r = gear · 2π / lead in rad/m of the motor's shaft; 1 for a linear motor."""
+        """The rotation of the motor's shaft per table motion, r = gear · 2π / lead, in rad/m; 1 for a linear motor."""
         return 1.0 if self.lead is None else float(self.gear * radians_per_metre(self.lead))
 
 
 @dataclass(frozen=True)
 class Cascade:
-    """A P-PI design: its loop, its law, and its quantities in SI at the table, None for those that are absent."""
+    """A P-PI design: its loop, its law, and its quantities in SI at the table; absent quantities are None."""
 
     loop: Loop
     law: CascadePPI
@@ -131,7 +131,7 @@ def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> f
 
 
 def _fed(loop: Loop) -> tuple[float, float]:
-    """Return the mass in kg and the viscous friction in N s/m that are fed forward."""
+    """Return the mass in kg and the viscous friction in N s/m of the feedforward."""
     mass = viscous = 0.0
     for block in loop.control.feedforward:
         if isinstance(block, Inertia | DisturbanceCompensator):
@@ -145,7 +145,7 @@ def _fed(loop: Loop) -> tuple[float, float]:
 
 
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
-    """Return the drive train: from the arguments, else from the motor, else from the plant, else a linear motor.
+    """Return the drive train given by the arguments, or else by the motor or the plant, or else that of a linear motor.
 
     Raises ParameterError for a lead or gear that is not positive, for a gear without a lead, and if neither a motor nor
     a lead is known.
@@ -185,7 +185,7 @@ SAFETY = (
 
 
 def kv_lines(Kv: float) -> tuple[str, ...]:
-    """Return lines that state the position gain (1/s) in the units of manufacturers."""
+    """Return text lines that state the position gain Kv (1/s) in the units that manufacturers use."""
     return (
         f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (mm/s)/mm",
         # 60 s/min / (1000 mm/m) = 0.06
@@ -196,7 +196,7 @@ def kv_lines(Kv: float) -> tuple[str, ...]:
 
 
 class Item(NamedTuple):
-    """An element of the controller: its kind, its path in the machine file, and its values as text."""
+    """An element of a controller, such as a filter: its kind, its path in the machine file, and its values as text."""
 
     kind: str
     path: str
@@ -283,7 +283,7 @@ def items(cascade: Cascade) -> Iterator[Item]:
 
 
 def _fed_items(block: Block) -> Iterator[str]:
-    """Yield the kinds of the elements in a feedforward block."""
+    """Yield the kinds of elements, such as "inertia", that a feedforward block contains."""
     if isinstance(block, Inertia | DisturbanceCompensator):
         if block.mass:
             yield "inertia"
@@ -342,7 +342,7 @@ def lost(cascade: Cascade, held: Sequence[str], outside: Mapping[str, tuple[str,
     """Return the elements that a target cannot represent.
 
     held     kinds of elements that the target represents completely
-    outside  reason and consequence by kind; general wording replaces an empty consequence, and describes other kinds
+    outside  by kind, the reason and the consequence; a general text is used for other kinds and empty consequences
     """
     parts = []
     for item in items(cascade):

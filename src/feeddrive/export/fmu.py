@@ -1,4 +1,4 @@
-"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and runs in FMPy."""
+"""The targets `fmu2` and `fmu3`: variables, XML descriptions, the archive with its binary, and simulation in FMPy."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _written(root: Element) -> bytes:
 
 
 def _units(root: Element, variables: Sequence[FmuVariable]) -> None:
-    """Add every unit with the powers of its base units; with the angle as base unit, Hz and 1/s remain distinct."""
+    """Add every unit with the powers of its base units; one of them is the angle, so that Hz differs from 1/s."""
     units = sorted({variable.unit for variable in variables if variable.unit})
     definitions = SubElement(root, "UnitDefinitions")
     for name in units:
@@ -170,7 +170,7 @@ def _variables(parent: Element, three: bool, variables: Sequence[FmuVariable]) -
 
 
 def _bound(value: float) -> str:
-    """Return a bound as text; the smallest normal number stands for "above zero" and is written as 0."""
+    """Return a bound as text; the smallest normal number, which represents the bound "above zero", is written as 0."""
     return repr(0.0 if abs(value) == sys.float_info.min else value)
 
 
@@ -184,7 +184,7 @@ def _variability(variable: FmuVariable) -> str:
 
 
 def _structure(parent: Element, three: bool, variables: Sequence[FmuVariable]) -> None:
-    """Add the model structure: outputs belong to the last step, so that there is no direct feedthrough."""
+    """Add the model structure: outputs are those of the last completed step, so there is no direct feedthrough."""
     outputs = [i for i, variable in enumerate(variables) if variable.group == "output"]
     if three:
         for i in outputs:
@@ -267,7 +267,7 @@ def _kind(name: str) -> str:
 
 
 def _bounds(declared: Declaration | None) -> tuple[float, float]:
-    """Return the smallest and the largest admissible value; for an exclusive bound, the adjacent number."""
+    """Return the smallest and the largest permitted value; an exclusive bound is replaced by the adjacent number."""
     if declared is None:
         return -math.inf, math.inf
     least = -math.inf if declared.least is None else declared.least
@@ -280,7 +280,7 @@ def _bounds(declared: Declaration | None) -> tuple[float, float]:
 
 
 def _beside(bound: float, towards: float) -> float:
-    """Return the adjacent number; for 0 the smallest normal one, since tools may flush subnormal numbers to 0."""
+    """Return the number next to a bound; next to 0 the smallest normal one, since tools may flush subnormals to 0."""
     return math.copysign(sys.float_info.min, towards) if bound == 0.0 else math.nextafter(bound, towards)
 
 
@@ -439,8 +439,8 @@ _EXACT = """\
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
     """Return the FMU of a routine for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
 
-    title, made_by  description of the design, and names of program and machine file, both included in the FMU
-    binary          True to include a library for this machine; otherwise tools compile the included sources
+    title, made_by  description of the design, and names of program and machine file; the FMU contains both
+    binary          True to include a library for this computer; otherwise tools compile the included sources
 
     Raises ParameterError for another version, single precision or a name that the archive reserves, FileError and
     MissingProgramError as `compiled` does.
@@ -556,7 +556,7 @@ _FLAGS = (
 
 
 def library_place(version: int) -> str:
-    """Return the path pattern of the library that tools on this machine load, such as `linux64/*.so`."""
+    """Return the path pattern of the library that tools on this computer load, such as `linux64/*.so`."""
     system = {"Linux": "linux", "Darwin": "darwin", "Windows": "windows"}.get(platform.system(), "linux")
     wide = sys.maxsize > 2**32
     ending = {"linux": "so", "darwin": "dylib", "windows": "dll"}[system]
@@ -571,7 +571,7 @@ def compiled(files: Mapping[str, str], sources: Sequence[str]) -> bytes:
 
     The code that runs once, `*_configure.c`, is compiled without optimization, since optimizing it takes seconds.
 
-    Raises MissingProgramError without a compiler and FileError with the first compiler message on failure.
+    Raises MissingProgramError if there is no compiler, and FileError, with its first message, if compilation fails.
     """
     words = compiler()
     flags = _FLAGS if platform.system() == "Windows" else (*_FLAGS, "-fPIC")
@@ -605,9 +605,9 @@ _ACCESS = {
 
 
 def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
-    """Run a trial on the FMU of a controller, with its parameter changes; return the outputs, shape (n, outputs).
+    """Run a trial, with its parameter changes, on the FMU of a controller; return the outputs, shape (n, outputs).
 
-    Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError without FMPy.
+    Raises FmuError for an FMU that cannot be opened or fails, and MissingExtraError if FMPy is not installed.
     """
     parameters = {v.path: v.name for v in routine.parameters}
     T = routine.sample_time
@@ -626,7 +626,7 @@ def answers(path: Path, routine: Routine, tried: Trial) -> np.ndarray:
 
 
 def _access(archive: Archive, fmu: Any, verb: str, names: Sequence[str]) -> Callable[[Sequence[float] | None], Any]:
-    """Return a function that sets or gets the named variables; variables of one type share one call."""
+    """Return a function that sets or gets the named variables, with one call of the FMU for each type."""
     known = {variable.name: variable for variable in archive.description.modelVariables}
     groups: dict[str, list[int]] = {}
     for i, name in enumerate(names):

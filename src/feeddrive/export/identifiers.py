@@ -70,7 +70,7 @@ def identifier(wanted: str, taken: set[str], reserved: frozenset[str]) -> str:
     """Return a legal name close to `wanted` that is neither reserved nor taken, and add it to `taken`.
 
     `axis.law.Kv` becomes `axis_law_Kv`, `ω0` becomes `omega0`, and `_2`, `_3`, ... is appended to a name already taken.
-    Names that differ only in case count as equal.  The same calls in the same order give the same names.
+    Names that differ only in case count as equal.  The result is deterministic.
     """
     text = re.sub(r"[^A-Za-z0-9]+", "_", "".join(map(_plain, wanted))).strip("_")
     if not text or text[0].isdigit():
@@ -98,7 +98,7 @@ def _plain(character: str) -> str:
 
 
 def check_name(name: str, where: str, longest: int = HAL_LENGTH) -> None:
-    """Raise ParameterError unless `name` is legal on every target; `where` names its option or key in the message."""
+    """Raise ParameterError unless `name` is legal on every target; the message names its option or key `where`."""
     advice = "letters, digits and single underscores, a letter first, such as axis_x"
     if not _PLAIN.fullmatch(name):
         raise ParameterError(f"{where}: {name!r} cannot name a component, a function and a struct: take {advice}")
@@ -155,7 +155,7 @@ _BEYOND_ASCII = re.compile(r"[^\x00-\x7f]+")
 
 
 def _run_spelled(text: str) -> str:
-    """Spell out adjacent non-ASCII characters; `^` or `_` precedes each group of superscripts or subscripts."""
+    """Convert a run of non-ASCII characters to ASCII; `^` or `_` precedes a group of superscripts or subscripts."""
     parts: list[str] = []
     raised = lowered = False
     for character in text:
@@ -183,7 +183,7 @@ def _spelled(character: str) -> str:
 
 
 def bare(text: str) -> str:
-    """Return the text without its outer parentheses, if the first one matches the last one."""
+    """Return the text without its outer parentheses, if a matching pair encloses all of it."""
     depth = 0
     for place, character in enumerate(text):
         depth += (character == "(") - (character == ")")

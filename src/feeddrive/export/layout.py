@@ -39,8 +39,8 @@ class Layout:
     """A routine expressed in the operations that the code generators support.
 
     leaves   node -> (kind, index): kind is "parameter", "sample_time", "input", "state" or "table"
-    moving   per node: True if it changes from sample to sample; the others are computed by `configure`
-    truth    per node: True if it is a truth value
+    moving   per node: True if it changes from sample to sample; all others are computed once by `configure`
+    truth    per node: True if it is a Boolean value
     design   numbers that `configure` stores for reset, step and retune
     names    variable names in the source of the laws, by node
     makers   dotted names of the blocks that compute the nodes, by node
@@ -76,7 +76,10 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """Return the operations on which `roots` depend, either moving or constant ones, in the order of the law."""
+        """Return the operations on which `roots` depend, in the order of the law.
+
+        With `moving` they are those that change from sample to sample, otherwise those that do not.
+        """
         return [
             index
             for index in reachable(self.graph, list(roots))
@@ -142,7 +145,7 @@ def layout(routine: Routine, precision: str = "double") -> Layout:
 
 
 def _lowered_retune(retune: Retune) -> Retune:
-    """Express the live parameter change in operations that can be emitted, in double precision as in `configure`."""
+    """Express the live parameter change in operations that the generators can emit, in double precision."""
     graph, place = _lowered(retune.graph, [*retune.states, *retune.leaves])
     leaves = {place[node]: leaf for node, leaf in retune.leaves.items()}
     states = tuple(place[i] for i in retune.states)
@@ -150,7 +153,10 @@ def _lowered_retune(retune: Retune) -> Retune:
 
 
 def _moved(words: Mapping[int, Word], place: Mapping[int, int]) -> dict[int, Word]:
-    """Transfer properties of nodes to their replacements; a node that replaces several gets those of the first."""
+    """Return the names or makers of nodes for the nodes that replace them.
+
+    A node that replaces several nodes gets the name or maker of the first one.
+    """
     return {place[node]: word for node, word in sorted(words.items(), reverse=True) if node in place}
 
 
@@ -175,7 +181,10 @@ def truths(graph: Graph) -> list[bool]:
 
 
 def _lowered(graph: Graph, roots: list[int]) -> tuple[Graph, dict[int, int]]:
-    """Return the subgraph of the roots in operations that can be emitted; elementary functions remain calls."""
+    """Return the graph on which the roots depend, in operations that the generators can emit, and the new node indices.
+
+    Elementary functions remain calls.
+    """
 
     def compose(printable: Graph, name: str, values: list[Symbol]) -> Symbol:
         known = _known(printable, name, values)
@@ -188,7 +197,10 @@ _FOLDED = {"add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a
 
 
 def _known(graph: Graph, name: str, operands: list[Symbol]) -> Symbol | None:
-    """Return the result if no operation is needed: of constants, and of x · 1 and x / 1, which are x bit for bit."""
+    """Return the result of an operation that need not be executed: one on constants, or x · 1 or x / 1, which equal x.
+
+    It is None for all other operations.
+    """
     numbers = [_number(graph, symbol) for symbol in operands]
     if name in _FOLDED and None not in numbers:
         return graph.constant(_FOLDED[name](*numbers))
@@ -215,9 +227,9 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Return the design numbers, named after parameters and prepared numbers, else after variables of the law.
+    """Return the fields of the design numbers, each named after its parameter, prepared number or variable of the law.
 
-    Any other number is named after the first named value that depends on it: `law_integral_factor`.
+    A number without such a name is named after the first named value that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
     fields: list[Field] = []
@@ -256,7 +268,7 @@ def _named_results(graph: Graph, nodes: list[int], names: Mapping[int, Name], mo
 
 
 def word(name: Name) -> str:
-    """Return `law_velocity`, or `velocity` if the block is the whole controller."""
+    """Return a variable name prefixed by its block: `law_velocity`; `velocity` if the block is the controller."""
     owner = target_name(name.owner)
     return f"{owner}_{name.word}" if owner else name.word
 
@@ -293,11 +305,11 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 class LayoutRun:
     """The execution of a controller or a plant from its layout, as the reference for exported code.
 
-    It is slow: about 10 000 operations in 10 ms.
+    It is slow: 10 000 operations take about 10 ms.
     """
 
     def __init__(self, layout: Layout, parameters: Mapping[str, float] | None = None, *, wide: bool = False) -> None:
-        """Start a run.
+        """Configure the controller or plant.
 
         `parameters` override those of the machine file, by dotted name.  With `wide`, all computations are in double
         precision.
@@ -380,7 +392,7 @@ class LayoutRun:
 
 
 def evaluated(graph: Graph, ends: list[int], leaves: Mapping[int, Any], real: Any) -> list[Any]:
-    """Return the values of the nodes `ends`, each operation rounded to `real`; subnormal numbers become zero."""
+    """Return the values of the nodes `ends`; each operation is rounded to `real`, and subnormal numbers become zero."""
     values: dict[int, Any] = dict(leaves)
     least = np.finfo(real).tiny
     with np.errstate(all="ignore"):
@@ -409,7 +421,7 @@ def _flushed(value: Any, least: Any) -> Any:
 
 
 def _needed(graph: Graph, ends: list[int], known: Mapping[int, Any]) -> list[int]:
-    """Return the nodes that must be computed for `ends`, in order, without known nodes and their arguments."""
+    """Return, in order, the nodes that must be computed for `ends` if the values of `known` nodes are available."""
     needed: set[int] = set()
     stack = [index for index in ends if index not in known]
     while stack:
@@ -425,7 +437,7 @@ _graphs: dict[tuple[str, Any], tuple[Graph, int, int]] = {}
 
 
 def elementary(name: str, x: Any, real: Any) -> Any:
-    """Return the value of an elementary function in a precision, by its definition in plain arithmetic."""
+    """Return the value of an elementary function, computed by its definition in the precision `real`."""
     assert name in ELEMENTARY, f"no operation '{name}' in {real.__name__}"
     key = (name, real)
     if key not in _graphs:

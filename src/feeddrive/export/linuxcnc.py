@@ -91,7 +91,7 @@ def pins(routine: Routine) -> list[Item]:
 
 
 def settings(routine: Routine) -> dict[Item, float]:
-    """Return the parameters that belong to the component and not to the controller, with their values."""
+    """Return the HAL parameters of the component itself, which the controller does not have, with their values."""
     T = servo_period(routine)
     return {
         Item(
@@ -311,7 +311,7 @@ def core(name: str, parts: Texts) -> str:
     """Return the header that a component includes, with the complete routine.
 
     Code that runs once or at parameter changes may have thousands of lines.  It is compiled without optimization, which
-    takes a tenth of the time.
+    reduces the compile time to a tenth.
     """
     once = re.compile(
         rf"^static (?:inline bool {name}_retune|int {name}_designed)\([^;{{]*\)\n\{{.*?^\}}\n", re.DOTALL | re.MULTILINE
@@ -351,7 +351,7 @@ def _number(item: Item, value: float) -> str:
 
 
 def numbers(texts: Iterable[str]) -> str:
-    """Return the values of a C initializer, wrapped into lines."""
+    """Return numbers as the content of a C initializer, wrapped into lines."""
     lines = [""]
     for number_text in texts:
         if len(lines[-1]) + len(number_text) > 90:
@@ -361,7 +361,7 @@ def numbers(texts: Iterable[str]) -> str:
 
 
 def where(wanted: bool, text: str) -> str:
-    """Return the text if `wanted` is True, else an empty string."""
+    """Return the text if `wanted` is True, otherwise an empty string."""
     return text if wanted else ""
 
 
@@ -369,7 +369,7 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the controller of a design as a LinuxCNC component with all files needed to run it; return the README path.
+    """Write the controller of a design as a LinuxCNC component, with all files to run it; return the README's path.
 
     joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 
@@ -533,7 +533,7 @@ def axis_ini(routine: Routine, joint: int, letter: str, limit: Limits, title: st
 
 
 def _unknown(limit: Limits) -> list[str]:
-    """Return comment lines with a warning that the travel limits are placeholders; empty if the travel is known."""
+    """Return comment lines that warn that the travel limits are placeholders; none if the travel is known."""
     if limit.travel_known:
         return []
     return [
@@ -635,10 +635,10 @@ class Limits:
 
 
 def limits(loop: Loop) -> Limits:
-    """Return the limits of the fastest test move that stays at least 30 % below the limits of controller and motor.
+    """Return the limits for LinuxCNC, from the fastest test move that uses at most 70 % of controller and motor limits.
 
     The move has the trapezoidal velocity profile of LinuxCNC.  Its following error is computed as in LinuxCNC, from the
-    reading one period later.  Raises ParameterError if even the slowest move comes closer to a limit.
+    reading one period later.  Raises ParameterError if even the slowest move exceeds 70 % of a limit.
     """
     least, most = _travel(loop)
     tried = None
@@ -656,7 +656,7 @@ def limits(loop: Loop) -> Limits:
 
 
 def _travel(loop: Loop) -> tuple[float, float]:
-    """Return the ends of the travel in m: those of the guard, else a travel of one metre."""
+    """Return the ends of the travel in m, from the guard; an end that it does not state is set for a travel of 1 m."""
     guard = loop.control.guard
     least, most = (None, None) if guard is None else (guard.travel_least, guard.travel_most)
     if least is not None and most is not None:
@@ -669,7 +669,7 @@ def _travel(loop: Loop) -> tuple[float, float]:
 
 
 def _tried(loop: Loop, velocity: float, least: float, most: float) -> Limits | None:
-    """Simulate a move and return the resulting limits; None if the move is too fast or too long."""
+    """Simulate a move and return the resulting limits; None if the move exceeds 70 % of a limit or the travel."""
     acceleration = velocity / _RAMP
     distance = 2.0 * _RAMP * velocity
     if distance > most - least:

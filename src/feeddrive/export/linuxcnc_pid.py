@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: a P-PI design in LinuxCNC's stock pid components, with the remaining differences."""
+"""The target `linuxcnc-pid`: a P-PI design with LinuxCNC's stock pid components, and the remaining differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -192,9 +192,9 @@ def _check_one(cascade: Cascade) -> None:
 
 
 def stock_loop(cascade: Cascade, law: LinuxcncPid) -> Loop:
-    """Return the loop with LinuxCNC's pids in place of its controller, on the same axis, at the period of HAL.
+    """Return the loop with LinuxCNC's pids in place of its controller, on the same axis, with the sample time of HAL.
 
-    The guard is unchanged, except that the force of a disabled axis is 0, the output of a disabled pid.
+    The guard is unchanged, except that a disabled axis gets zero force, which is the output of a disabled pid.
     """
     guard = cascade.loop.control.guard
     control = Control(law=law, guard=None if guard is None else replace(guard, safe_force=0.0))
@@ -214,7 +214,7 @@ _DWELL = 0.3  # s after a move, in which overshoot becomes visible
 
 
 class Figure(NamedTuple):
-    """A figure of the design and of the stock pids; None where it is undefined."""
+    """A figure of merit of the design and of the stock pids; a value that is undefined is None."""
 
     what: str
     unit: str
@@ -224,7 +224,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class Difference:
-    """The figures of the design and of the stock pids, and the two moves on which they are based."""
+    """The figures of merit of the design and of the stock pids, and the two test moves."""
 
     figures: tuple[Figure, ...]
     move: JerkLimitedMove
@@ -232,7 +232,7 @@ class Difference:
 
 
 def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float) -> None:
-    """Raise UnstableError if the loop with the pids is unstable; the message gives stable gains if any exist."""
+    """Raise UnstableError if the loop with the pids is unstable; the message states stable gains if there are any."""
     require_stable(cascade.loop, where="the design")
     verdict = stability(stock)
     if verdict.stable:
@@ -264,7 +264,7 @@ def require_stable_pids(cascade: Cascade, stock: Loop, route: str, units: float)
 
 
 def difference(cascade: Cascade, stock: Loop) -> Difference:
-    """Compare the design and the stock pids on the same axis and the same moves."""
+    """Compare the design and the stock pids on the same axis in the same test moves."""
     move, saturating = moves(cascade.loop)
     figures = [*_margins(cascade.loop, stock)]
     designed, by_pid = (_run(loop, move) for loop in (cascade.loop, stock))
@@ -285,8 +285,8 @@ def difference(cascade: Cascade, stock: Loop) -> Difference:
 def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
     """Return a move that needs 40 % of the force limit and, if there is a limit, one that needs 150 %.
 
-    The velocity is half the limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the second move;
-    both moves stay within the travel.
+    The velocity is half of the velocity limit, at most 0.3 m/s; the acceleration rises in 20 ms, or in 5 ms for the
+    second move; both moves stay within the travel.
     """
     guard, motor = loop.control.guard, loop.axis.actuator.motor
     mass, limit = float(loop.axis.plant.rigid_mass()), loop.control.force_limit
@@ -318,7 +318,7 @@ def moves(loop: Loop) -> tuple[JerkLimitedMove, JerkLimitedMove | None]:
 
 
 def _free(loop: Loop) -> Loop:
-    """Return the loop without the guard's limit of the following error, which would trip a saturated axis."""
+    """Return the loop without the guard's limit of the following error, which a saturated axis would exceed."""
     guard = loop.control.guard
     if guard is None:
         return loop
@@ -334,7 +334,7 @@ def _run(loop: Loop, move: JerkLimitedMove) -> Run | None:
 
 
 def _along(what: str, *runs: Run | None) -> list[Figure]:
-    """Return the peak and RMS following error and the peak force of both runs of a move."""
+    """Return the peak and RMS following errors and the peak forces of a move, run with the design and with the pids."""
     errors = [None if run is None else run["following_error"] for run in runs]
     peaks = [None if e is None else 1e6 * float(np.max(np.abs(e))) for e in errors]
     means = [None if e is None else 1e6 * float(np.sqrt(np.mean(e * e))) for e in errors]
@@ -354,7 +354,7 @@ def _after(run: Run | None, move: JerkLimitedMove) -> float | None:
 
 
 def _margins(*loops: Loop) -> list[Figure]:
-    """Return crossover and margins of the loop opened at the actuator, while the axis is sliding."""
+    """Return crossover and margins of each loop, opened at the actuator and linearized while the axis is sliding."""
     figures = []
     for loop in loops:
         frequency = np.geomspace(1.0, 0.5 / loop.sample_time, LINES)

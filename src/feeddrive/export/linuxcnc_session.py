@@ -1,4 +1,4 @@
-"""LinuxCNC programs in isolated sessions that leave the system unchanged, and runs of controllers in a real HAL.
+"""LinuxCNC programs in isolated sessions, which leave the system unchanged, and controllers run in a real HAL.
 
 HAL's shared memory exists once per computer, `halcompile --install` writes to the common component directory, and a
 killed real-time process leaves remnants.  A session therefore has separate IPC, mount, process and network namespaces.
@@ -34,7 +34,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """The error of a LinuxCNC run that rejects a component, fails, or does not end; the message contains the output."""
+    """Raised if LinuxCNC rejects a component, fails, or does not end; the message contains the output."""
 
     exit_code = 1
 
@@ -78,7 +78,8 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     components  .comp files, each with its include files in the same folder; they are copied into the folder
     patience    timeout in s, after which all processes are killed
 
-    Raises MissingProgramError without LinuxCNC, and HalError if the session cannot be isolated, fails or times out.
+    Raises MissingProgramError if LinuxCNC is not installed, and HalError if the session cannot be isolated, fails or
+    times out.
     """
     check_session()
     for component in components:
@@ -156,7 +157,7 @@ STREAMER_PINS = 20
 
 @dataclass(frozen=True, eq=False)
 class HalRun:
-    """The result of a run: the rows of numbers, one per sample, and the printed output."""
+    """The result of a HAL run: the recorded rows of numbers, one per sample, and the printed output."""
 
     rows: np.ndarray
     printed: str
@@ -183,13 +184,14 @@ def halrun(
     period      period of the thread `servo-thread`, ns
     wiring      halcmd commands that load and add components between streamer and sampler, and connect
                 `streamer.0.pin.N` and `sampler.0.pin.N`
-    samples     the rows, shape (n, len(types)); types and taken: one letter per pin, f float, b bit, s signed, u
-                unsigned
-    meanwhile   halcmd commands after the thread has started;  at_end: after all rows have arrived
-    paced       True to wait for every period, as on a machine
+    samples     the input rows, shape (n, len(types))
+    types       types of the input pins, one letter each: f float, b bit, s signed, u unsigned
+    taken       types of the recorded output pins, likewise
+    meanwhile   halcmd commands to execute after the thread has started;  at_end: after all rows have arrived
+    paced       True to run in real time, one row per period, as on a machine
     patience    timeout of the run in s
 
-    Raises MissingProgramError without LinuxCNC, and HalError if the run fails or times out.
+    Raises MissingProgramError if LinuxCNC is not installed, and HalError if the run fails or times out.
     """
     if not 0 < len(types) < STREAMER_PINS or not 0 < len(taken) <= STREAMER_PINS:
         raise ParameterError(f"a run has 1 to {STREAMER_PINS - 1} numbers in and 1 to {STREAMER_PINS} out")
@@ -221,7 +223,10 @@ def halrun(
 
 
 def _rows(values: np.ndarray, types: str) -> str:
-    """Return rows for halstreamer, with all digits and a last column of ones, followed by a row of zeros."""
+    """Return the rows as text for halstreamer, with all digits.
+
+    An additional last column of ones marks valid rows; a row of zeros follows at the end.
+    """
     words = [repr if letter == "f" else _whole for letter in types]
     lines = [
         " ".join([*(word(value) for word, value in zip(words, row, strict=True)), "1"])
@@ -298,7 +303,7 @@ def answers(
     units_per_m  factor on lengths; with 1 the component receives exactly the numbers of `inputs`
     also         additional bit pins, with their value in each sample
     more         names and types of pins recorded after the outputs, such as ("fault-code", "s")
-    setup        halcmd commands before the thread starts;  meanwhile, at_end, paced and patience: as for `halrun`
+    setup        halcmd commands to execute before the thread starts;  others: see `halrun`
     period       thread period in ns; default: the sample time
 
     Raises MissingProgramError and HalError as `halrun` does.

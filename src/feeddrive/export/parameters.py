@@ -1,4 +1,4 @@
-"""The target `parameters`: files that state a design with the parameter names and units of drive manufacturers."""
+"""The target `parameters`: files that state a design in the parameter names and units of drive manufacturers."""
 
 import csv
 import io
@@ -43,11 +43,11 @@ NOT_CHECKED = "NOT CHECKED against a manual: name and unit are those in common u
 class Row(NamedTuple):
     """A parameter of a manufacturer's controller or drive.
 
-    unit      in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
-    source    manual and page; empty if no manual was available
+    unit      unit in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
+    source    manual and page that document the parameter; empty if no manual was available
     linear    name, unit and measure for a linear motor, if they differ; an empty name if there is no such parameter
-    scale     factor in addition to the unit: -1 for a lower limit
-    decimals  number of decimals that the controller stores; `most` is the largest value that it accepts
+    scale     additional factor on the value, such as -1 for a lower limit
+    decimals  number of decimals that the controller stores; `most` is the largest magnitude that it accepts
     """
 
     name: str
@@ -85,11 +85,11 @@ class Filtered(NamedTuple):
 class Maker:
     """A controller or drive of a manufacturer: its rows, its filters, and the format of its files.
 
-    notes    header lines of its file: which loop is meant, how the integrator is switched off, and the like
-    rotary   true if it supports rotary motors only
+    notes    header lines of its file, such as which loop the gains belong to, or how to switch off the integrator
+    rotary   True if it supports rotary motors only
     held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` gives reasons for others
-    filters  function that returns the lines of a filter, given the filter and its index among the filters
-    always   parts that it never represents, regardless of the design
+    filters  function that returns the lines for a filter, called with the filter and its index among the filters
+    always   parts that it cannot represent in any design
     """
 
     key: str
@@ -105,7 +105,7 @@ class Maker:
 
 
 def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Line], list[LostPart]]:
-    """Return the lines of a manufacturer's file, and the numbers that its parameters cannot hold."""
+    """Return the lines of a manufacturer's file, and the values that its parameters cannot represent."""
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:
@@ -126,7 +126,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
 
 
 def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
-    """Return the reason why a parameter cannot hold a value, with the consequence; None if it can."""
+    """Return why a parameter cannot represent a value, and the consequence; None if it can."""
     if row.most is not None and abs(value) > row.most:
         return f"{row.name} takes at most {row.most:g}", "the loop cannot be set up there: the gain stays lower"
     if value != 0.0 and abs(float(text) - value) > 0.01 * abs(value):
@@ -135,7 +135,7 @@ def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
 
 
 def number(value: float, decimals: int | None = None) -> str:
-    """Return a number with six significant digits, or with the decimals that a controller stores."""
+    """Return a number as text with six significant digits, or with the number of decimals that a controller stores."""
     return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
 
 
@@ -336,7 +336,7 @@ _FIRST, _STEP = 1657, 5  # p1657 .. p1661 are the first filter, p1662 .. p1666 t
 
 
 def sinumerik_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a current setpoint filter of type PT2 or general second order: frequencies and dampings."""
+    """Return the lines of a current setpoint filter, PT2 or general second order: frequencies and damping ratios."""
     if place >= FILTERS:
         return Filtered(why=f"a drive has {FILTERS} current setpoint filters")
     path = f"control.filters.{place}"
@@ -519,7 +519,7 @@ LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a low pass for both drives; a notch is rejected, as its parameters are not documented."""
+    """Return the lines of a low-pass filter for both drives; a notch is rejected, since it is not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -598,7 +598,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README: a file with its lines and missing parts, or the reason for its absence."""
+    """A section of the README on one file: its lines and the missing parts of the design, or why it is absent."""
 
     title: str
     file: str = ""
@@ -627,9 +627,9 @@ def write_parameters(
     makers      any of sinumerik, twincat, odrive, linuxcnc, csv; default: all that support the axis
     lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
-    Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for an unknown
-    motor if the units refer to its shaft, and for a linear motor that the manufacturer does not support; FileError
-    as `new_directory` does.
+    Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for a
+    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor that the
+    manufacturer does not support; FileError as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
     for wanted_maker in wanted:
@@ -685,7 +685,7 @@ def write_parameters(
 
 
 def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
-    """Return lines or lost parts with their complete paths in the machine file."""
+    """Return lines or lost parts with their full paths in the machine file."""
     return [row._replace(path=tree.in_paths(loop, row.path)) for row in rows]
 
 
@@ -720,7 +720,10 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 
 
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
-    """Return the parts of the design that a manufacturer cannot represent: each filter, and all other parts by kind."""
+    """Return the parts of the design that a manufacturer cannot represent.
+
+    Filters are judged one by one, all other parts by their kind.
+    """
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
@@ -734,7 +737,7 @@ def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:
-    """Return a warning if the loop is stable as designed but unstable with the numbers of a file alone."""
+    """Return a warning if the loop is stable as designed, but unstable with only the parts that a file represents."""
     if bare is whole or not stability(whole).stable:
         return []
     verdict = stability(bare)
@@ -759,7 +762,7 @@ _PID_MEANINGS = {
 
 
 def halcmd_lines(cascade: Cascade) -> tuple[list[Line], list[LostPart]]:
-    """Return the halcmd lines of two pids and their bias, except zeros (the default), and the lost parts."""
+    """Return the halcmd lines of two pids and their bias, and the lost parts; zeros, the defaults, are omitted."""
     law = stock_law(cascade, units=STOCK_UNITS)
     assert law.velocity is not None
     lines = list(_gains(cascade, "position", law.position)) + list(_gains(cascade, "velocity", law.velocity))

@@ -37,9 +37,11 @@ MOST_OPERATIONS = 500  # largest number of operations for one design number
 
 @dataclass(frozen=True)
 class Fixed:
-    """The numbers fixed by the export: design numbers with their values, and the parameters on which they depend.
+    """The numbers that become constants in the export: design numbers and the parameters on which they depend.
 
-    nodes  values, by node, that depend on fixed parameters only and are read by rules on other parameters
+    fields      values of the fixed design numbers, by field name
+    parameters  parameters that can no longer be changed on the PLC
+    nodes       values, by node, that depend on fixed parameters only and are read by rules on other parameters
     """
 
     fields: Mapping[str, float]
@@ -48,9 +50,10 @@ class Fixed:
 
 
 def fixed(layout: Layout) -> Fixed:
-    """Return the numbers to be fixed by the export.
+    """Return the numbers that the export turns into constants.
 
-    They are the design numbers that take too many operations, and those that depend on the same parameters only.
+    They are the design numbers whose computation takes too many operations for a PLC, and all others that depend only
+    on the same parameters.
     """
     leaves = layout.leaves
     held: set[int] = set()
@@ -71,7 +74,10 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return, by node, the values of operations on fixed parameters that are read by rules on other parameters."""
+    """Return the values, by node, of operations that depend on fixed parameters only but are read by other rules.
+
+    Such a rule also reads parameters that can still be changed.
+    """
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -83,7 +89,7 @@ def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
 
 
 def _depending(graph: Graph, others: set[int]) -> list[bool]:
-    """Return, per node, True if it is one of `others` or depends on one."""
+    """Return, per node, True if it is one of `others` or depends on one of them."""
     depends: list[bool] = []
     for index, node in enumerate(graph.nodes):
         depends.append(index in others or any(depends[i] for i in arguments(node)))
@@ -91,7 +97,7 @@ def _depending(graph: Graph, others: set[int]) -> list[bool]:
 
 
 class Printing(Protocol):
-    """The part of the generator that `configure` uses: a layout, legal names, and statements."""
+    """The interface of the generator that `configure` uses: the layout, legal names, and statements."""
 
     layout: Layout
     fixed: Fixed
@@ -120,8 +126,8 @@ class Printing(Protocol):
 def configure(printer: Printing) -> Unit:
     """Return the function block that computes the design in LREAL and rounds each number once for storage.
 
-    Bounds are checked first, then the rules between parameters; then the design is computed.  Each step requires that
-    all previous conditions are met, so that rejected parameters never cause a division by zero.
+    Bounds are checked first, then the rules between parameters; then the design is computed.  Each step is skipped
+    if an earlier condition is violated, so that rejected parameters never cause a division by zero.
     """
     layout = printer.layout
     wanted = [field for field in layout.design if field.name not in printer.fixed.fields]
@@ -193,7 +199,7 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
-    """Return the lines that store the code of a condition, if it is the first violated one."""
+    """Return the lines that store the code of a condition if it is the first one that is violated."""
     sentence = st.plain(ascii_text(layout.routine.sentences[code]))
     return [
         f"(* {code}: {sentence} *)",
@@ -223,7 +229,7 @@ CYCLE_TOLERANCE = 1e-6
 class Program:
     """The functions and function blocks of a program, each defined before use.
 
-    `names` maps dotted parameter names to Structured Text names.
+    `names` maps the dotted names of parameters to their Structured Text names.
     """
 
     structures: tuple[Structure, ...]
@@ -242,7 +248,7 @@ class Program:
 
 
 def program(layout: Layout, heading: str) -> Program:
-    """Return the program of a controller; `heading` is the comment above its function block.
+    """Return the Structured Text program of a controller; `heading` is the comment above its function block.
 
     Raises StructureError for a table with too many entries.
     """
@@ -373,7 +379,7 @@ class Printer:
         )
 
     def _prepared(self, struct: str, node: int) -> str:
-        """Return the expression for a prepared number, a constant or a design field; empty if it is never read."""
+        """Return the expression for a prepared number: a constant or a design field; empty if it is not used."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return st.literal(float.fromhex(constant[1]))
@@ -484,7 +490,7 @@ class Printer:
         return lines
 
     def _sampled(self, taken: Iterable[str]) -> Section:
-        """Return a section that reads inputs, state and design."""
+        """Return a section of statements that read inputs, state and design, as those of a sample do."""
         layout, routine = self.layout, self.routine
         fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
         leaves: dict[int, str] = {}
@@ -561,7 +567,7 @@ def _legal(names: Iterable[tuple[str, str]]) -> dict[str, str]:
 
 
 def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
-    """Return the fields, with the comment of each group above its first field."""
+    """Return the fields with the comment of each group attached to its first field."""
     grouped: list[Declared] = []
     last = ""
     for field, meaning in fields:
@@ -571,13 +577,13 @@ def _grouped(fields: Iterable[tuple[Declared, str]]) -> list[Declared]:
 
 
 def _meaning(variable: Variable) -> str:
-    """Return the unit and the meaning of a variable, without the remark on what its absence means."""
+    """Return the unit and the meaning of a variable, without the part that explains an absent value."""
     meaning = re.sub(r"; absent[^;]*$", "", variable.meaning)
     return f"{variable.unit}: {meaning}" if variable.unit else meaning
 
 
 def structured_text_files(design: Design) -> dict[str, str]:
-    """Return the files of the export by name, except machine file and manifest.
+    """Return the files of the export by name, except the machine file and the manifest.
 
     Raises ParameterError for an axis instead of a controller, and StructureError for a table with too many entries.
     """
@@ -740,7 +746,7 @@ def twincat_file(part: Structure | Unit) -> tuple[str, str]:
 
 
 def _wrapped(tag: str, name: str, more: str, body: str) -> str:
-    """Return the file of an element. Its GUID depends on the name only, so that a new export replaces the old one."""
+    """Return the file of an element. Its GUID depends only on the name, so that a new export replaces the old one."""
     identity = uuid.uuid5(uuid.NAMESPACE_URL, f"feeddrive/{tag}/{name}")
     return f'{_HEAD}  <{tag} Name="{name}" Id="{{{identity}}}"{more}>\n{body}  </{tag}>\n</TcPlcObject>\n'
 
@@ -827,7 +833,7 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
 
 
 def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return the declaration of a constant array of a signal, in the type that the controller uses for it."""
+    """Return the declaration of a constant array with samples of a signal, in the signal's type in the controller."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

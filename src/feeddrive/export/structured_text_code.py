@@ -1,4 +1,4 @@
-"""Structured Text: declarations, expressions, statements from a graph, and functions missing in IEC 61131-3."""
+"""Structured Text: declarations, expressions, statements from a graph, and functions that IEC 61131-3 lacks."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Unit:
-    """A function if there is a result type, else a function block."""
+    """A function, if it has a result type, or a function block."""
 
     name: str
     comment: str
@@ -121,7 +121,7 @@ def comment(text: str) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """Return a string changed so that it can neither begin nor end a comment."""
+    """Return a string that cannot begin or end a comment; such character pairs are split."""
     return text.replace("(*", "( *").replace("*)", "* )")
 
 
@@ -130,7 +130,7 @@ def _joined(lines: Iterable[str]) -> str:
 
 
 def huge(real: str) -> Declared:
-    """Return the declaration of a variable with a value so large that its square is infinite."""
+    """Return the declaration of a variable whose value is so large that its square overflows to infinity."""
     return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
 
 
@@ -141,9 +141,9 @@ OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions
 
 
 def literal(value: float, real: str = "LREAL") -> str:
-    """Return a number for use in an expression, with the same bits: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
+    """Return a number as an exact literal for an expression: `0.5`, `LREAL#0.1`, `(-LREAL#1.0E-7)`.
 
-    A number that REAL and LREAL round differently has a type prefix, since compilers disagree on the type of a plain
+    A number that REAL and LREAL round differently gets a type prefix, since compilers disagree on the type of a plain
     0.1.
     """
     value = float(value)
@@ -156,7 +156,7 @@ def literal(value: float, real: str = "LREAL") -> str:
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
-    """Return the shortest decimal with the same bits, for a declaration, which states the type separately."""
+    """Return the shortest decimal with the same bits, without type prefix, since a declaration states the type."""
     mantissa, _, power = str(np.float32(value) if real == "REAL" else float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{f'E{int(power)}' if power else ''}"
 
@@ -170,7 +170,7 @@ def short(value: float) -> float:
 def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -> str:
     """Return an operation as text, parenthesized if it contains an operator.
 
-    `prefix` begins the names of the functions generated along with the block.
+    `prefix` is the prefix of the names of functions that are generated along with the function block.
     """
     if name in INFIX:
         return f"({values[0]} {INFIX[name]} {values[1]})"
@@ -188,7 +188,7 @@ def expression(name: str, values: list[str], prefix: str, real: str = "LREAL") -
 
 
 def own(prefix: str, name: str, real: str) -> str:
-    """Return the name of a function generated with the block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
+    """Return the name of a function generated with the function block: `axis_x_exp`, or `axis_x_exp_real` for REAL."""
     return f"{prefix}_{name}{'' if real == 'LREAL' else '_real'}"
 
 
@@ -371,9 +371,9 @@ class Statements:
         return frozenset().union(*(self._reads.get(i, frozenset({i})) for i in values))
 
     def _add(self, statement: Assignment) -> None:
-        """Append a statement, or insert it before a final IF statement on which it does not depend.
+        """Append a statement, or insert it before the last statement if that is an IF on which it does not depend.
 
-        IF statements with the same condition can then be merged.
+        Successive IF statements with the same condition can then be merged.
         """
         last = self.done[-1] if self.done else None
         place = (
@@ -441,7 +441,10 @@ class Section:
         return name
 
     def _wanted(self, index: int) -> str:
-        """Return the name in the law, else the state that a selection may leave unchanged, else a numbered name."""
+        """Return the name for a node's variable: its name in the law, the name of a state, or else a numbered name.
+
+        The name of a state is used for a selection that may leave this state unchanged.
+        """
         if index in self.names:
             return word(self.names[index])
         node = self.graph.nodes[index]
@@ -455,7 +458,7 @@ class Section:
         return name
 
     def table(self, node: int, path: str, row: list[float]) -> None:
-        """Declare a table as a constant array. Raises StructureError for a table with too many entries."""
+        """Declare a table as a constant array. Raise StructureError for a table with too many entries."""
         if len(row) > MOST_ENTRIES:
             raise StructureError(
                 f"{path} has {len(row)} entries, more than the {MOST_ENTRIES} that fit into a Structured Text array; "
@@ -467,7 +470,7 @@ class Section:
         self.statements.texts[node] = name
 
     def switch(self, node: int) -> None:
-        """Replace the comparison of the enable input with one half by the BOOL `switched_on`."""
+        """Replace the comparison of the enable input with 0.5 by the Boolean variable `switched_on`."""
         for index, operation in enumerate(self.graph.nodes):
             if (
                 operation[0] == "lt"
@@ -627,7 +630,7 @@ def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Uni
 
 
 def _decays(size: int, name: str, real: str) -> Unit:
-    """Return the function that tests whether the powers of a matrix decay to 0."""
+    """Return the Structured Text function that tests whether the powers of a matrix decay to 0."""
     n, array = math.isqrt(size), f"ARRAY[0..{size - 1}] OF {real}"
     numbers = {"one": literal(1.0, real), "large": literal(TOO_LARGE, real)}
     counts = [Declared(counter, "DINT") for counter in ("squaring", "i", "j", "k")]
@@ -722,7 +725,7 @@ def _plain(name: str, prefix: str, real: str) -> Unit:
 
 
 def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> Unit:
-    """Return an elementary function with the plain arithmetic of the simulator as its body."""
+    """Return a function for an elementary operation; its body is the same plain arithmetic as in the simulator."""
     function = own(prefix, name, real)
     taken = {"x", HUGE, function}
     variables: list[Declared] = []

@@ -36,11 +36,11 @@ _NUMBERS = {"int | None": int, "float | None": float}
 
 @dataclass(frozen=True)
 class Proof:
-    """The proof of an export: the module whose function `prove` runs it, and the length of the trial.
+    """The proof of an export: the module whose function `prove` performs it, and the length of the trial.
 
     samples    number of samples, for a trial that takes some seconds
     changes    number of live parameter changes in the trial; 0 if the program does not support them
-    own_build  True if the export has its own build, so that compiler and flags cannot be chosen
+    own_build  True if the export contains its own build files, so that compiler and flags cannot be chosen
     """
 
     module: str
@@ -59,15 +59,15 @@ class Proof:
 
 @dataclass(frozen=True)
 class Target:
-    """A target: the function that writes it, its capabilities, and the proof of its export.
+    """An export target: the function that writes it, its capabilities, and the proof of its exports.
 
     options     names in `OPTIONS` that its function accepts
     precisions  supported precisions, default first
     plants      True if it can contain a plant
     together    True if it can contain the controllers of several axes as one
     fixed       arguments with which its function is always called
-    linear      True if it supports linear axes only: it uses mm, or the units of a motor with its lead
-    in_c        True if its code is that of the target c, whose `broken_rule` returns the codes of violated rules
+    linear      True if it supports linear axes only, since it uses mm, or the units of a motor with a screw
+    in_c        True if it contains the code of the target c, whose `broken_rule` returns the code of a violated rule
     proof       None if the export cannot run on this computer; `unproven` gives the reason
     """
 
@@ -87,9 +87,9 @@ class Target:
 class TargetOption(NamedTuple):
     """An option of some targets, also offered by the command `export`.
 
-    kind   its type in the request of the command
+    kind   its type in the request of the command `export`
     unit   its SI unit
-    asked  its name in that request, if it differs
+    asked  its name in that request, if that name is different
     """
 
     kind: str
@@ -209,9 +209,8 @@ def write_all(
 ) -> list[tuple[Design, Path]]:
     """Export as `write_export` does; without an `axis`, export the controllers of all axes of the file.
 
-    With `together`, or if the controllers are coupled, they become one design.  Otherwise each has a separate directory
-    `out`/AXIS and, with a `name`, the prefix NAME_AXIS.  All designs are checked before the first is
-    written.
+    With `together`, or if the controllers are coupled, all of them form one design.  Otherwise each has a separate
+    directory `out`/AXIS and, with a `name`, the prefix NAME_AXIS.  All designs are checked before the first is written.
     """
     machine = read_machine(source)
     axes = list(machine.loops)
@@ -316,7 +315,7 @@ def _chosen(target: str) -> Target:
 
 
 def _flag(option: str) -> str:
-    """Return an option as it is written on the command line."""
+    """Return an option in its command-line spelling."""
     asked = OPTIONS[option].asked if option in OPTIONS else ""
     return f"--{(asked or option).replace('_', '-')}"
 
@@ -376,8 +375,8 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
 def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, bytes | str], **options: Any) -> Path:
     """Write an export atomically: `files`, the machine file and `export.json`; return the path of the README.
 
-    An edited file of an older export (its digest differs from `export.json`) is kept, and the new file is written as
-    NAME`.new`; `edits_kept` lists them.
+    A file of an older export that was edited (its digest differs from `export.json`) is kept, and the new file is
+    written as NAME`.new`; `edits_kept` lists these files.
 
     Raises FileError as `new_directory` does, and for a directory whose `export.json` does not describe its content.
     """
@@ -392,7 +391,7 @@ def write_bundle(design: Design, target: str, out: Path, files: Mapping[str, byt
 
 
 def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, bytes | str]:
-    """Return the files to write, including the edited files of the older export."""
+    """Return the contents of the files to write: the new ones, and the edited ones of the older export."""
     contents = dict(files)
     for name in changed_files(out, read_manifest(out)):
         if not (out / name).is_file():

@@ -1,4 +1,4 @@
-"""Verification of an export: its code runs on this computer, and its outputs must equal the simulator's bit for bit."""
+"""Verification of an export: its code is run on this computer, and the outputs must equal the simulator's exactly."""
 
 import platform
 import re
@@ -102,14 +102,14 @@ def verify_export(
     flags: Sequence[str] = (),
     command: str | None = None,
 ) -> Verified:
-    """Prove on this machine that the results of an export are bit-identical to those of the simulator.
+    """Prove on this computer that the results of an export are bit-identical to those of the simulator.
 
     samples  number of samples in the trial; default: that of the target, a million for C in double precision
     flags    C compiler flags in addition to -std=c99 -O2 -ffp-contract=off; `command` names another compiler
 
-    The exported code is run by the tool of its target, such as FMPy for an FMU. The expected outputs come from the
-    machine file of the export and the simulator of this version; in single precision, from the same operations in
-    Python, each rounded.
+    The exported code is run by the tool of its target, such as FMPy for an FMU. The expected outputs are computed from
+    the machine file of the export, in double precision by the simulator of this version, in single precision by the
+    same operations in Python, each of them rounded.
     A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
@@ -142,7 +142,7 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
 
 
 def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Return the files that differ from a fresh export. Raises FileError for one that would be compiled or run.
+    """Return the files that differ from a fresh export. Raise FileError if one of them would be compiled or run.
 
     The comparison is with a fresh export of the machine file, since the digests in `export.json` can be edited along
     with a file.
@@ -191,7 +191,7 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, whose code equals the checked one, so that no file can change between check and run."""
+    """Run the fresh export, which equals the checked one and which nobody can change between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     # a short trial has some ten broken numbers, too
@@ -206,7 +206,7 @@ def _proven(
 
 
 def _design(directory: Path, manifest: Manifest) -> Design:
-    """Return the design described by the manifest, with the names of the machine file from which it was exported."""
+    """Return the design that the manifest describes, labeled with the machine file from which it was exported."""
     if manifest.what != CONTROL:
         raise ParameterError(f"{directory}: is the export of an axis; compare its run with one of `simulate`")
     file = directory / MACHINE_FILE

@@ -30,7 +30,7 @@ from feeddrive.tuning.candidates import PLAIN, candidates
 
 
 def out_of_the_work(job: Job, system: System) -> System:
-    """Return the machine without the cuts of its program, for the analysis of its axes outside the cut."""
+    """Return the machine without the cuts of the job's program, for the analysis of its axes in air."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
     # the cuts of the program stand behind the couplings of the machine file
@@ -62,10 +62,10 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 # the laws of a job run the same program: one entry is enough
 @lru_cache(maxsize=1)
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
-    """Return a mask of the samples in which the tool generates a finished wall of the part (see `on_part`).
+    """Return a mask of the samples at which the tool generates a finished wall of the part (see `on_part`).
 
-    Without a [process] section, all samples at feed rate are included.  A cut without such a sample is included
-    completely.
+    Without a [process] section, all samples at feed rate are included.  Of a cut that generates no finished wall, all
+    samples at feed rate are included, too.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):
@@ -87,7 +87,7 @@ def on_the_part(program: PlannedProgram) -> np.ndarray | None:
 
 
 def _spindle(job: Job, machine: Machine, run: Run) -> SpindleLoad | None:
-    """Return the spindle load of all cuts in a run, with the chip volume; None if there are no cuts."""
+    """Return the spindle load due to all cuts in a run, with the chip volume; None if there are no cuts."""
     program = job.program
     cuts = [cut for cut in machine.couplings if isinstance(cut, MillingCut) and cut not in job.machine.couplings]
     if program is None or program.process is None or not cuts:
@@ -109,7 +109,7 @@ def _area(cut: Cut, tools: Mapping[int, Cutter]) -> float:
 
 
 def listening(job: Job) -> Listening:
-    """Return the disturbance observers of the catalog by kind and axis, with initial gains for the axis.
+    """Return the disturbance observers of the catalog by kind and axis, with their initial gains for that axis.
 
     The mapping is empty for a job without cuts.
     """
@@ -129,7 +129,7 @@ def listening(job: Job) -> Listening:
 class Chatter(NamedTuple):
     """The chatter verdict on one kind of cut under a law; |µ| is the growth factor of a vibration from tooth to tooth.
 
-    cut        the first section of this kind
+    cut        first section of the program with these cutting conditions
     growth     |µ|; None if it is unknown, for the reason in `why`
     frequency  chatter frequency in Hz; None if there is no chatter
     """
@@ -142,9 +142,9 @@ class Chatter(NamedTuple):
 
 
 def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
-    """Return the verdict on each kind of cut under the first law and the one with the least contour error.
+    """Return the chatter verdict on each kind of cut, under the first law and the law with the least contour error.
 
-    The feed is along x.
+    The feed is assumed to be along x.
     """
     program = job.program
     ran = [row for row in rows if row.part is not None]
@@ -203,7 +203,7 @@ def chatter_remarks(verdicts: Sequence[Chatter]) -> list[str]:
 
 
 def cut_table(job: Job, row: Entry, verdicts: Sequence[Chatter]) -> list[Table]:
-    """Return the table of the cuts by program line, with the cutting force of a row and the chatter verdicts.
+    """Return the table of the cuts by program line, with the cutting force under the law of `row` and the verdicts.
 
     The list is empty for a job without cuts.
     """

@@ -40,7 +40,10 @@ def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
 
 
 def _setpoint(job: Job, log: Log) -> np.ndarray:
-    """Return the logged set positions. Raises LogError if they are missing or not at the controller's sample time."""
+    """Return the logged set positions.
+
+    Raises LogError if they are missing or do not have the controller's sample time.
+    """
     T = next(iter(job.loops.values())).sample_time
     if "setpoint_position" not in log.channels:
         raise LogError(f"{log.name}: the job needs the channel setpoint_position: name its column under [log.channels]")
@@ -54,8 +57,9 @@ def _setpoint(job: Job, log: Log) -> np.ndarray:
 
 
 def _per_unit(job: Job, log: Log, role: str) -> float:
-    """Return the force at the table in N per unit of a channel, whose unit is the drive's own or a unit of force or
-    torque.
+    """Return the force at the table in N per unit of a channel.
+
+    The unit is that of the drive's command, or one of force or torque.
     """
     scale = drive_with(None, next(iter(job.loops.values())), None).force_per_unit(log.units.get(role, ""))
     if scale is None:
@@ -67,7 +71,7 @@ def _per_unit(job: Job, log: Log, role: str) -> float:
 
 
 def without_answer(job: Job, log: Log) -> Job:
-    """Return the job with the set positions of a log as its reference, for a log without a measured position."""
+    """Return the job with the set positions of a log, which has no measured position, as its reference."""
     T = float(next(iter(job.loops.values())).sample_time)
     outside = log.channels.get("load_force")
     load = job.load if outside is None else RecordedForce(force=outside, sample_time=T)
@@ -91,9 +95,10 @@ def of_channels(job: Job, log: Log) -> list[str]:
 
 
 def placed(loop: Loop, measured: dict[str, np.ndarray], skip: int) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return the signals with the excitation placed before or after the force limit, and a remark on the choice.
+    """Return the signals with the excitation injected before or after the force limit, and a remark on the choice.
 
-    The position residual reveals the point of injection if the limit is active; otherwise both points are equivalent.
+    The point before the limit is chosen only if its position residual is clearly smaller. If the limit is never active,
+    both points are equivalent.
     """
     if "added_force" not in measured:
         return measured, []

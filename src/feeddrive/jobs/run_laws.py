@@ -62,7 +62,7 @@ _FIGURES = (
 class JobResult(Result):
     """The result of a job: all rows, with the current controller first, and remarks.
 
-    `velocity` in m/s is the sliding speed of the axis at which margins and stiffness are computed.
+    Margins and stiffness are computed for the axis sliding at `velocity` in m/s.
     """
 
     job: Job
@@ -80,12 +80,13 @@ class JobResult(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The user-defined strings in the job file and the machine file."""
+        """The strings from the job file and the machine file that the user has written, such as titles and names."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
-        """Return a table of error, force, margins and least dynamic stiffness by law, or of contour figures for a part
-        program.
+        """Return a table of error, force, margins and least dynamic stiffness by law.
+
+        For a part program, the table contains the contour figures instead.
         """
         if self.parts:
             return laws_table(self.job.title, self.parts)
@@ -127,11 +128,11 @@ class JobResult(Result):
 
     @property
     def parts(self) -> dict[str, PartRun]:
-        """The figures along a part program by law, or an empty dict without a program."""
+        """The figures along the part program by law; empty for a job without a program."""
         return {row.name: row.part for row in self.rows if row.part is not None}
 
     def others(self) -> Table | None:
-        """Return a table of the errors and forces of the other axes of a job in which several axes move, or None."""
+        """Return a table of the errors and forces of the axes that are not compared, or None if there are none."""
         rows: list[list[Cell]] = []
         for row in self.rows:
             if row.together is None or row.part is not None:
@@ -179,7 +180,7 @@ def _frame(result: JobResult) -> Any:
 
 
 def numbers(row: Entry) -> dict[str, float | None]:
-    """Return the figures of a row by name, in SI units, in the form in which they are written to files."""
+    """Return the figures of a row in SI units, by the names under which they are written to files."""
     figures: dict[str, float | None] = {
         "following_error_rms_m": row.rms("following_error"),
         "following_error_peak_m": row.peak("following_error"),
@@ -209,8 +210,8 @@ class LawRun(Case[Entry]):
 
     law        name of its row in the job
     measured   signals of the log; None if there is no log with measured positions
-    velocity   speed of the linear model, m/s
-    observers  disturbance observers along the run, for a job that cuts
+    velocity   sliding speed at which the loop is linearized, m/s
+    observers  disturbance observers to run along the simulation, for a job with cuts
     """
 
     kind: ClassVar[str] = "law_of_job"
@@ -229,7 +230,7 @@ class LawRun(Case[Entry]):
         return self.law
 
     def outcome(self, progress: Progress) -> Entry:
-        """Return the row of the law in the report; errors name the job and the law.
+        """Return the row of the law in the report; error messages name the job and the law.
 
         Raises UnstableError for an unstable loop and DivergedError for a run that leaves its bounds.
         """
@@ -319,7 +320,7 @@ def _skipped(job: Job) -> int:
 
 
 def _matched(job: Job) -> list[str]:
-    """Return remarks on the contour error due to mismatched axes, or no remarks if they match."""
+    """Return remarks on the contour error due to mismatched axes; none if the axes match or have no linear model."""
     machine = next(iter(job.machines.values()), None)
     if machine is None or job.program is None or len(job.program.references) < 2:
         return []
@@ -338,7 +339,7 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 
 
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
-    """Simulate all axes together: the compared one along the job's reference, the others along theirs or at rest."""
+    """Simulate all axes together: the compared one on the job's reference, the others on their own or at rest."""
     assert job.reference is not None
     moving = {axis: Other(reference=job.reference, load=job.load), **job.others}
     # a reference of one row lasts 0 s, and a travel time must be > 0
@@ -352,7 +353,7 @@ def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progre
 
 
 def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
-    """Return half of the highest set speed, in m/s; 10 mm/s for a reference without motion."""
+    """Return half of the highest set speed, in m/s, or 0.01 m/s for a reference without motion."""
     if measured is not None:
         largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
     else:
@@ -367,7 +368,7 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
 def _remarks(rows: list[Entry]) -> list[str]:
     """Return remarks on trips, active force limits, too few substeps and unknown margins.
 
-    They also name the figures in which a law is worse than the current controller by more than 1 %.
+    They also list the figures of each law that are more than 1 % worse than those of the current controller.
     """
     remarks: list[str] = []
     needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps
@@ -430,7 +431,7 @@ def _ratio(a: float | None, b: float | None) -> str:
 
 
 def _couplings(job: Job) -> dict[str, str]:
-    """Return the report's entries on couplings and other axes; there are none for a job with a single axis."""
+    """Return the entries of the report on couplings and other axes; empty for a job with a single axis."""
     if not job.machines:
         return {}
     moving = {axis: "stands" for axis in job.machine.loops if axis != job.axis}

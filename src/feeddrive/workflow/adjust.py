@@ -114,7 +114,7 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
 
 
 def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:
-    """Return the table row of a changed parameter, in the SI unit of the option."""
+    """Return the table row of a changed parameter, with its old and new value in the SI unit."""
     return (
         name,
         "none" if before is None else Quantity(before, unit, form="6 SI"),
@@ -146,7 +146,10 @@ def _values(control: Control, texts: Sequence[str]) -> dict[str, float]:
 
 
 def _numbers(option: str, texts: Sequence[str], known: Sequence[str], whose: str, such: str) -> dict[str, float]:
-    """Parse NAME=VALUE strings into numbers by name. Raise ParameterError for an unknown, repeated or invalid one."""
+    """Parse NAME=VALUE strings into numbers by name.
+
+    Raises ParameterError for a name that is unknown or repeated, and for an invalid number.
+    """
     numbers = dict[str, float]()
     for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))

@@ -38,10 +38,11 @@ class BenchmarkRequest(EvaluationRequest):
 
 @command(BenchmarkRequest)
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
-    """Run every law with its stored design on the fixed plants of the benchmark, and print a table for citation.
+    """Run every law with its stored design on the fixed plants of the benchmark, and print a table to be cited.
 
     User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, except
-    those with a design in `keep`.  Raises ParameterError for an unknown plant, law or version of the rules.
+    those whose design is already in the directory `keep`.  Raises ParameterError for an unknown plant, law or version
+    of the rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")

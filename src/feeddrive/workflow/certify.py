@@ -74,8 +74,8 @@ class CertifyRequest(Request):
 def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]:
     """Prove that a loop, as implemented, is stable for plants with uncertainty discs; write certificate and report.
 
-    Files are written only on request. Raises NotCertifiedError, with frequency and remedy, for a loop that cannot be
-    certified.
+    Files are written only if an output directory is named. Raises NotCertifiedError for a loop that cannot be
+    certified; the message states the frequency at which the proof fails, and a remedy.
     """
     if isinstance(request.source, Loop):
         machine, loop = None, request.source
@@ -122,9 +122,10 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned controller at its operating points and its summary, or None and the reason.
+    """Return the certificate of a tuned controller and a summary of it, or None and why there is no certificate.
 
-    If the text of a machine file is given, the control in that file, with its rounded parameters, is certified.
+    points  the operating points at which stability is proven
+    text    the text of a machine file: the control in that file, with its rounded parameters, is certified
     """
     of_file: dict[str, str] = {}
     try:
@@ -146,13 +147,13 @@ def certified(
 
 
 def source(machine: MachineFile) -> dict[str, str]:
-    """Return the name of a machine file and the digest of its text for the certificate."""
+    """Return the facts about a machine file that the certificate records: names of machine and file, and SHA-256."""
     digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
     return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
-    """Return the plants to certify by name: the axis, as a model or with its measured responses, and those in `at`."""
+    """Return the plants to certify, by name: the axis, as a model or with its measured responses, and those in `at`."""
     plants: dict[str, PlantLike] = {}
     if request.measured is None:
         if request.motor is not None or request.fit:
@@ -171,7 +172,7 @@ def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:
 
 
 def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
-    """Return the single response of a file, or its responses of load and motor in this order."""
+    """Return the single response in a file, or the responses of both encoders, first load and then motor."""
     responses = read_frfs(file)
     if len(responses) == 1:
         return [_sampled(next(iter(responses.values())), loop)]
@@ -201,7 +202,10 @@ def _unused(name: str, plants: dict[str, PlantLike]) -> str:
 def write_certified(
     certificate: Certificate, out: str | Path, known: Mapping[str, str], *, rotary: bool = False
 ) -> Path:
-    """Write `certificate.json` and `report.html` into a directory; return the path of the report. Raise FileError."""
+    """Write `certificate.json` and `report.html` into a directory; return the path of the report.
+
+    Raises FileError if the directory cannot be written.
+    """
     with new_directory(out) as folder:
         write_certificate(folder / FILE, certificate)
         (folder / "report.html").write_text(

@@ -1,10 +1,10 @@
 """`feeddrive channels`, and the mapping of log columns to roles for all commands.
 
-The mapping comes from the options or a TOML file; otherwise it is guessed and shown.
+The mapping is taken from the options or a TOML file; otherwise it is guessed and shown to the user.
 
-The magnitudes of a log show whether its units are plausible for a feed drive. A command rejects a travel of 200 m or a
-mass of 0.1 kg: it shows the two likeliest interpretations of the units side by side, and writes nothing until the user
-states the unit.
+The magnitudes of a log show whether its units are plausible for a feed drive. A command rejects, for example, a travel
+of 200 m or a mass of 0.1 kg: it shows the two likeliest interpretations of the units side by side, and writes nothing
+until the user states the unit.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ FLAGS = {
 class Doubt:
     """A doubt about the magnitudes of a log; the sentence `why` is empty if they are plausible for a feed drive.
 
-    told      True if the units were given by the user, so that the command continues; otherwise it must stop
+    told      True if the user stated the units, so that the command continues; otherwise it must stop
     readings  the two likeliest interpretations side by side, if other units make the log plausible
-    moves     True if a mass could be identified, which excludes a log of noise alone
+    moves     True if a mass could be identified, so that the log is not pure noise
     """
 
     why: str = ""
@@ -92,7 +92,7 @@ class Doubt:
     moves: bool = False
 
     def stop(self, progress: Progress) -> None:
-        """Show the interpretations and raise LogError, unless the units were given."""
+        """Show the interpretations and raise LogError, unless the user stated the units."""
         if self.why and not self.told:
             if self.readings is not None:
                 progress.remark(self.readings)
@@ -100,13 +100,13 @@ class Doubt:
 
 
 def units_first(doubts: Sequence[str]) -> Advice | None:
-    """Return the judgment that the units must be clarified first; None if the magnitudes are plausible."""
+    """Return the judgment that the units must be clarified first, with the first doubt as reason, or None."""
     return Judgment.UNITS_IN_DOUBT.because(doubts[0]) if doubts else None
 
 
 @dataclass(frozen=True)
 class _Group:
-    """The column of the motion or of the force: its role, its unit as read, and the origin of the unit."""
+    """The column of the motion or of the force: its role, the unit in which it was read, and the origin of the unit."""
 
     role: str
     column: str
@@ -125,7 +125,7 @@ class _Group:
 
 
 def with_units(file: OpenedFile, mapping: abc.Mapping[str, Column], texts: Sequence[str]) -> dict[str, Column]:
-    """Return the mapping with the units of `--unit` for columns without a stated unit.
+    """Return the mapping, with the units given by `--unit` assigned to columns that state none.
 
     Raises ParameterError for a unit that fits none of these columns.
     """
@@ -263,7 +263,7 @@ class _Reading:
 def _readings(
     frame: Frame, measured: abc.Mapping[str, float], motion: _Group | None, force: _Group | None, is_hal: bool
 ) -> list[_Reading]:
-    """Return interpretations of the log in other units: plausible ones first, then those with fewer changed units."""
+    """Return interpretations of the log in all combinations of units, sorted by plausibility, then by changed units."""
     there = [group for group in (motion, force) if group is not None]
     choices: list[list[tuple[_Group, str]]] = []
     for group in there:
@@ -362,7 +362,7 @@ def check_response(
 
     The mass is the median over the lines of |F / (ω² x)|; responses that are not motion over force are not checked.
 
-    cure  function that returns the command-line option for a given unit of the response, such as um/N
+    cure  function that returns the command-line option that states a unit of the response, such as um/N
     """
     mass, unit = RANGES[TABLE][4], frf.unit or "m/N"
     try:
@@ -429,9 +429,9 @@ def mapped(
     *,
     steady: bool = False,
 ) -> Mapped:
-    """Read a log with its columns assigned to those roles in `wanted` that it has.
+    """Read a log and assign its columns to the roles in `wanted`; roles without a suitable column are left out.
 
-    named     role -> string from the command line; takes precedence over everything else
+    named     the column of each role as typed on the command line; it takes precedence over everything else
     channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
               guess is shown
     unit      units for columns without a stated or given unit
@@ -467,7 +467,10 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the named roles, completed by guesses that the user is shown, and why likely columns were rejected."""
+    """Return the columns by role, named or else guessed, and by role the reason why a likely column was rejected.
+
+    The guesses are shown to the user.
+    """
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
@@ -486,7 +489,7 @@ def _guessed_roles(
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Return by role the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
+    """Return, by role, the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
     reasons = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
     for role, column in guess.mapping.items():
         if role == "current" and role not in wanted:
@@ -501,9 +504,11 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log that lacks these roles; it lists rejected columns with reasons, or the log's roles.
+    """Return the error for a log that lacks these roles.
 
-    what     the quantity, such as `the force`
+    The message lists likely columns that were rejected, with the reasons, or else the roles that the log has.
+
+    what     the missing quantity, such as `the force`
     options  the options that name a column for it
     """
     likely = {role: log.left_out[role] for role in roles if role in log.left_out}
@@ -521,7 +526,7 @@ def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: s
 
 
 def requested(channels: MappingLike, path: Path) -> LogRequest:
-    """Return the request for a log with a given mapping. Raise FileError, with the remedy, for a missing file."""
+    """Return the request to read a log with this mapping. Raise FileError if the TOML file is missing."""
     if isinstance(channels, Mapping):
         return LogRequest(path, channels)
     if not channels.exists():
@@ -560,9 +565,9 @@ class ChannelsRequest(Request):
 
 @command(ChannelsRequest)
 def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
-    """Guess the role of each column of a log. The outcome has the roles as a TOML section to be edited for --channels.
+    """Guess the role of each column of a log. The outcome contains a TOML section to be edited and used for --channels.
 
-    For a file of frequency responses, list the responses, and the controllers in the XML of a tuning tool.
+    For a file of frequency responses, list the responses and, for the XML file of a tuning tool, its controllers.
     """
     file = OpenedFile(request.log)
     out, path = request.out, file.path
@@ -620,7 +625,7 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
     """Guess the roles of the columns of a log.
 
-    If the time stamps are implausible for a servo loop, they are read in the likeliest unit, which the table shows.
+    If the time stamps are implausible for a servo loop, they are read in the likeliest unit, and the table states it.
     """
     time = None if request.time is None else Column.of(request.time)
     why = "named on the command line"
@@ -641,7 +646,7 @@ def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
 
 
 def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:
-    """Return the time column in its likeliest unit, with the reason; None if a unit is stated or none is plausible."""
+    """Return the time column in its likeliest unit, and the reason; None if its unit is stated or none is plausible."""
     name = next((name for name in file.columns.values if is_time(name)), None)
     if name is None or name in file.columns.units or unit_at_the_end(name, "time"):
         return None

@@ -1,4 +1,4 @@
-"""`feeddrive circle`: the circular test of measured circles, or of a simulated machine.
+"""`feeddrive circle`: a circular test, evaluated from measured circles or simulated on a machine.
 
 report.html    the circle plot, unrolled circles, ranked causes
 circle.json    every figure in SI
@@ -101,7 +101,7 @@ def measured_circle_report(measured: MeasuredCircle, note: str = "") -> Report:
 
 @command(CircleRequest)
 def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle]:
-    """Evaluate a circular test according to ISO 230-4, from logs of x and y or a simulation, and separate its causes.
+    """Evaluate a circular test to ISO 230-4, measured (logs of x and y) or simulated, and separate the error causes.
 
     Raises LogError for a log without a full circle at constant feed, and ParameterError for incompatible circles.
     """
@@ -138,7 +138,7 @@ def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:
 
 
 def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
-    """Return the machine if the only source is a machine; None for logs. Raise ParameterError if both are given."""
+    """Return the machine if the source is one; None for logs. Raise ParameterError for a machine with other sources."""
     first = sources[0]
     # a bundled machine is a bare name; a file without a suffix that exists is a log
     is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())
@@ -216,7 +216,10 @@ def _simulated(file: MachineFile, request: CircleRequest, progress: Progress) ->
 
 
 def _middle(file: MachineFile, name: str, radius: float) -> float:
-    """Return the center of an axis's travel range, m; 0 if it is unknown. Raise ParameterError if it is too short."""
+    """Return the center of an axis's travel range in m, or 0 if the range is unknown.
+
+    Raises ParameterError if the range is too short for the circle.
+    """
     limits = file.limits.get(name)
     if limits is None or limits.travel_least is None or limits.travel_most is None:
         return 0.0
@@ -240,7 +243,7 @@ def _remarks(measured: MeasuredCircle) -> list[str]:
 
 
 def _summary(measured: MeasuredCircle) -> dict[str, Any]:
-    """Return all figures in SI for JSON; a cause that cannot be separated is null."""
+    """Return all figures in SI for JSON; the value of a cause that cannot be separated is null."""
     first = measured.test.circles[0]
     return {
         "radius_m": measured.test.radius,

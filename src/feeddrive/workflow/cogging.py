@@ -155,14 +155,17 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
 
 
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
-    """Return the given sample time (s), None for that of the file, or an arbitrary value for a file without a clock."""
+    """Return the sample time in s for reading a log: the requested one, or an arbitrary one for a file without a clock.
+
+    It is None if the file states its own time.
+    """
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
     return None if any(is_time(name) for name in read_arrays(path)) else _ANY_CLOCK
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the measured positions and forces of maps of one turn; a force of 0 marks an unmeasured position."""
+    """Return the measured positions and forces of maps of one turn; entries with a force of 0 count as not measured."""
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)
@@ -194,7 +197,10 @@ def _is_angle(text: str) -> bool:
 
 
 def _period(text: str | None, unit: str, drive: Drive) -> float:
-    """Return the period in `unit`, parsed or derived from the drive. Raise ParameterError if missing or invalid."""
+    """Return the period in `unit`, parsed or derived from the drive.
+
+    Raises ParameterError if it is missing or invalid.
+    """
     if text is None:
         if unit == "rad":
             return 2.0 * math.pi
@@ -230,7 +236,7 @@ def _orders(text: str | None) -> tuple[int, ...] | None:
 
 
 def _at_table(seen: _Seen, drive: Drive) -> AtTable | None:
-    """Return period and force factor at the table; None unless both are known."""
+    """Return the period and the force factor at the table; None unless both are known."""
     r = drive.lever
     # F = torque / r, x = r θ with r = lead / (2π gear)
     constants = {"force": 1.0, "torque": None if r is None else 1.0 / r}
@@ -270,7 +276,7 @@ def cogging_report(
 
 
 def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
-    """Return why the harmonics must not be written to a machine file; the string is empty if they may be."""
+    """Return the reason for not writing the harmonics to a machine file, or an empty string if they may be written."""
     if fit.coulomb is None:
         return "one direction cannot tell cogging from friction that varies along the travel"
     if not _cogging(fit):
@@ -281,7 +287,7 @@ def kept_away(fit: CoggingFit, at_table: AtTable | None) -> str:
 
 
 def advice(fit: CoggingFit) -> Advice:
-    """Return the judgment with one sentence: the orders to compensate, or the next measurement, with the reason."""
+    """Return the judgment and one sentence: the orders to compensate, or the measurement to do next, and the reason."""
     if not fit.significant:
         return Judgment.NO_COGGING.because("no order of the position is significant")
     strong = [order for order in fit.significant if order.amplitude >= _STRONG * fit.orders[0].amplitude]
@@ -311,12 +317,15 @@ def advice(fit: CoggingFit) -> Advice:
 
 
 def _rms(squares: float, unit: str) -> Text:
-    """Return the RMS of harmonics from the sum of their squared amplitudes."""
+    """Return, as text, the RMS of harmonics from the sum of their squared amplitudes."""
     return Text(f"{Quantity(np.sqrt(0.5 * squares), unit):3 SI} RMS")
 
 
 def machine_text(fit: CoggingFit, at_table: AtTable, machine: MachineFile | None, axis: str) -> str:
-    """Return the text of the machine file with the cogging added (comments are kept), or the section without a file."""
+    """Return the text of the machine file with the cogging added (comments are kept).
+
+    Without a machine file, only the section to be pasted is returned.
+    """
     block = _rounded(fit.block(at_table.period, force_per_unit=at_table.force_per_unit))
     section = _section(block, axis)
     if machine is None:
@@ -355,7 +364,7 @@ def _section(block: Cogging, axis: str) -> str:
 
 
 def _cogging(fit: CoggingFit) -> list[CoggingOrder]:
-    """Return the strong orders that do not change sign with the direction, strongest first."""
+    """Return the strong orders whose sign does not depend on the direction of motion, strongest first."""
     # cogging is a force of position alone; what changes its sign with the direction is friction
     common = [
         order

@@ -1,11 +1,11 @@
 """A command: a function with a declared request, a protocol for progress and cancellation, and a printable outcome.
 
 The same object is called from Python, where `fd.tune("ball_screw", goal="stiffness")` returns the result, and by the
-command line and the studio, which show the outcome.  A command also accepts an object in place of the file from which
-it is read.
+command line and the studio, which show the outcome.  In place of a file name, a command also accepts
+the object that it would read from the file.
 
-`COMMANDS` lists module, one-line description, group and examples of every command, so that `--help` need not import
-their modules.  `fd.workflow.NAME` is the command (with _ for -).
+`COMMANDS` lists the module, one-line description, group and examples of every command, so that `--help` need not import
+the modules.  `fd.workflow.NAME` is the command (with _ for -).
 
 A request is a frozen dataclass of declared fields, from which command-line options and forms are generated:
 
@@ -97,13 +97,13 @@ class Field:
         return f"{meaning[:1].upper()}{meaning[1:]}{named}{unit}."
 
     def shown(self, value: Any) -> str:
-        """Return one value as text for the command line, a float in the unit in which users enter it."""
+        """Return one value as text for the command line; a float is converted to the unit in which users enter it."""
         if self.kind is float:
             return units.shortest(value, self.factor)
         return str(value) if self.kind is int else called(value)
 
     def checked(self, value: Any) -> Any:
-        """Return the validated value. Raise ParameterError with name, value, bound and unit."""
+        """Return the validated value. Raise ParameterError, with name, value, bound and unit, if it is invalid."""
         if value is None and self.default is None:
             return None
         if self.many:
@@ -162,7 +162,7 @@ def option(
     last: bool = False,
     kw_only: Literal[True] = True,
 ) -> Any:
-    """Declare an option, required unless it has a default. With `last` it follows the options of subclasses."""
+    """Declare an option, required unless it has a default. With `last` it is listed after the options of subclasses."""
     declared = Declaration(
         role="option",
         unit=entered or unit,
@@ -211,7 +211,7 @@ class Request(Declared):
         return shlex.join(words)
 
     def python(self, name: str) -> str:
-        """Return the equivalent Python call, after `import feeddrive as fd`."""
+        """Return the equivalent Python call; it assumes `import feeddrive as fd`."""
         pairs = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
         words = [
             f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
@@ -262,7 +262,7 @@ def called(source: Any) -> str:
 
 
 def stem(source: Any) -> str:
-    """Return the display name without folder and suffix, for the names of results."""
+    """Return the display name of a source without folder and suffix, for use in the names of results."""
     return Path(called(source)).stem
 
 
@@ -285,7 +285,7 @@ def _literal(value: Any) -> str:
 
 
 def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
-    """Return the types of an annotation, except None, and True if it is a tuple of them, such as `tuple[Path, ...]`."""
+    """Return the types that an annotation allows, except None, and True for a tuple such as `tuple[Path, ...]`."""
     # `A | B` of classes is a UnionType, but a typing.Union as soon as one side is an alias or a type parameter
     kinds = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
     kinds = tuple(kind for kind in kinds if kind is not type(None))
@@ -295,7 +295,7 @@ def _kind(hint: Any) -> tuple[tuple[type, ...], bool]:
 
 
 def frequencies(band: str) -> tuple[float, float]:
-    """Parse a band of frequencies such as `5..500` into two numbers in Hz. Raise ParameterError."""
+    """Parse a frequency band such as `5..500` into two numbers in Hz. Raise ParameterError if it is not a band."""
     parts = band.split("..")
     try:
         low, high = (float(part) for part in parts)
@@ -331,12 +331,12 @@ class Outcome(Generic[T]):
     notes     consequences of the verdict
     section   section to paste into a TOML file
     files     paths of the written files, by kind
-    details   tables and sentences shown on request (--verbose) after the remarks, and always in reports
+    details   tables and sentences that reports always contain, and the terminal shows with --verbose, after the remarks
     rotary    True for a rotary axis, which is shown in rad, N m and kg m2; the result may declare this instead
-    judgment  the judgment of the command on its result, which gives the exit code
+    judgment  the judgment of the command on its result, which determines the exit code
     failure   the reason for a negative judgment, if the verdict does not state it
-    error     the error that ended the command early, after results that are worth keeping
-    page      the function that makes the command's specific report, if it has one; it must be picklable
+    error     the error that ended the command early, if partial results are worth keeping
+    page      the function that builds the command's own report, if there is one; it must be picklable
     """
 
     result: T
@@ -397,7 +397,7 @@ class Outcome(Generic[T]):
         yield from (f"{what}: {path}" for what, path in self.files.items())
 
     def report(self) -> Report:
-        """Return the report: that of `page`, or a general one made from the outcome. No file is needed."""
+        """Return the report: that of `page`, or a general one made from the outcome. No output directory is needed."""
         return self._told() if self.page is None else self.page()
 
     def _told(self) -> Report:
@@ -467,7 +467,7 @@ def _told(text: str, units: Units) -> str:
 
 
 class Command(Generic[P, R, T]):
-    """A function of a request and a progress that can also be called with the fields of the request.
+    """A function that takes a request and a `Progress`, and that can also be called with the request's fields.
 
     Nothing is written unless the field `out` of the request is set.
     """
@@ -479,7 +479,7 @@ class Command(Generic[P, R, T]):
         self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Run the command and return its result, not the outcome. `progress` may be passed with the fields."""
+        """Run the command and return its result, not the outcome. `progress` may be passed as an additional keyword."""
         progress: Any = kwargs.pop("progress", None)
         outcome = self.run(self.build_request(*args, **kwargs), progress)
         if outcome.error is not None:
@@ -487,7 +487,7 @@ class Command(Generic[P, R, T]):
         return outcome.result
 
     def build_request(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Build the request. Raise ParameterError for an invalid field, with rotary units for a rotary axis."""
+        """Build the request. Raise ParameterError for an invalid field, in rotary units for a rotary axis."""
         try:
             # bound first, so that a wrong name is reported in the words of the command and not by a TypeError of a
             # dataclass

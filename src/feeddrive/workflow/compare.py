@@ -47,7 +47,7 @@ class CompareRequest(EvaluationRequest):
 
 @command(CompareRequest)
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
-    """Compare all laws, tuned to equal robustness, and the present gains on one axis; rank them by criterion.
+    """Compare all laws, tuned to equal robustness, with the present gains of an axis, and rank them by each criterion.
 
     Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law and for `take` without an
     output directory, and UnstableError if no law can be run.
@@ -100,7 +100,7 @@ _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal poi
 
 
 def in_short(comparison: Comparison) -> list[str]:
-    """Return sentences on the laws without a rank, with the reasons; those that are refused alike in one."""
+    """Return the sentences of `standings`, then those on laws that cannot control the axis, one for each reason."""
     refused = dict[str, list[str]]()
     for refusal in comparison.refusals:
         first = _SENTENCES.split(marked(refusal.reason), maxsplit=1)[0].rstrip(".")

@@ -96,7 +96,10 @@ def read_logs(
 def chosen(
     path: Path | OpenedFile, log: Log, named: Mapping[str, str | None], roles: Sequence[str], what: str, options: str
 ) -> str:
-    """Return the first of `roles` in the log, preferring named ones. Raise LogError if the log has none of them."""
+    """Return the first of `roles` that the log has; roles whose column the user named take precedence.
+
+    Raises LogError if the log has none of them.
+    """
     there = [role for role in roles if role in log.channels]
     told = [role for role in there if named.get(role) is not None]
     if not there:
@@ -107,7 +110,7 @@ def chosen(
 def velocity_and_force(
     path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return velocity and force of a log, at the table or at the shaft, and True if they are those of a shaft."""
+    """Return velocity and force of a log, both at the table or both at the shaft; the flag is True for the shaft."""
     acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
     # a torque acts at the shaft: with a motion at the shaft no lead is needed to relate the two
     shaft_first = acting == "torque"
@@ -127,7 +130,7 @@ def velocity_and_force(
 
 
 def logs_stem(logs: Sequence[LogLike]) -> str:
-    """Return a stem for the names of results: the name of the first log, and the number of further logs."""
+    """Return a stem for the names of results: the name of the first log and, if there are more, their number."""
     # cut at the first dot, since logs may end in .csv.gz
     name = Path(called(logs[0])).name.split(".")[0]
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
@@ -162,5 +165,5 @@ def write_report(report: Report, machine: str | None, out: str | Path) -> Path:
 
 
 def written(report: Path, machine: str | None) -> dict[str, Path]:
-    """Return the files written with a report: the machine file, if there is one, and the report."""
+    """Return the paths of the files written by `write_report`: the machine file, if there is one, and the report."""
     return {**({} if machine is None else {"Machine": report.parent / "machine.toml"}), "Report": report}

@@ -38,11 +38,12 @@ class EvaluationRequest(EngineRequest):
 
 @contextmanager
 def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -> Generator[Engine]:
-    """Yield the engine of a request; finished cases are stored in `keep`, or temporarily beside `out`.
+    """Yield the engine of a request, as a context manager.
 
-    The block writes the results. Afterwards cases beside `out` are removed, and those in `keep` are retained. A
-    cancellation or lost workers raise an error with the number of cases that `--resume` can reuse. Raises
-    ParameterError for `resume` without `keep` or `out`.
+    Finished cases are stored in `keep` or, without it, in a folder next to `out`. The body of the `with` statement must
+    write the results. If it succeeds, the folder next to `out` is removed, whereas cases in `keep` are retained.
+    If the run is cancelled or loses its workers, the error states how many finished cases `--resume` can reuse.
+    Raises ParameterError for `resume` without `keep` or `out`.
     """
     store = _store(keep, out, resume=request.resume)
     engine = Engine.of(request.workers, request.scheduler, store)

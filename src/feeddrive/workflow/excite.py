@@ -37,7 +37,7 @@ WARNING = (
 
 
 class ExciteRequest(Request):
-    """The axis, the injection point, band and amplitude of the excitation, and the limits to check."""
+    """The axis; injection point, band and amplitude of the excitation; and the limits to check."""
 
     machine: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
     band: str = option("band in Hz, as 5..500")
@@ -68,7 +68,7 @@ class ExciteRequest(Request):
 
 @command(ExciteRequest)
 def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
-    """Design a multisine and check travel, velocity and force by simulation; write its files on request.
+    """Design a multisine, check travel, velocity and force by simulation, and write the files if `out` is set.
 
     Raises ParameterError for a band, a grid or a limit that cannot be satisfied.
     """
@@ -111,7 +111,7 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
 
 
 def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> Path:
-    """Write `excitation_1.csv` ... to play, `simulated_1.parquet` ... and `report.html`; return the path of the report.
+    """Write the files `excitation_K.csv` and `simulated_K.parquet`, K = 1, 2, ..., and `report.html`; return its path.
 
     An excitation file holds time, excitation and the set position of the underlying motion.  A simulated log holds all
     channels that `feeddrive frf` needs.  Raises FileError if the directory cannot be written.
@@ -132,7 +132,7 @@ def write_excitation(excitation: Excitation, out: str | Path, page: Report) -> P
 
 
 def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[FrequencyEstimate, FRF]:
-    """Return the response estimated from the simulated measurement, and that of the linearized model."""
+    """Return the frequency response estimated from the simulated measurement, and that of the linearized model."""
     estimate = estimate_frf(excitation.records(output), method="periodic", period=excitation.period)
     # friction is linearized at a velocity, since dry friction has no slope at standstill
     velocity = excitation.offset_velocity or 0.05
@@ -142,7 +142,7 @@ def rehearsed(excitation: Excitation, output: str = "reading_load") -> tuple[Fre
 
 
 def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
-    """Return a sentence about lines with too much noise and the remedy, or an empty string if there are none."""
+    """Return a sentence about frequency lines with too much noise, and the remedy; empty if there are no such lines."""
     good = np.flatnonzero(share < _USELESS)
     lost = share.size - good.size
     if lost == 0:
@@ -154,7 +154,7 @@ def _lost(frequency: np.ndarray, share: np.ndarray) -> str:
 
 
 def excitation_report(excitation: Excitation, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of an excitation with the expected measurement; `known` holds facts about the machine."""
+    """Return the report of an excitation and its expected measurement; `known` holds facts about the machine."""
     estimate, model = rehearsed(excitation)
     assert estimate.frf.variance is not None
     share = np.sqrt(estimate.frf.variance) / estimate.frf.magnitude

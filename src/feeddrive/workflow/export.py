@@ -1,4 +1,4 @@
-"""`feeddrive export` and `feeddrive verify`: code for a target, and its comparison with the simulator."""
+"""`feeddrive export` and `feeddrive verify`: write code for a target, and compare it with the simulator."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _those(has: Callable[[Target], Any]) -> str:
 
 
 def _target_options() -> dict[str, tuple[str, Any]]:
-    """Return the options of the targets, by the name of their field."""
+    """Return the command-line options that the targets add, by the name of the request field."""
     # types without a default here are optional: None leaves the choice to the target
     defaults = {"bool": False, "tuple[str, ...]": ()}
     return {
@@ -101,7 +101,7 @@ class VerifyRequest(Request):
 
 @command(VerifyRequest)
 def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
-    """Repeat the equality proof of an export with this machine's compiler."""
+    """Repeat the proof that an export equals the simulation, with the compiler of this computer."""
     progress.step(f"verifying {request.directory}")
     verified = verify_export(
         request.directory, samples=request.samples, seed=request.seed, flags=request.flag, command=request.compiler

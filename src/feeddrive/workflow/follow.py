@@ -121,9 +121,9 @@ def opened(
     time_unit: str | None = None,
     inside: Path | None = None,
 ) -> LiveSource:
-    """Open a source by its name: `-` for the pipe, a drive file for its drive, else a table still being written.
+    """Open a live source by name: `-` is the pipe, a drive file is its drive, any other name a table being written.
 
-    inside  a folder that must contain a followed file
+    inside  a folder in which the table must lie; None: anywhere
 
     Raises FileError and ParameterError for an invalid drive file. A missing table is accepted if its folder exists:
     the source then waits for it.
@@ -141,7 +141,7 @@ def opened(
 
 
 def check_followed(sources: Collection[Path]) -> None:
-    """Raise FileError or ParameterError for sources that can never be followed: a missing folder, a bad drive file."""
+    """Raise FileError or ParameterError for a source that can never be followed, such as an invalid drive file."""
     for source in sources:
         if source.suffix.lower() == ".toml":
             from feeddrive.bus.drive_file import read_drive
@@ -167,8 +167,8 @@ def window_log(
     stated    units of channels whose source states none
     channels  channels to keep; None: all
 
-    Raises LogError for gaps and a non-uniform clock, with their position, and ParameterError for a source without a
-    clock.
+    Raises LogError, which states the position, for a gap or a non-uniform clock, and ParameterError for a source
+    without a clock.
     """
     if shown.clock != "s":
         raise ParameterError(_NO_CLOCK.format(name=name))
@@ -197,7 +197,10 @@ def window_log(
 
 
 def between(shown: Shown, a: float, b: float) -> Shown:
-    """Return the part of a window between two times relative to its time zero. Raise ParameterError if it is empty."""
+    """Return the part of a window from time `a` to `b` in s, on the window's time axis.
+
+    Raises ParameterError if that part is empty.
+    """
     low, high = min(a, b), max(a, b)
     # cursors are set in the time of the picture, which is 0 at the trigger
     kept = (shown.time - shown.zero >= low) & (shown.time - shown.zero <= high)

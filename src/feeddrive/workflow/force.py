@@ -61,7 +61,7 @@ class ForceRequest(Request):
 class ForceScale(Result):
     """The conversion factor from a column to the force at the table in N, or the torque at the motor in N m.
 
-    steps   the conversions: name, value for a signal of 1, and unit
+    steps   the chain of conversions: for each, its name and the value and unit that a signal of 1 becomes
     """
 
     column: str
@@ -87,9 +87,11 @@ class ForceScale(Result):
 
 @command(ForceRequest)
 def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
-    """Compute the factor from percent, A, V or pid.output to N or N m from data sheets, and print it for --channels.
+    """Compute, from data-sheet values, the factor that converts percent, A, V or pid.output to N or N m.
 
-    Raises ParameterError, which names the missing option.
+    The outcome states the factor in the form in which --channels accepts it.
+
+    Raises ParameterError, which names the option, if a value is missing.
     """
     progress.step("computing")
     result = scale(request)
@@ -147,7 +149,10 @@ def scale(request: ForceRequest) -> ForceScale:
 
 
 def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
-    """Parse `3.2:Nm` into a value and its unit: N m, N, A or, for --at-full, percent. Raise ParameterError."""
+    """Parse a string such as `3.2:Nm` into a value and its unit: N m, N, A or, for --at-full, percent.
+
+    Raises ParameterError for any other string.
+    """
     if text is None:
         raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
     number, _, suffix = text.partition(":")

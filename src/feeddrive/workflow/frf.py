@@ -141,7 +141,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
-    """Return the judgment on the first estimate with poor coherence on most lines; None if there is none."""
+    """Return the judgment on the first estimate whose coherence is poor on most lines, or None if there is none."""
     for estimate in estimates:
         assert estimate.frf.coherence is not None
         poor = float(np.mean(estimate.frf.coherence <= TRUSTED))
@@ -156,7 +156,7 @@ def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """Read the logs with the roles of a TOML file, or with guessed roles if neither options nor column names give them.
+    """Read the logs; column roles are taken from a TOML file, from options or names of columns, or else are guessed.
 
     Also return the reasons why a log with given units is implausible.
     """
@@ -253,7 +253,7 @@ def _input(log: Log) -> str:
 
 
 def _outputs(log: Log) -> list[str]:
-    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError without any."""
+    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError if none exist."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]
@@ -261,13 +261,13 @@ def _outputs(log: Log) -> list[str]:
 
 
 def _references(log: Log, told: Sequence[str]) -> list[str]:
-    """Return the columns of the signals added to the loop; by default the first one with a usual name, if any."""
+    """Return the columns of the reference signals injected into the loop; by default, the first with a usual name."""
     named = [*told] or [name for name in _REFERENCE if name in log.channels][:1]
     return [name for name in named if name != "none"]
 
 
 def _doubts(log: Log, columns: Mapping[str, Sequence[str]], references: Sequence[str]) -> list[str]:
-    """Return sentences about missing information: the units of input and output, and a reference."""
+    """Return sentences about missing information: the units of input and output, or a reference signal."""
     missing: list[str] = []
     for role, names in columns.items():
         missing += [

@@ -219,7 +219,7 @@ def remarks(curve: FrictionCurve, loop: Loop | None) -> list[str]:
 
 
 def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
-    """Return why the curve must not be written to a machine file; the string is empty if it may be."""
+    """Return the reason for not writing the curve to a machine file, or an empty string if it may be written."""
     if curve.frame is SHAFT:
         return "the curve is that of a shaft; give --lead and --gear to put it at the table"
     if _share(curve) > _POOR:
@@ -233,7 +233,7 @@ def kept_away(curve: FrictionCurve, loop: Loop | None) -> str:
 
 
 def advice(curve: FrictionCurve) -> Advice:
-    """Return the judgment on the curve with one sentence: the reason, or the next measurement."""
+    """Return the judgment on the curve and one sentence: the reason, or the measurement to do next."""
     share = _share(curve)
     if share > _POOR:
         return Judgment.DO_NOT_USE_CURVE.because(
@@ -252,7 +252,10 @@ def advice(curve: FrictionCurve) -> Advice:
 
 
 def machine_text(curve: FrictionCurve, machine: MachineFile | None, axis: str) -> str:
-    """Return the machine file's text with the friction added (comments are kept), or the sections without a file."""
+    """Return the text of the machine file with the friction added (comments are kept).
+
+    Without a machine file, only the sections to be pasted are returned.
+    """
     # a new constant force must be significant; one that the file already has is updated in any case
     gravity = curve.gravity() if curve.is_pulled or (machine and _weight(machine.loop(axis).axis)) else None
     if machine is None:
@@ -342,7 +345,7 @@ def _share(curve: FrictionCurve) -> float:
 
 
 def _against(curve: FrictionCurve) -> str:
-    """Return the reason for preferring this model to the next best one."""
+    """Return the reason why this model is preferred to the second best one."""
     own = next(model for model in curve.compared if model.name == curve.model.name)
     # "two curves, ...", one for each direction, is only a check: no block can represent it
     others: list[Compared] = [
@@ -360,7 +363,7 @@ def _against(curve: FrictionCurve) -> str:
 
 
 def _missing(curve: FrictionCurve) -> tuple[str, str]:
-    """Return why the runs leave a parameter undetermined, and its name; both are empty if all are determined."""
+    """Return why the runs do not determine a parameter, and its name; both are empty if all are determined."""
     unknown = [
         estimate
         for estimate in curve.estimates
@@ -392,7 +395,7 @@ def _missing(curve: FrictionCurve) -> tuple[str, str]:
 
 
 def _next(curve: FrictionCurve, name: str) -> str:
-    """Return the velocities at which a parameter can be identified."""
+    """Return the velocities for a further run that would identify a parameter, as text with unit."""
     unit = curve.frame.velocity
     top = float(np.max(np.abs(curve.runs.velocity)))
     slow = float(np.min(np.abs(curve.runs.velocity)))

@@ -122,7 +122,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
-    """Return True for a rotary axis, by machine file or option. Raise ParameterError if lead or log contradict it."""
+    """Return True if machine file or option state a rotary axis. Raise ParameterError if lead or log contradict it."""
     turns = request.rotary or (loop is not None and loop.axis.rotary)
     if turns and request.lead is not None:
         raise ParameterError("--lead belongs to a screw, and the axis turns: leave out --lead, or rotary = true")
@@ -182,7 +182,7 @@ def _identified(
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
-    """Return the fields of a `MotionLog`, with position and force both at the table or both at the shaft.
+    """Return the fields of a `MotionLog`; position and force are both at the table or both at the shaft.
 
     If only one of them is at the shaft, it is converted to the table by the lead of the screw.
     """
@@ -351,7 +351,7 @@ def identified_report(identified: Identified, known: Mapping[str, str] | None = 
 
 
 def _estimates(identified: Identified) -> int:
-    """Return how many of the first tables hold estimates: one, or two with a fit in closed loop."""
+    """Return the number of tables of estimates, which precede all others: one, or two with a fit in closed loop."""
     return 1 if identified.refinement is None else 2
 
 

@@ -120,7 +120,7 @@ def _silent(chosen: Mapping[str, FRF]) -> list[str]:
 
 
 def _chosen(path: Path, responses: Mapping[str, FRF], request: IdentifyRequest, model: str) -> dict[str, FRF]:
-    """Return the responses by role: the named ones, also from separate files, or else those with usual names."""
+    """Return the responses by role: the named ones, which may be in separate files, or else those with usual names."""
     named: dict[str, FRF] = {}
     for role, name in (("motor", request.motor), ("load", request.load)):
         if name is None:
@@ -187,7 +187,10 @@ def _fit(
 
 
 def _fixed(texts: Sequence[str], plant: Plant | None) -> dict[str, float]:
-    """Parse strings such as `mass_motor=85` and `stiffness_N_per_um=150` into SI values. Raise ParameterError."""
+    """Parse strings such as `mass_motor=85` and `stiffness_N_per_um=150` into SI values by parameter name.
+
+    Raises ParameterError for an unknown name or an invalid value.
+    """
     of_all = [plant] if plant is not None else []
     # the values do not matter: only names and units of the parameters are read
     usual = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
@@ -277,7 +280,7 @@ def tables(result: AxisFits | ModalFit) -> list[Table]:
 
 
 def told_by(fit: PlantFit | ModalFit) -> str:
-    """Return why the fit must not be written to a machine file; the string is empty if it may be."""
+    """Return the reason for not writing the fit to a machine file, or an empty string if it may be written."""
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:
@@ -293,7 +296,7 @@ def told_by(fit: PlantFit | ModalFit) -> str:
 
 
 def advice(result: AxisFits | ModalFit) -> Advice:
-    """Return the judgment on the model with one sentence that gives the reason."""
+    """Return the judgment on the model and one sentence with the reason."""
     fit = result if isinstance(result, ModalFit) else result.fit
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
@@ -361,7 +364,7 @@ def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: b
 
 
 def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> None:
-    """Write dead time and current loop, and keep the motor."""
+    """Write the dead time and the current loop; the motor is left unchanged."""
     # a response knows nothing of the motor's constants and limits
     kept = replace(after, motor=before.motor, current_loop=after.current_loop or before.current_loop)
     key = ("axis", axis, "actuator")

@@ -92,7 +92,7 @@ class IterateRequest(Request):
 
     @property
     def machine(self) -> MachineLike:
-        """The machine file of the loop. Raises ParameterError for a log without `controller`."""
+        """The machine file of the loop. Raises ParameterError if a log is given without `controller`."""
         source = self.source if self.controller is None else self.controller
         if isinstance(source, Log):
             raise ParameterError(f"{source.name}: is a log: say with --controller which machine ran it")
@@ -110,8 +110,9 @@ class IterateRequest(Request):
 def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
     """Learn the feedforward of mass, viscous and dry friction from the error of a logged trial, or of simulated trials.
 
-    The outcome has the next parameters and the section for the machine file.  If a job runs several axes, as with a
-    part program, and no axis is named, all moving axes learn from the same runs, and the contour error is reported.
+    The outcome contains the parameters for the next trial and the section for the machine file.  If a job moves several
+    axes, as with a part program, and no axis is named, all moving axes learn from the same runs, and the contour error
+    is reported.
     """
     together = _together(request)
     if together is not None:
@@ -302,7 +303,7 @@ class PrefilterRequest(Request):
 def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[PrefilterFit]:
     """Fit, from one log, the prefilter that cancels the remaining tracking error of a loop.
 
-    The outcome has the parameters with their standard errors and the section for the machine file.
+    The outcome contains the parameters with their standard errors, and the section for the machine file.
     """
     loop, name = _controlled_loop(request.controller, request.axis)
     remedy = "leave out --job, or name the job that was run"
@@ -360,7 +361,10 @@ def _controlled_loop(controller: MachineLike | None, axis: str | None) -> tuple[
 
 
 def _chosen(regressors: str) -> list[str]:
-    """Parse abbreviations (`v,a,j,s`) or full names into names of regressors. Raise ParameterError."""
+    """Parse abbreviations (`v,a,j,s`) or full names into names of regressors.
+
+    Raises ParameterError for an unknown name.
+    """
     chosen: list[str] = []
     for word in (part.strip() for part in regressors.split(",")):
         # `word and`: an empty word is the beginning of every name
@@ -449,9 +453,9 @@ def _text(changed: ChangedReference) -> str:
 def _tracked(
     file: OpenedFile, request: IterateRequest | PrefilterRequest, progress: Progress
 ) -> tuple[Log, np.ndarray, np.ndarray]:
-    """Return the log of a tracking motion, its set position and its position, both in m.
+    """Return the log of a motion, and the set position and the measured position in it, both in m.
 
-    The position is that of the load encoder or, without one, of the motor encoder.
+    The measured position is that of the load encoder or, if there is none, of the motor encoder.
     """
     # a prefilter request has no option for a command in the drive's unit
     named = {role: getattr(request, name) for role, name in _OPTIONS.items() if hasattr(request, name)}

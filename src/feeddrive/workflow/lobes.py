@@ -1,4 +1,4 @@
-"""`feeddrive lobes`: the stability lobes of a milling cut, and a check whether a machine's cut chatters."""
+"""`feeddrive lobes`: the stability lobes of a milling cut, and a check of whether the machine's own cut chatters."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True if a file contains no axes, as a job does, or if a bundled name belongs only to a job."""
+    """Return True for a job: a file without axes, or a bundled name that only a job has."""
     try:
         # machines first: a bundled name may be that of a machine and of a job
         place = find_bundled(path, "machines")
@@ -175,7 +175,10 @@ def _teeth(request: LobesRequest, cut: MillingCut) -> Regeneration:
 
 
 def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
-    """Parse `first:last:count` in rpm; by default half to double the speed `own`. Raise ParameterError."""
+    """Parse `first:last:count` into spindle speeds in rpm; by default they span half to double the speed `own`.
+
+    Raises ParameterError for an invalid string.
+    """
     if text is None:
         return np.linspace(0.5 * own, 2.0 * own, count)
     try:
@@ -193,7 +196,10 @@ def _speeds(text: str | None, own: float, count: int) -> np.ndarray:
 
 
 def _modes(text: str) -> list[ToolMode]:
-    """Parse `Hz:damping ratio:kg`, with :x or :y appended for one direction, into modes. Raise ParameterError."""
+    """Parse a string `Hz:damping ratio:kg`, with :x or :y appended for a single direction, into modes.
+
+    Raises ParameterError for an invalid string.
+    """
     numbers = text.split(":")
     direction = numbers.pop() if numbers[-1] in ("x", "y") else ""
     try:
@@ -226,7 +232,10 @@ def _remarks(result: Lobes) -> list[str]:
 
 
 def write_lobes(result: Lobes, simple: ZeroOrder, out: Path, known: Mapping[str, str]) -> Path:
-    """Write `report.html`, `lobes.csv` and `lobes.parquet`; return the path of the report. Raise FileError."""
+    """Write `report.html`, `lobes.csv` and `lobes.parquet` into `out`; return the path of the report.
+
+    Raises FileError if the directory cannot be written.
+    """
     columns = {
         "spindle_speed": result.spindle_speed,
         "depth": result.depth,

@@ -1,4 +1,4 @@
-"""`feeddrive new law NAME`: create a package with a user-defined law, its tests, and a machine file to try it."""
+"""`feeddrive new law NAME`: create a package with a user-defined law, its tests, and a machine file for trying it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SUFFIX = ".txt"
 
 
 class NewRequest(Request):
-    """The kind of the package, and its name."""
+    """The kind of package to create, and its name."""
 
     what: str = argument("What to make: law")
     name: str = argument("Its name, as in a machine file: smith_law, or SmithLaw")

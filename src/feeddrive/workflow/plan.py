@@ -86,7 +86,7 @@ class PlanRequest(Request):
 
 @command(PlanRequest)
 def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
-    """Plan a part program within the limits of each axis, prove it, and write setpoints, plan and report.
+    """Plan a part program within the limits of each axis, prove compliance, and write setpoints, plan and report.
 
     Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
     """

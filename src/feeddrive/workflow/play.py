@@ -1,4 +1,4 @@
-"""`feeddrive play`, `listen` and `virtual-drive`: play a motion on a drive, log a drive, or simulate one on its bus."""
+"""`feeddrive play`, `listen` and `virtual-drive`: play a motion on a drive, log a drive, or act as a drive on a bus."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ T = TypeVar("T")
 
 
 class PlayRequest(Request):
-    """The profiles and their drives, the fraction of the amplitude, and the options for the start of the motion."""
+    """The profiles and their drives, the factor on the amplitude, and the options for starting the motion."""
 
     profiles: tuple[Path, ...] = argument(
         "Files to be sent that `feeddrive excite` wrote, one a log; or the directory that `feeddrive plan` wrote"
@@ -59,7 +59,7 @@ class PlayRequest(Request):
         return Path("results") / f"play_{self.drive[0].stem}"
 
     def check(self) -> None:
-        """Raise ParameterError for excitation options with a plan, and for several drives without a plan."""
+        """Raise ParameterError for excitation options combined with a plan, and for several drives without a plan."""
         if self.plan is not None and (self.share != 1.0 or self.ramp):
             raise ParameterError("--share and --ramp are for an excitation: a plan is played as it was proven")
         if self.plan is None and len(self.drive) != 1:
@@ -92,8 +92,8 @@ class ListenRequest(Request):
 def play(request: PlayRequest, progress: Progress) -> Outcome[Sequence[Played]]:
     """Play an excitation on a drive over EtherCAT or CANopen within limits, and log the motion of the axis.
 
-    All profiles are read and checked before the bus is opened.  The user must confirm unless `yes` is set.  The log of
-    an aborted motion is also kept; the reason for the abort is the error of the outcome.
+    All profiles are read and checked before the bus is opened.  The user must confirm the motion unless `yes` is set.
+    The log of an aborted motion is kept, too; the reason for the abort is the `error` of the outcome.
     """
     if request.plan is not None:
         return _play_plan(request, request.plan, progress)
@@ -186,7 +186,7 @@ def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Out
 def _play(
     progress: Progress, file: DriveFile, profile: Profile, unpaced: bool, reset_fault: bool, *, first: bool
 ) -> Played:
-    """Play a profile. The bus is reopened for each profile, so that no drive waits while a log is written."""
+    """Play a profile. The bus is reopened for each profile, so that no drive has to wait while a log is written."""
     played: Played | None = None
     try:
         with _named(file), _client(file, unpaced) as client:
@@ -209,7 +209,7 @@ def _client(file: DriveFile, unpaced: bool) -> DriveClient:
 
 @contextlib.contextmanager
 def _named(file: DriveFile) -> Generator[None]:
-    """Prefix errors of the bus and of the parameters with the name of the drive file."""
+    """Prefix the messages of BusError and ParameterError with the name of the drive file."""
     try:
         yield
     except BusError as error:
@@ -234,7 +234,7 @@ def _greet(progress: Progress, client: DriveClient) -> None:
 def _outcome(
     result: T, done: Sequence[Played], out: Path | None, trouble: FeeddriveError | None, names: Sequence[str] = ()
 ) -> Outcome[T]:
-    """Return the outcome with tables, remarks and paths of all logs, which are named by axis or else by number."""
+    """Return the outcome of a motion; if `out` is set, write all logs there, named by axis or else by number."""
     lines: list[Table | str] = []
     written = [] if out is None else _write(out, done, names or [str(k) for k in range(1, len(done) + 1)])
     for k, played in enumerate(done):

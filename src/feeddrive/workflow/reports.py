@@ -1,6 +1,6 @@
-"""The report functions of all types of results, listed by name: nothing is imported before `result.report()`.
+"""The report functions of all types of results, listed by name, so that they are imported only by `result.report()`.
 
-The analysis packages do not depend on reports.  A command adds facts to its report, such as the source of a log.
+The analysis packages thus do not depend on reports.  A command adds facts to its report, such as the source of a log.
 """
 
 from importlib import import_module

@@ -27,7 +27,7 @@ class ReproduceRequest(Request):
 
 @command(ReproduceRequest)
 def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence[Reproduced]]:
-    """Run a paper's experiments and tabulate its claims, the bounds for each, and the results.
+    """Run a paper's experiments and tabulate its claims, the acceptance bounds of each claim, and the results.
 
     Papers run in parallel processes.  Raises ParameterError for an unknown paper.
     """

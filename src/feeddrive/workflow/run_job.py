@@ -5,7 +5,7 @@ summary.json         every figure in SI, by law; versions, seed, digest of the l
 runs/LAW.parquet     all signals over time, with units
 runs/LAW.csv         the same as text, for runs of up to 100,000 rows
 measured.parquet     the measured channels, for a job with a log
-job.toml             a copy of the job, with machine and part program beside it:  feeddrive run job.toml
+job.toml             a copy of the job, next to its machine and part program; to repeat the run: feeddrive run job.toml
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def program_of(result: JobResult) -> Path | None:
 
 
 def repeatable(result: JobResult) -> str:
-    """Return the text of the job, referring to the copied machine and part program, otherwise to absolute paths."""
+    """Return the text of the job, in which machine and part program are the copies, and other files have full paths."""
     job = result.job
     edit, folder, program = TomlEdit(job.file.text, job.file.name), Path(job.file.name).parent, program_of(result)
     if edit.has(("machine",)):

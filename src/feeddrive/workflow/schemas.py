@@ -1,6 +1,6 @@
 """The kinds of files that users write, each with its top-level section type, and their JSON Schemas.
 
-python -m feeddrive.workflow.schemas docs/schema
+The schemas are written by `python -m feeddrive.workflow.schemas docs/schema`.
 """
 
 import json

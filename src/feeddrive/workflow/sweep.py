@@ -1,7 +1,7 @@
-"""`feeddrive sweep`: run all variants of a study, on the cores of this machine or on a Dask cluster.
+"""`feeddrive sweep`: run all variants of a study, on the cores of this computer or on a Dask cluster.
 
 manifest.json                 the study as given, digest, version of feeddrive
-rows/chunk_00000000.parquet   a row per variant: varied values, and figures in SI or the reason why it has none
+rows/chunk_00000000.parquet   one row per variant: the varied values, and figures in SI or why there are none
 report.html                   yield, worst cases, main factors, bands and the Pareto front; summary.json: the same in SI
 worst/variant_00000012.toml   the worst machine for a figure, as a job to run again
 """
@@ -25,7 +25,7 @@ from feeddrive.workflow.evaluated import EvaluationRequest
 
 
 class SweepRequest(EvaluationRequest):
-    """The study, its workers or cluster, and the store of its rows."""
+    """The study, the workers or the cluster that run it, and the output of its rows."""
 
     study: StudyLike = argument("A study file (TOML), or the name of a bundled study")
     out: str | Path | None = option(
@@ -41,10 +41,10 @@ class SweepRequest(EvaluationRequest):
 
 @command(SweepRequest)
 def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
-    """Run all variants of a study on the cores of this machine, or on a Dask cluster.
+    """Run all variants of a study on the cores of this computer, or on a Dask cluster.
 
-    Finished chunks are kept if the sweep ends early, and `resume` computes the rest.  Raises ParameterError without an
-    output for the rows, and the errors of `feeddrive.study.sweep`.
+    Finished chunks are kept if the sweep ends early, and `resume` computes the rest.  Raises ParameterError if no
+    output for the rows is named, and the errors of `feeddrive.study.sweep`.
     """
     if request.out is None:
         raise ParameterError("out: a sweep needs a place for its rows: a directory, or an address of fsspec")
@@ -78,7 +78,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Yield sentences about the first variants without figures, with the reasons."""
+    """Yield sentences that name the first variants without figures, and the reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

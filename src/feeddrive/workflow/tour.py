@@ -1,4 +1,4 @@
-"""`feeddrive tour`: the log of the first tour, from an axis that differs from its machine file.
+"""`feeddrive tour`: the log for the introductory tour, simulated on an axis that differs from its machine file.
 
 tour.csv   the log a drive would record: set position, both encoders and force at every sample
 """
@@ -44,7 +44,7 @@ class TourRequest(Request):
 
 @command(TourRequest)
 def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
-    """Simulate the log of the first tour: the ball screw with a workpiece, more friction, noise and quantization.
+    """Simulate the log for the introductory tour: a ball screw with a workpiece, more friction, noise and quantization.
 
     The control is that of the machine file. The result is the run.
     """
@@ -84,7 +84,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """Return the loop that is measured in the tour: the bundled axis, modified, under the present control."""
+    """Return the loop that the tour measures: the bundled axis, modified, under its present control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}

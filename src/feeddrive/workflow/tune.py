@@ -151,11 +151,11 @@ class TuneRequest(Request, more=_limit_options(), after="recipe"):
         return Limits((), reading_noise=noise, snap_force=self.step_force, **bounds)
 
     def _bounds(self) -> list[tuple[Figure, float | None]]:
-        """Return each figure that can be limited with its limit; None for an unset limit."""
+        """Return pairs of a figure that can be limited and its limit; the limit is None if it is not set."""
         return [(figure, getattr(self, figure.limit.option)) for figure in limitable() if figure.limit is not None]
 
     def sources(self) -> Sources:
-        """Return the sources of the axis at all given positions and loads."""
+        """Return the machine files or measured responses of the axis at all requested positions and loads."""
         return Sources(
             self.source,
             self.at,
@@ -326,7 +326,7 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return the loop of the machine file under the old and the new control, each only if stable at every point."""
+    """Return the loop under the old and the new control; an unstable one, at any operating point, is left out."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

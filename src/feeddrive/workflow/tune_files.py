@@ -72,7 +72,7 @@ def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe])
 
 
 def _usual(quantity: Quantity | None) -> float | None:
-    """Return a value in its customary unit, which these files have used since the first version."""
+    """Return a value in its customary unit, in which the output files state it, or None if there is no value."""
     return None if quantity is None else USUAL.of(quantity.unit)[1] * float(quantity.value)
 
 
@@ -97,7 +97,7 @@ class Story:
 
     today   the name of the old control in each comparison
     rotary  True for a rotary axis
-    loops   the stable loops of the machine file under the old and the new control, by name; none without an axis
+    loops   the loop of the machine file under the old and the new control, by name, each only if it is stable
     """
 
     what: str
@@ -204,7 +204,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Tabulate the present control, all tuning rules and the new control by their worst figures at all points."""
+    """Compare the present control, all tuning rules and the new control by their worst figures over all points."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
@@ -250,7 +250,7 @@ _LONG = 10.0  # periods of the slowest crossover to show
 
 
 def _timed(tuned: Tuned, story: Story) -> tuple[list[Picture], str]:
-    """Return the time-domain picture of the old and new control, or an empty list and the reason."""
+    """Return the time-domain picture of the old and new control; or an empty list and the reason why there is none."""
     crossovers = [c for _, figures in _rows(tuned, story.today) if (c := figures.margins.crossover)]
     if not story.loops or not crossovers:
         return [], "not simulated: no axis is known; give a machine file with --baseline"
@@ -303,7 +303,7 @@ def old_and_new(story: Story, crossover: float) -> Picture:
 
 
 def _rows(tuned: Tuned, today: str) -> Sequence[tuple[str, Figures]]:
-    """Return name and figures of each stable loop, old and new, at each operating point."""
+    """Return the name and the figures of every stable loop, old and new, at each operating point."""
     many = len(tuned.after) > 1
     return [
         (f"{name}, {figures.point}" if many else name, figures)
@@ -354,7 +354,7 @@ def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
 
     A law of the same kind is edited parameter by parameter; for another kind the section is replaced.  Prefilters are
     treated likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
-    blocks, retained blocks are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
+    blocks, retained ones are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control

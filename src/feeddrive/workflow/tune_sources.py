@@ -56,7 +56,7 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """The display name of the load response, used for the measurement in errors."""
+        """The display name of the load response, by which error messages name the measurement."""
         return called(self.load)
 
 
@@ -68,7 +68,7 @@ class Sources:
     axis         axis name in machine files with several axes
     motor        responses of the motor encoder: files or names; `none` if there is only one encoder
     disturbance, disturbance_motor  responses of load and motor to a force on the table
-    unit, sample_time, delay        data of the responses that the files do not state
+    unit, sample_time, delay        properties of the responses that their files do not state
     """
 
     source: MachineLike | Loop | FrfLike | OperatingPoint | None
@@ -112,10 +112,11 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 
 
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
-    """Return the initial control of a search: the present one, another law, or a P-PI with robust margins.
+    """Return the initial control of a search, and the name of the tuning rule that provided it.
 
-    If the present law is requested by name and has no integral action, it is replaced by an initial one that has it
-    where possible. The string names the tuning rule that provides a missing control; otherwise it is empty.
+    The initial control is the present one, one with another law, or a P-PI with robust margins; the name is empty
+    unless a tuning rule provided a missing control. If the present law is requested by name and has no integral action,
+    it is replaced by an initial design with integral action, if the law can have it.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -129,12 +130,15 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
 
 
 def has_integral(control: Control, sample_time: float) -> bool:
-    """Return True if the control has integral action: a constant force on the table causes no steady-state error."""
+    """Return True if the control has integral action, so that a constant force causes no steady-state error."""
     return ControlResponse(control, float(sample_time), ()).integrates(())
 
 
 def machine_of(source: object) -> MachineFile | None:
-    """Return the machine of a TOML file or bundled name, or a `MachineFile` unchanged; None for any other source."""
+    """Return the machine for a TOML file or the name of a bundled machine; None for other sources.
+
+    A `MachineFile` is returned unchanged.
+    """
     if isinstance(source, MachineFile):
         return source
     if not isinstance(source, str | Path):
@@ -284,7 +288,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
 
 
 def _check_sign(path: str, frf: FRF) -> None:
-    """Raise ParameterError for a response of wrong sign. Velocity lags force by 0° (friction) to 90° (free mass)."""
+    """Raise ParameterError for a response of wrong sign: velocity lags force by 0° (friction) to 90° (free mass)."""
     lines = slice(0, max(5, frf.frequency.size // 20))
     # j f x is the velocity; the sum over the lowest lines, where the axis is rigid, averages the noise of each
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))
@@ -297,7 +301,7 @@ def _check_sign(path: str, frf: FRF) -> None:
 
 
 def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -> None:
-    """Raise ParameterError for a response without a unit that is > 3 or < 1/3 times that of the baseline's plant."""
+    """Raise ParameterError if a response without a unit is over 3 times larger or smaller than that of the baseline."""
     model = linearize(loop, ["cut"], READINGS)
     # on the lowest lines modes and delays do not matter yet: the ratio is that of mass and friction
     low = point.frequency <= 3.0 * point.frequency[0]
@@ -314,7 +318,7 @@ def _check_size(path: str, point: OperatingPoint, loop: Loop, *, stated: bool) -
 
 
 def _check_encoders(path: str, loop: Loop) -> None:
-    """Raise ParameterError if the law reads both encoders and they differ on the axis: one response is not enough."""
+    """Raise ParameterError if the law reads both encoders and their responses differ, so that one is not enough."""
     T = float(loop.sample_time)
     model = linearize(loop, ["cut"], READINGS)
     lines = np.geomspace(1.0, 0.3 / T, 60)
@@ -335,7 +339,11 @@ def _check_encoders(path: str, loop: Loop) -> None:
 def _on_the_table(
     point: OperatingPoint, loop: Loop | None, load: FRF, motor: FRF | None, step: float
 ) -> tuple[OperatingPoint, list[str]]:
-    """Add the response to a force on the table, from the baseline's plant or a modal fit to both encoders."""
+    """Return the point with the response to a force on the table added, and remarks.
+
+    The response is that of the baseline's plant or, without one, of a modal fit to both encoders. If neither is
+    possible, the point is returned unchanged.
+    """
     remarks: list[str] = []
     if loop is not None:
         completed, words = with_table_force(point, loop, _BASELINE)

@@ -138,7 +138,7 @@ def tuned_study(tuner: RobustTuner, law: str | None, out: Path | None, again: Ma
 
 
 def _machine(best: Robust) -> str | None:
-    """Return the text of the machine file with the new control; None if it is invalid or not better."""
+    """Return the text of the machine file with the new control; None if that control is invalid or not better."""
     # the bases differ in the choices of the study only: the first one stands for the machine file
     base = next(best.study.bases())
     if not best.tuned.holds or not best.better:
@@ -201,7 +201,7 @@ def _share(fresh: Measured) -> dict[str, Any]:
 def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, str] | None = None) -> Report:
     """Return the report of one controller for the machines of a study.
 
-    laws   all laws that were tuned on these machines, of which this is the best; None: only this one
+    laws   all laws tuned on these machines, the best of which is reported; None: only one law was tuned
     known  facts about the command
     """
     laws = laws or Laws({best.tuned.control.law.kind: best}, {})
@@ -247,7 +247,7 @@ def robust_report(best: Robust, laws: Laws | None = None, known: Mapping[str, st
 
 
 def _deciding(best: Robust) -> Table:
-    """Tabulate the figures of the machines that limit the tuning, under the new control."""
+    """Tabulate the figures, under the new control, of the machines that limit the tuning."""
     rows = [
         [
             figures.point,
