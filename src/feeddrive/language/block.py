@@ -79,7 +79,7 @@ class Declaration:
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """Yield the conditions on a number or symbol: finite (unless declared otherwise) and within its bounds."""
+        """Yield the conditions on a number or symbol: within its bounds and, unless declared otherwise, finite."""
         # a NaN fails any comparison: no test for it is needed, on a target either
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
@@ -93,7 +93,7 @@ class Declaration:
             yield value <= self.most
 
     def admits(self, value: float) -> bool:
-        """Return True if a value satisfies all conditions: finite (unless declared otherwise) and within the bounds."""
+        """Return True if a value is within the declared bounds and, unless declared otherwise, finite."""
         return all(self.conditions(value))
 
 
@@ -196,9 +196,9 @@ def parameter(
     most: float | None = None,
     infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. With a default of None it is absent unless set; whether it is present affects the graph.
+    """Declare a leaf. A leaf whose default is None is absent until it is set; setting it changes the graph.
 
-    infinite   True if the value may be infinite, as for a limit that never acts
+    infinite   True if the value may be infinite, for example for a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -254,7 +254,7 @@ def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
 
 
 def label(meaning: str, *, default: str) -> Any:
-    """Declare a name for people and files: blocks that differ only in a label have the same graph."""
+    """Declare a name for users and files. Blocks that differ only in a label have the same graph."""
     return field(default=default, metadata={"declaration": Declaration(role="label", unit="", meaning=meaning)})
 
 
@@ -312,7 +312,7 @@ class Block(Declared):
             enforce(self, lambda block: block.rules())
 
     def place_of(self, field: str) -> str:
-        """Return the path segment of a field: the field's name, except in a loop."""
+        """Return the path segment of a field. It is the field's name; a loop overrides this."""
         return field
 
     def __repr__(self) -> str:
@@ -346,7 +346,7 @@ def _parts(block: Block) -> Iterator[tuple[str, Block]]:
 
 
 def _lines(block: Block, place: str) -> list[list[Cell]]:
-    """Return one row per block: its path, its kind, and its parameters with units."""
+    """Return one table row per block, with its path, its kind, and its parameters with units."""
     parameters = [
         f"{name} {_text(getattr(block, name), declared.unit)}"
         for name, declared in declarations(type(block)).items()
@@ -375,7 +375,7 @@ def _parameters(block: Block, place: str) -> list[list[Cell]]:
 
 
 def _cells(value: Any, unit: str) -> tuple[Cell, Cell]:
-    """Return a value and its unit as cells of a table."""
+    """Return two table cells: the value and its unit."""
     if isinstance(value, float):
         return Quantity(value, unit, form=_EXACT), UNIT
     return _text(value, ""), unit_name(unit, "SI") if unit else ""
@@ -419,7 +419,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first violated rule of a block; for variants, name the first one that violates it.
+    """Raise ParameterError for the first violated rule; for a block with variants, name the first that violates it.
 
     The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  In a trace,
     the parameters are symbols: the rules become conditions on the target and are not checked here.
@@ -530,6 +530,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for the content of a job or study file, which is neither a loop nor a block."""
+    """Raise ParameterError if the argument is the content of a job or study file instead of a loop or a block."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")
