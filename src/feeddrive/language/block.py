@@ -49,7 +49,7 @@ class Declaration:
     infinite   True if an infinite value is allowed
     shortest   minimum number of entries of a table, or of named sections
     inline     True if the fields of this part appear among those of the block or section that contains it
-    example    example of the value in file syntax, for messages and documentation
+    example    example of a value in file syntax, for messages and documentation
     pattern    regular expression that the names of sections or values must match
     """
 
@@ -126,7 +126,8 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
 class Declared:
     """The base class of frozen dataclasses with declared fields: blocks, requests, sections of files.
 
-    The constructor checks each field against its declaration, and then calls `check`, which compares fields.
+    The constructor checks each field against its declaration and then calls `check`, which checks that the fields are
+    consistent with each other.
     """
 
     def __post_init__(self) -> None:
@@ -142,7 +143,7 @@ class Declared:
         """Raise an error if fields are inconsistent with each other (a hook, empty by default)."""
 
     def require(self) -> None:
-        """Run all checks between fields and raise the first error."""
+        """Check the fields against each other; raise the first error."""
         self.check()
 
 
@@ -176,7 +177,7 @@ class Rule(NamedTuple):
     The constructor checks it, and exported code evaluates it on the target.
 
     holds     the truth value of the condition
-    sentence  the rule in words, for a person who looks up the rejection code
+    sentence  the rule in words, for a user who looks up the rejection code
     refusal   returns the error message of the constructor: the values and the remedy
     """
 
@@ -247,7 +248,7 @@ def table(
 def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
     """Declare a nested block, a tuple of blocks, or None for an absent part.
 
-    The leaves of an inline part are named as if its fields belonged to the enclosing block.
+    The leaves of an inline part are named as if the fields of this part belonged to the enclosing block.
     """
     declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline)
     return field(default=default, metadata={"declaration": declaration})
@@ -301,7 +302,7 @@ class Block(Declared):
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rules that depend on the sample time T in s (a hook, empty by default)."""
+        """Yield the rules that depend on the sample time T in s (a hook, empty by default)."""
         yield from ()
 
     def require(self) -> None:
@@ -332,7 +333,7 @@ class Block(Declared):
 
 
 def _parts(block: Block) -> Iterator[tuple[str, Block]]:
-    """Yield the direct parts of a block with their names."""
+    """Yield the name and value of each direct part of a block."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "part" and value is not None:
@@ -390,7 +391,7 @@ def _text(value: Any, unit: str) -> str:
 
 
 def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a constructor so that its errors for wrong or missing arguments name the parameters."""
+    """Wrap a constructor so that its error messages for wrong or missing arguments name the parameters."""
 
     @wraps(make)
     def construct(self: Any, *args: Any, **values: Any) -> None:
@@ -419,7 +420,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first violated rule; for a block with variants, name the first that violates it.
+    """Raise ParameterError for the first violated rule of a block, and for the first of its variants that violates it.
 
     The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  In a trace,
     the parameters are symbols: the rules become conditions on the target and are not checked here.
@@ -444,7 +445,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
 
 
 def _plain(block: Block, variant: int | None = None) -> Block | None:
-    """Copy a block with NumPy numbers as parameters, for one variant or all; return None if a parameter is a symbol."""
+    """Copy a block with parameters converted to NumPy numbers, for one or all variants; None if one is a symbol."""
     # not the constructor, which enforces the rules and would end up here again
     plain = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():

@@ -8,7 +8,7 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
+    """Return a hint: `; did you mean a or b?` or, if no name is similar, `; there are: ...` (at most 20 names)."""
     names = list(allowed)
     # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
     near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]
@@ -74,7 +74,7 @@ class ProgramError(FileError):
 
 
 class NotPlannedError(FeeddriveError):
-    """A part program whose planned motion cannot be used: its limits are not proven, or the motion is too long."""
+    """A part program whose planned motion cannot be used, because its limits are not proven or it is too long."""
 
     exit_code = 1
 
@@ -118,11 +118,11 @@ class AbortedError(BusError):
 
 
 class WrongSignError(ParameterError):
-    """A measured response whose sign at an encoder is impossible for an axis of the requested structure."""
+    """A measured response with a sign, at one encoder, that is impossible for an axis of the requested structure."""
 
 
 class WorkerError(FeeddriveError):
-    """Crashed or unreachable worker processes of a long-running job; its finished results are preserved."""
+    """Crashed or unreachable worker processes of a long-running job; results finished before are preserved."""
 
     exit_code = 1
 

@@ -3,9 +3,9 @@
 A `Symbol` is the third number type on which a law runs, besides float and array.  Operations whose result on symbols
 would differ from that on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
-Arithmetic is never rearranged or simplified, so its results are bit-identical to those of the Python
-source.  Only two simplifications are made, neither of which changes a result: common subexpressions are stored once,
-and constants are folded.
+Arithmetic is never rearranged, so its results are bit-identical to those of the Python source.  Only two
+simplifications are made, neither of which changes a result: common subexpressions are stored once, and constants are
+folded.
 
 CasADi is not used: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, its lack of table lookup and its
 encoding of `where` would all need workarounds, and it occupies 277 MB. This module is sufficient here.
@@ -120,7 +120,7 @@ class Graph:
         return index
 
     def input(self, name: str) -> Symbol:
-        """Return an input leaf, whose value is passed at each call: a state, a parameter, a setpoint."""
+        """Return an input leaf, such as a state, a parameter or a setpoint, whose value is passed at each call."""
         return Symbol(self, self._store(("input", name)))
 
     def table(self, name: str, length: int) -> Symbol:
@@ -335,7 +335,7 @@ def _instead(name: str) -> str:
 
 
 def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
-    """Return the indices on which the outputs depend, in evaluation order; all others are dead code."""
+    """Return the indices of the nodes on which the outputs depend, in evaluation order; all others are dead code."""
     needed: set[int] = set()
     stack = list(outputs)
     while stack:

@@ -77,12 +77,12 @@ class Judgment(Enum):
         return self.exit_code != 0
 
     def because(self, reason: str) -> Advice:
-        """Return the judgment with a sentence that states it and its reason."""
+        """Return this judgment together with a sentence that states it and its reason."""
         return Advice(self, Text(f"{self.says}: {reason}."))
 
 
 class Advice(NamedTuple):
-    """A judgment and the sentence that states it with its reason."""
+    """A judgment, and a sentence that states it and its reason."""
 
     judgment: Judgment
     sentence: str

@@ -70,7 +70,7 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
-    """Append the leaves of a tree to a list; this is much faster than one generator per block."""
+    """Append the leaves of a tree to a list, which is much faster than a generator for each block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
@@ -158,7 +158,7 @@ def in_paths(block: Block, text: str) -> str:
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
-    """Convert the path of a leaf to its dotted field name; `names` maps all paths. Raises ParameterError if unknown."""
+    """Convert the path of a leaf to its dotted field name, using `names` if given. Raises ParameterError if unknown."""
     names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
@@ -214,7 +214,7 @@ def get(block: Block, path: str) -> Any:
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
-    """Copy a block with new values by path, numbers or arrays over lanes; bounds are checked.
+    """Copy a block with new values (numbers, or arrays over lanes) at some paths; bounds are checked.
 
     fd.vary(loop, {"axis.x.control.law.Kv": 80.0})
 
@@ -301,7 +301,7 @@ def _collect_tables(tree: Any, prefix: str, collected: list[tuple[str, np.ndarra
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
-    """Copy a tree with the tables at the given dotted names replaced; checks are not run."""
+    """Copy a tree and replace the tables with the given dotted names; checks are not run."""
     if isinstance(tree, Block):
         changed: dict[str, Any] = {}
         for name, declared in declarations(type(tree)).items():

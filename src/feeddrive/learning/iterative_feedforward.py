@@ -40,6 +40,8 @@ def error_model(
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
+    with plant P, controller C, regressors φ, parameters θ, their ideal values θ0 and a disturbance force w.
+
     model_free   Ĝ_d = 1/C: the inverse of the controller, from its gains alone.  It is accurate where |P C| >> 1, as in
                  the band of usual references.  Prefilter and filters are neglected: they are close to 1 there.
     model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`, if given; else a
@@ -173,7 +175,7 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace | Lifted:
-    """Return 1/C, where C is the controller from a common shift of both encoder readings to the force."""
+    """Return 1/C, where C is the response of the force to a common shift of both encoder readings."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
@@ -253,7 +255,7 @@ def not_excited(
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Return the norm of the component of unit column i orthogonal to others; `alike` holds all inner products."""
+    """Return the norm of the part of unit column i that is orthogonal to `others`, from all inner products `alike`."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -611,7 +613,7 @@ class Convergence(Result):
     """The effect of a trial on the parameter error: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
 
     matrix     I - gamma Ψ̂⁺ Ψ, for parameters scaled so that all columns have the same norm
-    condition  condition number of the assumed columns Ψ̂
+    condition  condition number of the assumed columns Ψ̂, scaled to equal norm
     """
 
     names: tuple[str, ...]

@@ -268,7 +268,7 @@ def _differenced(x: np.ndarray, T: float) -> Setpoint:
 
 
 def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
-    """Return how many samples on each side to smooth over if the log was rounded to decimals, and a remark on it."""
+    """Return the smoothing width (samples on each side) for a log rounded to decimals, and a remark on it."""
     step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()

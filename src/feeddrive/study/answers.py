@@ -47,7 +47,7 @@ def value_cell(figure: Figure, value: float) -> Quantity | str:
 
 
 def name_of(figure: Figure) -> str:
-    """Return the name of a figure without its trailing unit: following error RMS."""
+    """Return the name of a figure in words and without its unit, such as `following error RMS`."""
     end = in_key(figure.unit)
     return (figure.key.removesuffix(f"_{end}") if end else figure.key).replace("_", " ").replace(" rms", " RMS")
 
@@ -176,7 +176,7 @@ def _between(rank: statistics.RankCorrelation) -> str:
 def _goes_with(
     figure: Figure, correlations: Sequence[statistics.RankCorrelation], names: Mapping[str, str]
 ) -> list[str]:
-    """Return sentences on the columns with the largest rank correlation with a figure, to replace Sobol indices."""
+    """Return sentences on the columns that have the largest rank correlation with a figure; none if all are small."""
     # The square is a share of the rank variance, so the threshold of the Sobol indices applies.
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
@@ -298,7 +298,7 @@ def decides_chart(
 
 
 def _outputs(study: Study) -> list[str]:
-    """Return the outputs to show: the figures with a bound and `INSIDE` or, without bounds, the first figures."""
+    """Return the outputs to show: figures with a bound and `INSIDE`, or, without bounds, the first few figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, statistics.INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
@@ -404,7 +404,7 @@ class Answers(Result):
     sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
     correlations  rank correlations between the outputs and the varied numbers
     stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured
-    error         quantile band of the following error over time, from repeated simulations of some machines
+    error         quantile band of the following error over time, from some machines that are simulated again
     """
 
     study: Study

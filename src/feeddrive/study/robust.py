@@ -102,12 +102,12 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """True for machines on which all bounds are satisfied."""
+        """True for machines that satisfy all limits."""
         return self.broken <= KEPT
 
     @property
     def severity(self) -> np.ndarray:
-        """The merit of each machine, lower is better; machines that violate a bound rank behind all others."""
+        """The merit of each machine, lower is better; machines that violate a limit rank behind all others."""
         with np.errstate(invalid="ignore"):
             excess = np.maximum(self.broken - KEPT, 0.0)
         return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)
@@ -206,7 +206,7 @@ class Measured:
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
-        """Return a quantile of a figure over the machines that have it, or NaN if none has."""
+        """Return a quantile of a figure over the machines for which it exists; NaN if there are none."""
         values = self.values[name]
         values = values[~np.isnan(values)]
         return float(np.quantile(values, share)) if values.size else float("nan")
@@ -305,7 +305,7 @@ class Robust(Result):
                      that satisfy all limits afterwards
     seen, seen_new   merits of the sampled machines under the present controller and under the new one
     before, after    figures of the newly drawn machines under the present controller and under the new one
-    bad              numbers of the variants that cannot be built, and the reasons
+    bad              numbers of the variants that cannot be built, with the reasons
     unsettled        the reason why the result may not be optimal for the sample; empty if it is optimal
     """
 

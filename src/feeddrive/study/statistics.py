@@ -245,7 +245,7 @@ class Yield:
 
 
 class YieldCount:
-    """A counter that counts the machines that satisfy the bounds, part by part."""
+    """A collector that counts, part by part, the machines that satisfy the bounds."""
 
     def __init__(self, study: Study) -> None:
         self._study = study

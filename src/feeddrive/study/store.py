@@ -52,7 +52,7 @@ class Place(Protocol):
         ...
 
     def check_writable(self) -> None:
-        """Raise FileError if the location is found not to be writable by checks that write nothing."""
+        """Raise FileError if a check that writes nothing shows that the location is not writable."""
         ...
 
     def write(self, name: str, content: bytes) -> None:
@@ -61,7 +61,7 @@ class Place(Protocol):
 
 
 def place(address: str | Path) -> Place:
-    """Return the location of an address: a folder (`results/mill`, `file:///results/mill`) or `s3://bucket/mill`.
+    """Return the location of a folder (`results/mill`, `file:///results/mill`) or fsspec URL (`s3://bucket/mill`).
 
     Raises FileError for an address with a password or one that fsspec cannot open, MissingExtraError without fsspec.
     """

@@ -14,8 +14,8 @@ sensitivity_peak = { most = 2 }
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 
-A base is the starting point of variants: there is one base per combination of choices, a row of a job at nominal
-values.
+A base is the starting point of variants: a row of a job at nominal values.  There is one base for each combination of
+choices.
 """
 
 import hashlib
@@ -251,7 +251,7 @@ class Bound:
 
 
 class BoundSection(Section, kind="bound"):
-    """The bounds that a good machine satisfies for a figure."""
+    """The bounds that a figure of a good machine satisfies."""
 
     least: Number | None = parameter(VARIED, "least value", infinite=True, default=None)
     most: Number | None = parameter(VARIED, "largest value", infinite=True, default=None)
@@ -277,7 +277,7 @@ def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
 
 
 def bounds_of(specification: Mapping[str, BoundSection], allow: Sequence[str]) -> tuple[Bound, ...]:
-    """Return the bounds of a study with their figures."""
+    """Return the bounds of a study, each with its figure."""
     return tuple(Bound(figure(name, allow), bound.least, bound.most) for name, bound in specification.items())
 
 

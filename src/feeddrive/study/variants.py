@@ -29,7 +29,7 @@ class Variants:
 
     @property
     def numbers(self) -> np.ndarray:
-        """The numbers of the variants."""
+        """The variant numbers, shape (n,)."""
         return np.arange(self.first, self.first + self.count, dtype=np.int64)
 
     def chosen(self, places: np.ndarray) -> dict[str, np.ndarray]:
@@ -38,9 +38,9 @@ class Variants:
 
 
 def variants(study: Study, first: int = 0, count: int | None = None) -> Variants:
-    """Return the variants of a range.
+    """Return `count` variants from `first` on; by default, all of them.
 
-    Raises ParameterError for a range outside the study.
+    Raises ParameterError if some of these are not variants of the study.
     """
     count = study.count - first if count is None else count
     if not (first >= 0 and count >= 0 and first + count <= study.count):
@@ -155,7 +155,7 @@ def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
 
 
 def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
-    """Return the motions and loads of all axes after replacing numbers by path."""
+    """Return the motions and loads of all axes, with the numbers at some paths replaced."""
     # The property returns a new dictionary on each access, which may be modified.
     moved = base.moved
     for path, value in changes.items():

@@ -131,7 +131,7 @@ class Quantity:
         return {self.name: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the drawn value, or the nominal value of each path multiplied by it or increased by it."""
+        """Return, for each path, the drawn value, the nominal value times the drawn value, or the sum of both."""
         drawn = values[self.name]
         if self.mode == "set":
             return dict.fromkeys(self.paths, drawn)

@@ -247,8 +247,8 @@ def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[fl
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
     """Return True if a block has settled: each number of its state changes linearly over three equidistant instants.
 
-    Otherwise, a remaining transient would become visible after a change of gains.  If `exactly` is set, as after
-    following errors, the states must be bit-identical: those of an integrator are, whereas those of a slowly decaying
+    A transient that remains would become visible after a change of gains.  If `exactly` is True, as after following
+    errors, the three states must be bit-identical: those of an integrator are, whereas those of a slowly decaying
     observer are not.
     """
     if exactly:
@@ -326,7 +326,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """Return True if an output has no finite derivative here, such as at the square root or logarithm of 0."""
+    """Return True if an output has no finite derivative for these values, for example because of the root of 0."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())

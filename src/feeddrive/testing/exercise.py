@@ -1,4 +1,4 @@
-"""A block exercised on floats, on symbols and in a C loop.
+"""A block that is run on floats, traced on symbols, and compiled as a C loop.
 
 For the tests of the battery, an `Exercise` combines everything that a block of a family computes in a step into one
 pure function of some numbers.  It runs this function on floats or arrays, traces it on symbols, and compiles it.
@@ -65,7 +65,7 @@ class _Writer:
         return text
 
     def declare(self, index: int, wanted: str, text: str) -> None:
-        """Add a line that declares a named value."""
+        """Add a line that declares a named variable for a node."""
         self.texts[index] = self.name(wanted)
         kind = "int" if self.plan.kinds.truth[index] else "double"
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")

@@ -334,7 +334,7 @@ def _kernels(source: Source) -> list[Source]:
 
 
 def _lines(file: str) -> str:
-    """Return the text of a file without comment-only lines."""
+    """Return the text of a file without lines that contain only a comment."""
     linecache.checkcache(file)
     return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
 
@@ -398,7 +398,7 @@ class Kernel(Generic[_P, _R]):
         return self.__name__  # pickled by its name in its module
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Call the kernel, compiled or interpreted according to the mode of this thread."""
+        """Call the kernel, which runs compiled or interpreted depending on the mode of this thread."""
         mode = _mode.get()
         if mode == "inside":
             return self.python(*args, **kwargs)
@@ -557,7 +557,7 @@ def _kind(kind: Type) -> tuple[object, int, int]:
 
 
 def _made(kind: Type, leaves: Iterator[Any]) -> Any:
-    """Build a value for the interpreter from its numbers and arrays."""
+    """Build an argument for the interpreter from its numbers and arrays."""
     if kind.layout is None:
         value = next(leaves)
         return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
@@ -596,7 +596,7 @@ def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
 
 @contextmanager
 def interpreted() -> Generator[None]:
-    """Run all kernels of this thread as plain Python, as a reference for tests and for debugging."""
+    """Run all kernels of this thread as plain Python within this context, for tests and debugging."""
     token = _mode.set("interpreted")
     try:
         yield

@@ -190,7 +190,7 @@ class Names(RecordArithmetic):
         return Value(FLOAT, number(value))
 
     def name(self, node: ast.Name, fields: Sequence[str] = (), whole: ast.AST | None = None) -> Value:
-        """Return the value of a local variable, module constant or field; `whole` is the node including the field."""
+        """Return the value of a local variable, module constant or field; `whole` is the node of all of it."""
         whole = whole or node
         if node.id not in self.names:
             value = self.outside(node)
@@ -676,7 +676,7 @@ class Assignments(Expressions):
         return values
 
     def entry(self, row: Value, place: int) -> Value:
-        """Return an entry of a row of known length."""
+        """Return one entry of a row whose length is known at compile time."""
         kind = Type(row.type.element)
         address = self.value(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
         return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
@@ -853,7 +853,7 @@ class Statements(Assignments):
         return function._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
-        """Emit a sequence of statements, such as the body of a function."""
+        """Emit the statements of a block."""
         for node in body:
             print_it = _STATEMENTS.get(type(node))
             if print_it is None:

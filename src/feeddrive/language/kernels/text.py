@@ -201,7 +201,7 @@ class Text:
         self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
 
     def go_on_if(self, good: str, other: str) -> None:
-        """Emit a jump to another block unless `good` is true; the jump is marked as unlikely."""
+        """Emit a jump to the block `other` if `good` is false; the jump is marked as unlikely."""
         after = self.label()
         self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
@@ -299,7 +299,10 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"extractvalue {{ i64, i1 }} {both}, 0"))
 
     def floor_division(self, left_over: bool, left: Value, right: Value, node: ast.AST) -> Value:
-        """Emit integer `//` or `%`, rounded down as in Python; a processor rounds towards zero and may trap for -1."""
+        """Emit integer `//` or `%`, rounded down as in Python.
+
+        Processor instructions round towards zero, and their division by -1 may trap.
+        """
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
         # -2⁶³ by -1 overflows, which is undefined in LLVM: divide by 1, and change the sign below
