@@ -15,7 +15,7 @@ A field is one of
     table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
     label()      a string that names the block; it has no effect on the graph
-A block class is either abstract or final: a method with a body is never overridden.
+A block class is either abstract or final: apart from hooks such as `check`, a method with a body is never overridden.
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
 """The graph of a step: its arithmetic as a list of operations in the order of evaluation.
 
-A `Symbol` is the third number type on which a law runs, besides float and array.  Operations whose result on symbols
-would differ from that on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
+A law runs on three number types: float, array and `Symbol`.  Operations whose result on symbols would differ from that
+on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
 Arithmetic is never rearranged, so its results are bit-identical to those of the Python source.  Only two
 simplifications are made, neither of which changes a result: common subexpressions are stored once, and constants are

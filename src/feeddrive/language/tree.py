@@ -158,7 +158,10 @@ def in_paths(block: Block, text: str) -> str:
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
-    """Convert the path of a leaf to its dotted field name, using `names` if given. Raises ParameterError if unknown."""
+    """Convert the path of a leaf to its dotted field name. Raises ParameterError for an unknown path.
+
+    names  the field names of all paths, if already known
+    """
     names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))

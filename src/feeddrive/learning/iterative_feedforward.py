@@ -534,7 +534,7 @@ def regressors(
 
 
 def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
-    """Return the setpoint after the prefilter, which is what law and feedforward receive."""
+    """Return the setpoint after the prefilter, as law and feedforward receive it."""
     prefilter = loop.control.prefilter
     if prefilter is None:
         return setpoint
