@@ -15,7 +15,7 @@ A field is one of
     table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
     label()      a string that names the block; it has no effect on the graph
-A block class is either abstract or final: a method with a body is never overridden.
+A block class is either abstract or final: apart from hooks such as `check`, a method with a body is never overridden.
 """
 
 import dataclasses
@@ -49,7 +49,7 @@ class Declaration:
     infinite   True if an infinite value is allowed
     shortest   minimum number of entries of a table, or of named sections
     inline     True if the fields of this part appear among those of the block or section that contains it
-    example    example of the value in file syntax, for messages and documentation
+    example    example of a value in file syntax, for messages and documentation
     pattern    regular expression that the names of sections or values must match
     """
 
@@ -79,7 +79,7 @@ class Declaration:
         )
 
     def conditions(self, value: Any) -> Iterator[Any]:
-        """Yield the conditions on a number or symbol: finite (unless declared otherwise) and within its bounds."""
+        """Yield the conditions on a number or symbol: within its bounds and, unless declared otherwise, finite."""
         # a NaN fails any comparison: no test for it is needed, on a target either
         yield value >= (-math.inf if self.infinite else -LARGEST)
         yield value <= (math.inf if self.infinite else LARGEST)
@@ -93,7 +93,7 @@ class Declaration:
             yield value <= self.most
 
     def admits(self, value: float) -> bool:
-        """Return True if a value satisfies all conditions: finite (unless declared otherwise) and within the bounds."""
+        """Return True if a value is within the declared bounds and, unless declared otherwise, finite."""
         return all(self.conditions(value))
 
 
@@ -126,7 +126,8 @@ def check_choice(where: str, declaration: Declaration, value: Any) -> None:
 class Declared:
     """The base class of frozen dataclasses with declared fields: blocks, requests, sections of files.
 
-    The constructor checks each field against its declaration, and then calls `check`, which compares fields.
+    The constructor checks each field against its declaration and then calls `check`, which checks that the fields are
+    consistent with each other.
     """
 
     def __post_init__(self) -> None:
@@ -142,7 +143,7 @@ class Declared:
         """Raise an error if fields are inconsistent with each other (a hook, empty by default)."""
 
     def require(self) -> None:
-        """Run all checks between fields and raise the first error."""
+        """Check the fields against each other; raise the first error."""
         self.check()
 
 
@@ -176,7 +177,7 @@ class Rule(NamedTuple):
     The constructor checks it, and exported code evaluates it on the target.
 
     holds     the truth value of the condition
-    sentence  the rule in words, for a person who looks up the rejection code
+    sentence  the rule in words, for a user who looks up the rejection code
     refusal   returns the error message of the constructor: the values and the remedy
     """
 
@@ -196,9 +197,9 @@ def parameter(
     most: float | None = None,
     infinite: bool = False,
 ) -> Any:
-    """Declare a leaf. With a default of None it is absent unless set; whether it is present affects the graph.
+    """Declare a leaf. A leaf whose default is None is absent until it is set; setting it changes the graph.
 
-    infinite   True if the value may be infinite, as for a limit that never acts
+    infinite   True if the value may be infinite, for example for a limit that never acts
     """
     declaration = Declaration(
         role="parameter",
@@ -247,14 +248,14 @@ def table(
 def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
     """Declare a nested block, a tuple of blocks, or None for an absent part.
 
-    The leaves of an inline part are named as if its fields belonged to the enclosing block.
+    The leaves of an inline part are named as if the fields of this part belonged to the enclosing block.
     """
     declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline)
     return field(default=default, metadata={"declaration": declaration})
 
 
 def label(meaning: str, *, default: str) -> Any:
-    """Declare a name for people and files: blocks that differ only in a label have the same graph."""
+    """Declare a name for users and files. Blocks that differ only in a label have the same graph."""
     return field(default=default, metadata={"declaration": Declaration(role="label", unit="", meaning=meaning)})
 
 
@@ -301,7 +302,7 @@ class Block(Declared):
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rules that depend on the sample time T in s (a hook, empty by default)."""
+        """Yield the rules that depend on the sample time T in s (a hook, empty by default)."""
         yield from ()
 
     def require(self) -> None:
@@ -312,7 +313,7 @@ class Block(Declared):
             enforce(self, lambda block: block.rules())
 
     def place_of(self, field: str) -> str:
-        """Return the path segment of a field: the field's name, except in a loop."""
+        """Return the path segment of a field. It is the field's name; a loop overrides this."""
         return field
 
     def __repr__(self) -> str:
@@ -332,7 +333,7 @@ class Block(Declared):
 
 
 def _parts(block: Block) -> Iterator[tuple[str, Block]]:
-    """Yield the direct parts of a block with their names."""
+    """Yield the name and value of each direct part of a block."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "part" and value is not None:
@@ -346,7 +347,7 @@ def _parts(block: Block) -> Iterator[tuple[str, Block]]:
 
 
 def _lines(block: Block, place: str) -> list[list[Cell]]:
-    """Return one row per block: its path, its kind, and its parameters with units."""
+    """Return one table row per block, with its path, its kind, and its parameters with units."""
     parameters = [
         f"{name} {_text(getattr(block, name), declared.unit)}"
         for name, declared in declarations(type(block)).items()
@@ -375,7 +376,7 @@ def _parameters(block: Block, place: str) -> list[list[Cell]]:
 
 
 def _cells(value: Any, unit: str) -> tuple[Cell, Cell]:
-    """Return a value and its unit as cells of a table."""
+    """Return two table cells: the value and its unit."""
     if isinstance(value, float):
         return Quantity(value, unit, form=_EXACT), UNIT
     return _text(value, ""), unit_name(unit, "SI") if unit else ""
@@ -390,7 +391,7 @@ def _text(value: Any, unit: str) -> str:
 
 
 def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a constructor so that its errors for wrong or missing arguments name the parameters."""
+    """Wrap a constructor so that its error messages for wrong or missing arguments name the parameters."""
 
     @wraps(make)
     def construct(self: Any, *args: Any, **values: Any) -> None:
@@ -419,7 +420,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first violated rule of a block; for variants, name the first one that violates it.
+    """Raise ParameterError for the first violated rule of a block, and for the first of its variants that violates it.
 
     The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  In a trace,
     the parameters are symbols: the rules become conditions on the target and are not checked here.
@@ -444,7 +445,7 @@ def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
 
 
 def _plain(block: Block, variant: int | None = None) -> Block | None:
-    """Copy a block with NumPy numbers as parameters, for one variant or all; return None if a parameter is a symbol."""
+    """Copy a block with parameters converted to NumPy numbers, for one or all variants; None if one is a symbol."""
     # not the constructor, which enforces the rules and would end up here again
     plain = object.__new__(type(block))
     for name, declared in declarations(type(block)).items():
@@ -530,6 +531,6 @@ def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarr
 
 
 def check_tree(tree: Any) -> None:
-    """Raise ParameterError for the content of a job or study file, which is neither a loop nor a block."""
+    """Raise ParameterError if the argument is the content of a job or study file instead of a loop or a block."""
     if getattr(tree, "instead", ""):
         raise ParameterError(f"a loop or a block has parameters, not a {type(tree).__name__}: {tree.instead}")

@@ -8,7 +8,7 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """Return `; did you mean a or b?`, or `; there are: ...` (at most 20 names) if no name is similar."""
+    """Return a hint: `; did you mean a or b?` or, if no name is similar, `; there are: ...` (at most 20 names)."""
     names = list(allowed)
     # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
     near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]
@@ -36,7 +36,7 @@ class FeeddriveError(Exception):
         super().__init__(*(Text(argument) if isinstance(argument, str) else argument for argument in args))
 
     def __format__(self, form: str) -> str:
-        """Return the message; in an f-string of a feeddrive module, its quantities remain numbers."""
+        """Return the message; in an f-string within feeddrive, its quantities remain convertible to other units."""
         message = self.args[0] if len(self.args) == 1 else str(self)
         text = message if isinstance(message, str) else str(message)
         return marked(text) if not form and keeps_marks() else format(str(self), form)
@@ -55,7 +55,7 @@ class LanguageError(StructureError, TypeError):
 
 
 class NoSlopeError(ParameterError):
-    """A step without a finite derivative where a linear model is needed; the message names the line responsible."""
+    """A step without a finite derivative where a linear model is needed; the message names the source line."""
 
     exit_code = 1
 
@@ -74,7 +74,7 @@ class ProgramError(FileError):
 
 
 class NotPlannedError(FeeddriveError):
-    """A part program whose planned motion cannot be used: its limits are not proven, or the motion is too long."""
+    """A part program whose planned motion cannot be used, because its limits are not proven or it is too long."""
 
     exit_code = 1
 
@@ -84,7 +84,7 @@ class LogError(FeeddriveError):
 
 
 class NotIdentifiableError(LogError):
-    """A valid log without enough information for the requested parameters; the message states what to measure next."""
+    """A valid log with too little information for the requested parameters; the message states what to measure next."""
 
     exit_code = 1
 
@@ -118,11 +118,11 @@ class AbortedError(BusError):
 
 
 class WrongSignError(ParameterError):
-    """A measured response whose sign at an encoder is impossible for an axis of the requested structure."""
+    """A measured response with a sign, at one encoder, that is impossible for an axis of the requested structure."""
 
 
 class WorkerError(FeeddriveError):
-    """Crashed or unreachable worker processes of a long-running job; its finished results are preserved."""
+    """Crashed or unreachable worker processes of a long-running job; results finished before are preserved."""
 
     exit_code = 1
 
@@ -155,7 +155,7 @@ class FmuError(FeeddriveError):
 
 
 def plain(text: str) -> str:
-    """Replace line breaks and other control characters, such as come from damaged files; quantities are preserved."""
+    """Replace line breaks and other control characters, which damaged files may contain; quantities are preserved."""
     if text.isprintable():
         return text
     kept = Text("".join(piece if is_mark else _printable(piece) for piece, is_mark in split(marked(text))))
@@ -169,13 +169,13 @@ def _printable(text: str) -> str:
 
 
 def sentence(text: str) -> str:
-    """Turn a remark into a sentence: capitalize the first word, unless it is a name, and add a full stop."""
+    """Turn a remark into a sentence: capitalize the first word unless it is an identifier, and add a period."""
     first = text.split(" ", 1)[0].rstrip(":,;")
     return Text(f"{capitalized(text) if first.isalpha() else text}.")
 
 
 def shown(value: Any) -> str:
-    """Format a value for a message: short, on one line."""
+    """Format a value for a message, on one line and shortened if necessary."""
     if isinstance(value, bool):
         return "true" if value else "false"
     # repr raises ValueError for an integer of more than 4300 digits, which a file may contain

@@ -1,10 +1,10 @@
 """The graph of a step: its arithmetic as a list of operations in the order of evaluation.
 
-A `Symbol` is the third number type on which a law runs, besides float and array.  Operations whose result on symbols
-would differ from that on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
+A law runs on three number types: float, array and `Symbol`.  Operations whose result on symbols would differ from that
+on floats raise an error: `if`, `and`, `float()`, `math.*` and numpy functions.
 
-Arithmetic is never rearranged or simplified, so its results are bit-identical to those of the Python
-source.  Only two reductions are made, which change no result: common subexpressions are stored once, and constants are
+Arithmetic is never rearranged, so its results are bit-identical to those of the Python source.  Only two
+simplifications are made, neither of which changes a result: common subexpressions are stored once, and constants are
 folded.
 
 CasADi is not used: its rewriting of arithmetic, its silent NaN from `math.sin(SX)`, its lack of table lookup and its
@@ -98,13 +98,14 @@ def _line(frame: FrameType) -> Line:
 
 
 class Graph:
-    """The operations in evaluation order; a node is (name, argument, ...) whose arguments are indices of earlier nodes.
+    """The operations in evaluation order. A node is a tuple (name, argument, ...); its arguments are indices of earlier
+    nodes.
 
     Leaves are ("const", float), ("truth", bool), ("input", name), ("table", name, length) and ("ring", name, length).
     """
 
     def __init__(self, counted: Callable[[Symbol], float] | None = None) -> None:
-        """Create an empty graph; `counted` returns the bound of a fixed-count loop (`ops.most`), if it is known."""
+        """Create an empty graph; `counted` returns the bound of a symbol for fixed-count loops (see `ops.most`)."""
         self.counted = counted
         self.nodes: list[Node] = []
         self.lines: dict[int, Line] = {}
@@ -119,7 +120,7 @@ class Graph:
         return index
 
     def input(self, name: str) -> Symbol:
-        """Return an input leaf, whose value is passed at each call: a state, a parameter, a setpoint."""
+        """Return an input leaf, such as a state, a parameter or a setpoint, whose value is passed at each call."""
         return Symbol(self, self._store(("input", name)))
 
     def table(self, name: str, length: int) -> Symbol:
@@ -162,18 +163,18 @@ class Graph:
         return self.constant(value)
 
     def name(self, index: int) -> str:
-        """Return the operation name of a node."""
+        """Return the name of the operation at a node."""
         return self.nodes[index][0]
 
     def origin(self, index: int) -> int:
-        """Return the ring leaf from which a node originates, found by following the writes back."""
+        """Return the index of the ring leaf from which a node originates, found by tracing its writes back."""
         while self.nodes[index][0] == "put":
             index = self.nodes[index][1]
         return index
 
 
 class Symbol:
-    """A number whose value is not yet known. It supports + - * /, abs() and comparisons; `ops` provides the rest."""
+    """A number of unknown value in a trace. It supports + - * /, abs() and comparisons; `ops` provides the rest."""
 
     __slots__ = ("graph", "index")
 
@@ -277,7 +278,7 @@ class Symbol:
         self.__and__(self)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **settings: Any) -> Symbol:
-        """Support arithmetic with NumPy scalars, such as np.float64(2.0) * x; reject NumPy functions."""
+        """Support arithmetic with NumPy scalars, such as np.float64(2.0) * x; raise an error for NumPy functions."""
         name = _OF_NUMPY.get(ufunc.__name__)
         if name is None or method != "__call__" or settings or any(getattr(operand, "ndim", 0) for operand in inputs):
             if ufunc.__name__ in ("equal", "not_equal"):
@@ -303,7 +304,7 @@ _OF_NUMPY = {
 
 
 def _refused(why: str) -> LanguageError:
-    """Return the error for an operation that symbols do not support, with the line of the law."""
+    """Return the error for an operation that symbols do not support; it names the source line of the law."""
     frame = _frame()
     return LanguageError(why if frame is None else f"{_line(frame)}: {why}")
 
@@ -325,7 +326,7 @@ def _called() -> str:
 
 
 def _instead(name: str) -> str:
-    """Return the remedy: what a law uses instead of a function of another library."""
+    """Return the remedy for an error message: what to use in a law instead of a function of another library."""
     if name in SPELLED:
         return f"a law writes {SPELLED[name]}"
     if name in ARITY or name in _NAMED:
@@ -334,7 +335,7 @@ def _instead(name: str) -> str:
 
 
 def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
-    """Return the indices on which the outputs depend, in evaluation order; all others are dead code."""
+    """Return the indices of the nodes on which the outputs depend, in evaluation order; all others are dead code."""
     needed: set[int] = set()
     stack = list(outputs)
     while stack:
@@ -347,17 +348,17 @@ def reachable(graph: Graph, outputs: Sequence[int]) -> list[int]:
 
 
 def arguments(node: Node) -> tuple[int, ...]:
-    """Return the argument indices of a node; empty for a leaf."""
+    """Return the indices of a node's arguments; empty for a leaf."""
     return () if node[0] in LEAVES else node[1:]
 
 
 def rebuilt(
     graph: Graph, roots: Sequence[int], compose: Callable[[Graph, str, list[Symbol]], Any]
 ) -> tuple[Graph, dict[int, int]]:
-    """Copy the subgraph on which the roots depend; return it and the new index of each old node.
+    """Copy the subgraph on which the roots depend; return the copy and a map from old to new node indices.
 
-    Leaves are copied. `compose` receives the new graph, the name of an operation and its new arguments, and returns the
-    replacement expression.
+    Leaves are copied unchanged. For every other node, `compose` receives the new graph, the name of the operation and
+    its copied arguments, and returns the expression that replaces the node.
     """
     copied = Graph()
     place: dict[int, Symbol] = {}

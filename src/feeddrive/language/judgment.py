@@ -1,7 +1,7 @@
 """The judgments of all commands on their own results, with their exit codes; docs/files.md lists them.
 
 A judgment concerns the result, not the machine. It is bad if the result must not be used, or if the question remains
-open. A valid result that is unfavorable for the machine, such as chatter or a low yield, is good.
+open. For a valid result that is unfavorable for the machine, such as chatter or a low yield, the judgment is good.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from feeddrive.language.text import Text
 class Judgment(Enum):
     """A judgment of a command on its own result.
 
-    commands   the commands that can return it
-    says       the beginning, or another part, of the sentence that states the judgment
+    commands   the commands that can return this judgment
+    says       the words with which the sentence that states the judgment begins, or which it contains
     exit_code  the exit code of the command line: 1 if the judgment is bad
     """
 
@@ -77,12 +77,12 @@ class Judgment(Enum):
         return self.exit_code != 0
 
     def because(self, reason: str) -> Advice:
-        """Return the judgment with a sentence that states it and its reason."""
+        """Return this judgment together with a sentence that states it and its reason."""
         return Advice(self, Text(f"{self.says}: {reason}."))
 
 
 class Advice(NamedTuple):
-    """A judgment and the sentence that states it with its reason."""
+    """A judgment, and a sentence that states it and its reason."""
 
     judgment: Judgment
     sentence: str

@@ -16,7 +16,7 @@ from feeddrive.language.errors import nearest
 
 
 def public_names(package: str) -> Mapping[str, str]:
-    """Return the defining module of each public name of a feeddrive package; empty for a package that is not lazy."""
+    """Return a mapping from each public name of a package to its module; empty for a package that is not lazy."""
     return vars(import_module(package)).get("_public", {})
 
 
@@ -60,7 +60,7 @@ def make_lazy(
 ) -> None:
     """Make a package import its public names on first use; call this at the end of its `__init__.py`.
 
-    names        maps each module, relative to the package, to its public names, separated by blanks; "" stands for
+    names        maps each module, relative to the package, to its public names, separated by blanks; "" denotes
                  the package itself, whose public names are modules
     other        returns the values of names that are not public, or raises AttributeError
     no_function  error message if the package is called as a function

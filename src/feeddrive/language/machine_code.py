@@ -83,9 +83,10 @@ def linked_code(
 ) -> MachineCode | None:
     """Return the compiled functions `names` of an LLVM module that calls external functions at the addresses `symbols`.
 
-    content  everything on which the text depends; it is the cache key, so that the text is generated only on a miss
-    below    the machine code that contains the external functions
-    stored   if true, return None when the code is not in the disk cache
+    content  everything on which the LLVM text depends; it serves as the cache key, so that `source` generates the text
+             only on a cache miss
+    below    the machine code of the external functions
+    stored   if True, return None when the code is not in the disk cache
     """
     import llvmlite.binding as binding
 
@@ -102,7 +103,7 @@ def linked_code(
 
 
 def _key(content: str, effort: int, passes: Sequence[str]) -> str:
-    """Return the cache key of machine code, in memory and on disk."""
+    """Return the key of machine code in the caches in memory and on disk."""
     import llvmlite
 
     _, processor, features = target()
@@ -141,7 +142,7 @@ def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:
 
 
 def _stubs(triple: str, names: Sequence[str]) -> str:
-    """Return a module of empty functions, which suffices when the code is loaded from disk."""
+    """Return an LLVM module of empty functions with these names, which suffices if the code is loaded from disk."""
     return "\n".join([f'target triple = "{triple}"', *[f"define void @{name}() {{\n  ret void\n}}" for name in names]])
 
 

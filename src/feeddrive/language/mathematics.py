@@ -121,7 +121,7 @@ def log(x: Any) -> Any:
 
 
 def _log_ends(x: Any, result: Any) -> Any:
-    """Return the logarithm with its limits: -inf for 0, inf for inf, NaN (as √-1) for x < 0, and NaN for NaN."""
+    """Return the logarithm, corrected for special arguments: -inf for 0, inf for inf, NaN for x < 0 and for NaN."""
     result = where(x > 1.7976931348623157e308, math.inf, result)
     result = where(x <= 0.0, where(x < 0.0, sqrt(-1.0 - absolute(x)), -math.inf), result)
     return where(equal(x, x), result, x)
@@ -165,12 +165,12 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Return sin x, by reduction of the angle to a quarter turn."""
+    """Return sin x, computed after the angle is reduced to |r| <= π/4."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x, by reduction of the angle to a quarter turn."""
+    """Return cos x, computed after the angle is reduced to |r| <= π/4."""
     return _wave(x, 1.0)
 
 
@@ -179,7 +179,7 @@ TAN_PI_8 = math.sqrt(2.0) - 1.0
 
 
 def atan(x: Any) -> Any:
-    """Return atan x from z - z³/3 + z⁵/5 - ..., with a reduction of x to z.
+    """Return atan x from the series z - z³/3 + z⁵/5 - ..., after x is reduced to z.
 
     y = |x|, or 1/|x| if |x| > 1;  z = y, or (y - 1)/(y + 1) if y > tan π/8
     """

@@ -1,4 +1,4 @@
-"""Small matrices in plain arithmetic, as tuples of rows, so that floats, lanes and symbols agree to the last bit.
+"""Small matrices in plain arithmetic, as tuples of rows; results for floats, lanes and symbols agree to the last bit.
 
 They are intended for `prepare`, which runs once per variant, and for at most about a dozen rows.
 """
@@ -32,7 +32,7 @@ def multiply(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> Matrix:
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    """Return Σ aᵢ bᵢ from left to right; literal factors 0.0 and 1.0 cost no operation."""
+    """Return Σ aᵢ bᵢ, summed from left to right; literal factors 0.0 and 1.0 cause no operation."""
     total: Any = None
     for x, y in zip(a, b, strict=True):
         # `is_zero` and `is_one` inlined: `prepare` spends nearly all its time here
@@ -105,20 +105,21 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
 
 
 def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
-    """Return e^A - 1, by a Taylor series of fixed order on A/2ˢ and s squarings (1 + D)² - 1 = 2D + D².
+    """Return e^A - I from a Taylor series of fixed order for A/2ˢ and s squarings (I + D)² - I = 2D + D².
 
-    s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Without
-    the 1 no precision is lost for a small A, so that rounding does not make an axis at rest creep.
+    s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Since the
+    identity I is not added, no precision is lost for a small A, so that rounding does not make an axis at rest creep.
 
-    at_least  number of squarings that every A of this kind needs at least: exported C has no branches for fewer
+    at_least  smallest value of s, for matrices that usually need as many squarings: these squarings are unconditional,
+              which saves branches in exported C code
     """
     return expm1_doubled(a, at_least)[0][-1]
 
 
 def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[Matrix], Any]:
-    """Return the steps of `expm1`, e^(A/2ˢ) - 1, e^(2A/2ˢ) - 1, ..., e^A - 1, and s.
+    """Return the list of intermediate results of `expm1`, e^(A/2ˢ) - I, e^(2A/2ˢ) - I, ..., e^A - I, and s.
 
-    On symbols, for which s is unknown, there are eleven steps; the last ones repeat e^A - 1.
+    For symbols, for which s is unknown, the list has eleven entries, the last of which repeat e^A - I.
     """
     norm = _norm(a)
     squarings: Any = float(at_least)
@@ -144,7 +145,7 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
 
 
 def _series(a: Matrix) -> Matrix:
-    """Return Σ Aⁱ/i! for i = 1 .. ORDER in groups of four: three products for the powers, one per further group."""
+    """Return Σ Aⁱ/i! for i = 1 .. ORDER, summed in groups of four terms, which needs few matrix products."""
     second = multiply(a, a)
     fourth = multiply(second, second)
     powers = (a, second, multiply(second, a), fourth)
@@ -172,7 +173,7 @@ def _norm(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def _most(squarings: Any) -> int:
-    """Return the largest number of squarings in any lane; the maximum for a symbol, whose value is unknown."""
+    """Return the largest number of squarings in any lane; for a symbol of unknown value, the permitted maximum."""
     return int(ops.most(squarings, MOST_SQUARINGS))
 
 
@@ -181,10 +182,11 @@ SQUARINGS, TOO_LARGE = 48, 1e150
 
 
 def decays(a: Sequence[Sequence[Any]]) -> Any:
-    """Return True if the powers of a square matrix decay to 0: the spectral radius is below 1. For use in rules.
+    """Return True if the powers of a square matrix decay to 0: its spectral radius is below 1. For use in rules.
 
-    The matrix is squared until its infinity norm is below 1 (true) or above 1e150, or 48 times (false): eigenvalues
-    within about 1e-13 of magnitude 1 count as 1.  The result is False for non-finite entries.
+    The matrix is squared repeatedly.  The result is True as soon as the infinity norm is below 1.  It is False if the
+    norm exceeds 1e150, or is still not below 1 after 48 squarings: eigenvalue magnitudes within about 1e-13 of 1 count
+    as 1.  The result is False for non-finite entries.
     """
     graph = next((x.graph for row in a for x in row if isinstance(x, Symbol)), None)
     if graph is not None:
@@ -235,10 +237,10 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
-    """Return the point at which a condition first changes along ordered positive values, on the side where it is true.
+    """Return the point at which a condition first changes along a row of ordered positive values.
 
-    The relative accuracy is about 1e-5.  `holds` is called with many values at once, as lanes.  Returns None if the
-    condition does not change.
+    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with many values at
+    once, as lanes.  Returns None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

@@ -71,7 +71,7 @@ class Names:
         return self._line
 
     def _owner(self, frame: FrameType | None) -> str | None:
-        """Return the dotted name of the block whose method is running or is in the call stack."""
+        """Return the dotted name of the block whose method is running, directly or further up the call stack."""
         while frame is not None:
             owner = self.owners.get(id(frame.f_locals.get("self")))
             if owner is not None:

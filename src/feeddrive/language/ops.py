@@ -1,6 +1,6 @@
-"""The operations that a law may use besides + - * / and comparisons, for floats, arrays and symbols.
+"""The operations that a law may use in addition to + - * / and comparisons, for floats, arrays and symbols.
 
-Both branches of `where` are always evaluated: guard the arguments (`sqrt(maximum(v, tiny))`).
+Both branches of `where` are always evaluated: keep their arguments in the valid range (`sqrt(maximum(v, tiny))`).
 A NaN in a signal passes through `minimum`, `maximum` and `clip`; only the loop's guard catches it.
 """
 

@@ -12,7 +12,7 @@ from feeddrive.language.graph import Symbol
 
 
 def on_symbols(name: str, *arguments: Any) -> Symbol | None:
-    """Return the operation applied to symbols, or None if no argument is a symbol."""
+    """Return the symbol of an operation on the arguments, or None if no argument is a symbol."""
     for argument in arguments:
         if isinstance(argument, Symbol):
             return argument.graph.apply(name, *arguments)
@@ -20,7 +20,7 @@ def on_symbols(name: str, *arguments: Any) -> Symbol | None:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """Return `a` where the condition is true, else `b`; the other value has no effect, even if it is NaN."""
+    """Return `a` where the condition is true, else `b`; the value not selected has no effect, even if it is NaN."""
     symbol = on_symbols("select", condition, a, b)
     if symbol is not None:
         return symbol
@@ -137,7 +137,7 @@ def quantise(x: Any, step: Any) -> Any:
 def gather(row: Any, index: Any) -> Any:
     """Return the table entry at an integer index, clamped to the table. No other operation reads a table.
 
-    Its derivative is 0: gradients come from the interpolation that uses it.
+    Its derivative is 0: the gradient of a table lookup comes from the interpolation between entries.
     """
     symbol = on_symbols("gather", row, index)
     if symbol is not None:
@@ -172,7 +172,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 
     It is (h + 1/2) / 2⁵² with h the upper 52 bits of a hash of the three integers.
 
-    The hash is the finalizer of SplitMix64 (Steele, Lea, Flood 2014), applied once for each of the three.
+    The hash applies the finalizer of SplitMix64 (Steele, Lea, Flood 2014) once for each of these integers.
     """
     symbol = on_symbols("uniform", seed, sample, channel)
     if symbol is not None:
@@ -193,7 +193,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 
 
 def most(x: Any, unknown: float) -> float:
-    """Return the largest value over lanes as a plain number, as the bound of a fixed-count loop.
+    """Return the largest value over all lanes as a plain number, to bound the iterations of a fixed-count loop.
 
     For a symbol, return the bound from its graph (`Graph.counted`), or `unknown` if there is none.
     """

@@ -58,7 +58,7 @@ class Progress:
         self.show_remark(message)
 
     def counted(self, of: int) -> Progress:
-        """Return a `Progress` that counts steps up to `of`, for a job that reports only their names.
+        """Return a `Progress` that counts `of` steps, for a job that reports only the names of its steps.
 
         A step that reports its own count is passed on unchanged and not counted.
         """
@@ -87,7 +87,7 @@ class Progress:
 
 
 class _Forwarded(Progress):
-    """The progress of part of a job: it forwards reports to the whole job's progress, and is canceled with it."""
+    """The progress of a part of a job. It forwards reports to the progress of the whole job and is canceled with it."""
 
     def __init__(self, whole: Progress, part: str = "", of: int | None = None) -> None:
         super().__init__()

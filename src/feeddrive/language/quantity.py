@@ -54,12 +54,12 @@ _LENGTH_WORD = re.compile(r"(?<!\w)[num]?m(?!\w)")
 
 
 def _usual(unit: str) -> str:
-    """Return the unit in which a quantity is shown if no display unit is stated."""
+    """Return the display unit of a quantity for which no other display unit is specified."""
     return _USUAL.get(unit) or (f"u{unit}" if _COMPLIANT.match(unit) else unit)
 
 
 def number(value: float | None, digits: int = _DIGITS) -> str:
-    """Return a number with `digits` significant digits, without an exponent where that is readable; `-` for None.
+    """Format a number with `digits` significant digits, without an exponent if that is readable; `-` for None.
 
     Trailing zeros are omitted, and all digits before the decimal point are written: 0.5, 12345.
     """
@@ -76,7 +76,7 @@ def number(value: float | None, digits: int = _DIGITS) -> str:
 
 
 def _places(value: float, digits: int) -> int:
-    """Return the number of digits before the decimal point of a rounded number: 1 for 9.4, 0 for 0.94."""
+    """Return the number of digits of a number before the decimal point after rounding: 1 for 9.4, 0 for 0.94."""
     # by the formatted number, which is rounded: 9.96 to two digits has two places before the point
     return int(f"{value:.{digits - 1}e}".partition("e")[2]) + 1
 
@@ -120,7 +120,7 @@ class Units:
     def of(self, unit: str, shown: str = "", *, stays: bool = False) -> tuple[str, float]:
         """Return the name of the display unit for an SI unit, and the conversion factor from SI.
 
-        shown  the unit customary in the field for this quantity; empty: the usual one for its SI unit
+        shown  the customary unit of this quantity; empty for the usual display unit of its SI unit
         stays  True if the unit is the same for a rotary axis, because the quantity does not belong to the axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _usual(unit))
@@ -163,7 +163,7 @@ class Units:
         return numeral if quantity.bare or not name else f"{numeral}{'' if name == '°' else ' '}{name}"
 
     def read(self, mark: Mark) -> str:
-        """Return the text that a mark stands for: a quantity, or the name of a unit."""
+        """Return the text that a mark represents: a quantity, or the name of a unit."""
         if mark.value:
             return self.text(_quantity(mark))
         if not mark.unit:
@@ -217,8 +217,8 @@ def _factor(unit: str, shown: str) -> float:
 class Quantity:
     """A number with its unit.
 
-    value  in SI
-    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent, no unit is a plain number
+    value  the number in SI
+    unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent; empty for a plain number
     error  standard error in SI, if known
     form   digits and unit for display, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
     stays  True if it is not a quantity of the axis: a length stays a length on a rotary axis
@@ -283,12 +283,12 @@ ABSENT = Mark("", "", "", "", "", "-")
 
 
 def unit_name(si: str, shown: str = "", *, stays: bool = False) -> str:
-    """Return a unit name as a mark for f-strings in column heads and labels: `f"force, {unit_name('N')}"`."""
+    """Return the mark of a unit name, for f-strings in column heads and labels: `f"force, {unit_name('N')}"`."""
     return str(Mark("", si, "", shown, "s" if stays else "", USUAL.name(si, shown))) if si else shown.removeprefix("SI")
 
 
 def span(low: SupportsFloat, high: SupportsFloat, unit: str, form: str = "", between: str = "to") -> str:
-    """Return a range of two quantities in one unit as marked text for f-strings: `5 to 500 Hz`."""
+    """Return a range between two numbers with the same unit as marked text for f-strings: `5 to 500 Hz`."""
     return f"{Quantity(low, unit, form=form, bare=True)} {between} {Quantity(high, unit, form=form)}"
 
 

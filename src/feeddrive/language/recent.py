@@ -24,7 +24,7 @@ class Recent(Generic[Value]):
         return len(self._held)
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the value of a key, creating it on a miss. If two threads create it, the first value is kept."""
+        """Return the value of a key, created by `make` on a miss. If two threads create it, the first value is kept."""
         with self._lock:
             if key in self._held:
                 self._held.move_to_end(key)

@@ -22,9 +22,10 @@ class Ring:
     cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
            or a symbol for each cell, for a target without indexed memory: every access then reads every cell.
     Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
-    r1.put(...), never two from r. A reset does not clear cells: a selection between an existing ring and a new one
-    takes the existing one. A number in the state next to the ring counts the cells that are valid after a reset (see
-    `History`). Therefore a controller with a guard rejects a ring that is not part of a `History` or a `Track`.
+    r1.put(...), but never a second r.put(...). A reset does not clear cells: a selection between an
+    existing ring and a new one keeps the existing ring. A separate number in the state must count the cells that are
+    valid after a reset (see `History`). Therefore, a controller with a guard rejects a ring that is not part of a
+    `History` or a `Track`.
     """
 
     __slots__ = ("cells", "length")
@@ -68,7 +69,7 @@ class Ring:
         return read(self._numbers(), place)
 
     def interpolate(self, place: Any) -> Any:
-        """Interpolate linearly at a real-valued index; the first cell follows the last."""
+        """Interpolate linearly between cells at a real-valued index; the first cell follows the last."""
         below = floor(place)
         left = self.get(below)
         return left + (place - below) * (self.get(below + 1.0) - left)
@@ -92,7 +93,7 @@ def read(cells: np.ndarray, place: Any) -> Any:
 
 
 def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
-    """Return a copy with a new value in one cell, or in one cell per lane."""
+    """Return a copy of the cells with a new value in one cell, or in one cell per lane."""
     at, value = _inside(cells, place), np.asarray(value, dtype=np.float64)
     lanes = max(at.size if at.ndim else 0, value.size if value.ndim else 0)
     if lanes and cells.ndim == 1:
@@ -121,7 +122,7 @@ def spread(state: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def gathered(state: Any, values: Iterator[Any]) -> Any:
-    """Copy a state with new values, given in the order of `spread`; rings become one value per cell."""
+    """Copy a state with new values in the order of `spread`; each ring then has a separate value for each cell."""
     if isinstance(state, Ring):
         return Ring(state.length, tuple(next(values) for _ in range(state.length)))
     if isinstance(state, tuple):
@@ -131,7 +132,7 @@ def gathered(state: Any, values: Iterator[Any]) -> Any:
 
 
 class History(NamedTuple):
-    """The most recent values of a signal, in the order of writing; before the first one the signal was `initial`."""
+    """The most recent values of a signal, in the order of writing; earlier values are taken as `initial`."""
 
     ring: Ring
     head: Any  # index of the next cell to be written
@@ -175,7 +176,7 @@ class History(NamedTuple):
 
 
 class Track(NamedTuple):
-    """The most recent values of several signals with their rates; before the first ones the signals were `initial`.
+    """The most recent values of several signals and their rates; earlier values are taken as `initial`, rates as 0.
 
     Values are read by cubic Hermite interpolation, whose relative error for a sine is (ωh)⁴/384; that of linear
     interpolation is (ωh)²/8.
@@ -215,9 +216,10 @@ class Track(NamedTuple):
     def ago(self, count: Any, h: Any, ahead: float = 0.0) -> tuple[Any, ...]:
         """Return the values `count` steps (a real number) before the newest, extrapolated by `ahead` steps.
 
-            x(s) + ahead x'(s),   x the cubic through both values with both rates, s in 0 .. 1 between them
+            x(s) + ahead x'(s)
 
-        h is the time between values.
+        x(s) is the cubic Hermite polynomial between the two adjacent stored values, with s in 0 .. 1 from the older
+        to the newer one, and h is the time between values.
         """
         most = float(self.values[0].length - 1)
         age = clip(count, 0.0, most)
@@ -238,7 +240,7 @@ class Track(NamedTuple):
         return tuple(results)
 
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
-        """Return the rates at the sample just before the point `count` steps before the newest; 0 before the first."""
+        """Return the rates at the last sample before the point `count` steps before the newest; 0 if not stored."""
         older = minimum(
             floor(clip(count, 0.0, float(self.values[0].length - 1))) + 1.0, float(self.values[0].length - 1)
         )
@@ -246,7 +248,7 @@ class Track(NamedTuple):
 
 
 def settled(state: Any) -> Any:
-    """Return a state in which every history and track is settled."""
+    """Return a copy of a state in which every history and track is settled."""
     if isinstance(state, History | Track):
         return state.settled()
     if isinstance(state, tuple):

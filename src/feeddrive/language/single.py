@@ -3,7 +3,7 @@
 The functions are those of `mathematics.py` with 24 bits instead of 53: the same range reductions with shorter constants
 and shorter series, truncated where the next term is below 2⁻²⁷ of the result.  Every constant is a
 single-precision number, so that exported code and the reference below use the same constants.  The functions run on the
-symbols of a graph whose operations are in single precision: `exponent` and `power_of_two` use 32 bits.
+symbols of a graph whose operations are in single precision: `exponent` and `power_of_two` are those of 32-bit numbers.
 
 For the accuracy against 30-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
 return NaN beyond 1e4 rad, where neighboring numbers are a thousandth of a radian apart.  Subnormal numbers count as 0.
@@ -155,17 +155,17 @@ def _wave(x: Any, quarter: float) -> Any:
 
 
 def sin(x: Any) -> Any:
-    """Return sin x, by reduction of the angle to a quarter turn."""
+    """Return sin x, computed after the angle is reduced to |r| <= π/4."""
     return _wave(x, 0.0)
 
 
 def cos(x: Any) -> Any:
-    """Return cos x, by reduction of the angle to a quarter turn."""
+    """Return cos x, computed after the angle is reduced to |r| <= π/4."""
     return _wave(x, 1.0)
 
 
 def atan(x: Any) -> Any:
-    """Return atan x from z - z³/3 + z⁵/5 - ..., with a reduction of x to z.
+    """Return atan x from the series z - z³/3 + z⁵/5 - ..., after x is reduced to z.
 
     y = |x|, or 1/|x| if |x| > 1;  z = y, or (y - 1)/(y + 1) if y > tan π/8
     """
@@ -193,7 +193,7 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 
 
 def single_lowered(graph: Graph, roots: Sequence[int]) -> tuple[Graph, dict[int, int]]:
-    """Rebuild a graph with this module's `exp`, `sin` ...; return it and the new index of each old node."""
+    """Rebuild a graph with `exp`, `sin` etc. of this module; return it and a map from old to new node indices."""
 
     def compose(target: Graph, name: str, values: list[Symbol]) -> Symbol:
         return FUNCTIONS[name](*values) if name in ELEMENTARY else target.apply(name, *values)
@@ -228,7 +228,7 @@ def single_values(graph: Graph, outputs: Sequence[int], leaves: Mapping[str, Any
 
 
 def _flushed(x: Any) -> Any:
-    """Return x with 0 of the same sign in place of subnormal numbers."""
+    """Return x with subnormal numbers replaced by zeros of the same sign."""
     return np.where(np.abs(x) < np.float32(LEAST_NORMAL), np.copysign(np.float32(0.0), x), x)
 
 

@@ -29,7 +29,7 @@ def visible(text: str) -> str:
 
 
 class UnitOfRow(Enum):
-    """A cell that shows the unit of the quantities in its row, which are then shown without unit."""
+    """A cell that shows the unit of the quantities in its row; the quantities are then shown without it."""
 
     UNIT = "unit"
 
@@ -58,7 +58,7 @@ class Column:
         object.__setattr__(self, "head", Text(self.head))
 
     def named(self) -> str:
-        """Return the head with the display unit of the numbers, as marked text."""
+        """Return the column head with the display unit of the numbers, as marked text."""
         name = "" if self.unit is None else unit_name(self.unit, form_unit(self.form))
         return f"{marked(self.head)} {name}".strip()
 
@@ -82,7 +82,7 @@ class Column:
 
 
 class Grid(NamedTuple):
-    """A table of text cells: marked, or rendered for a reader.
+    """A table of text cells, either marked text or rendered in the units of a reader.
 
     sentences  index of the column whose text may be wrapped, if any
     """
@@ -120,7 +120,7 @@ class Grid(NamedTuple):
         return f"<table><caption>{escape(self.title)}</caption><tr>{heads}</tr>{rows}</table>"
 
     def markdown(self) -> str:
-        """Return the table in Markdown, under its title as a sentence."""
+        """Return the table in Markdown, preceded by its title as a sentence."""
         rows = [self.heads, ["---", *["--:"] * (len(self.heads) - 1)], *self.rows]
         return "\n".join([f"{self.title}.", "", *(f"| {' | '.join(row)} |" for row in rows)])
 
@@ -141,8 +141,8 @@ class Table:
 
         Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
 
-    A head may be a plain string, which stands for a `Column`. If rows have different units, one column holds quantities
-    and another one the cell `UNIT`.
+    A head may be a plain string instead of a `Column`. If rows have different units, one column holds quantities and
+    another one holds the cell `UNIT`.
 
     sentences  index of a column whose cells are sentences, if no `Column` is marked as such
     """
@@ -193,7 +193,7 @@ class Table:
     def record(self, units: Units = USUAL) -> dict[str, Any]:
         """Return the table as a JSON object: columns with units, cells in SI; a quantity has value, unit and error.
 
-        units  display units for its sentences; they also determine whether the units are linear or rotary
+        units  display units for the sentences in the table; they also determine whether SI units are linear or rotary
         """
         rows = [[_recorded(cell, row, units) for cell in row] for row in self.rows]
         heads = [
@@ -252,7 +252,7 @@ READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
 
 @contextmanager
 def drawn_in(units: Units) -> Generator[None]:
-    """Draw plots in this context in the units of a reader."""
+    """Draw all plots within this context in the units of a reader."""
     before = READER.set(units)
     try:
         yield
@@ -265,9 +265,9 @@ _draw: list[Callable[[Any], Any]] = []
 
 
 def views_from(load: Callable[[type], object], draw: Callable[[Any], Any]) -> None:
-    """Set the function that registers chart, frame and report of a type of result, and the one that draws a chart.
+    """Set the function that registers chart, frame and report of a type of result, and the function that draws a chart.
 
-    The first is called before chart, frame and report are looked up.  The package `feeddrive` calls this once when it
+    `load` is called before chart, frame and report are looked up.  The package `feeddrive` calls this once when it
     is imported, since `feeddrive.language` may not import the plotting code.
     """
     _load_views[:], _draw[:] = [load], [draw]
@@ -278,7 +278,7 @@ class Result(ABC):
 
     @abstractmethod
     def table(self) -> Table:
-        """Return the short table."""
+        """Return a short table of the result."""
 
     @property
     def rotary(self) -> bool:

@@ -3,8 +3,8 @@
 A quantity in an f-string of feeddrive leaves a mark: its number, unit and error, and its text in the usual units; in an
 f-string of other code it is plain text, so that users never see a mark.
 `Text` is a str in the usual units that also keeps the marks, so that the same string can be rendered in other units.
-User-written text, such as the name of a row, is never parsed.  (Python before 3.14 has no template strings, which would
-make marks unnecessary.)
+User-written text, such as the name of a row, is never searched for marks.  (Template strings would make marks
+unnecessary, but Python has them only from 3.14 on.)
 
     remark = Text(f"the residual is {Quantity(5.88e-6, 'm')} RMS")      # the residual is 5.88 um RMS
     remark.shown(Units(rotary=True))                                    # the residual is 5.88 urad RMS
@@ -27,7 +27,7 @@ KEEPS = "KEEPS_QUANTITIES"
 
 
 def keeps_marks() -> bool:
-    """Return True if the f-string being formatted is in a module that keeps quantities; call it from `__format__`."""
+    """Return True if the current f-string is in a module that preserves quantities; to be called from `__format__`."""
     # two frames up: the caller of the `__format__` that calls this
     names = sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage]
     return str(names.get("__name__", "")).partition(".")[0] == "feeddrive" or KEEPS in names
@@ -37,7 +37,7 @@ _NUMBER = re.compile(r"-?(\d+(\.\d*)?(e[+-]?\d+)?|inf)|nan")  # as repr writes i
 
 
 class Mark(NamedTuple):
-    """The mark of a quantity in an f-string; its fields are strings: numbers as written by `repr`, empty if absent.
+    """The mark of a quantity in an f-string. All fields are strings: numbers as returned by `repr`, empty if absent.
 
     flags  s: the unit is the same for a rotary axis; b: shown without its unit
     plain  the text in the usual units
@@ -58,7 +58,7 @@ class Reader(Protocol):
     """The units of a reader, see `quantity.Units`."""
 
     def read(self, mark: Mark) -> str:
-        """Return the text that a mark stands for."""
+        """Return the text that a mark represents."""
         ...
 
 

@@ -46,7 +46,7 @@ def _fields(block: type[Block]) -> tuple[tuple[str, str], ...]:
 
 
 def _children(tree: Any) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of the direct children: parameters and parts of a block (no choices), items of a tuple."""
+    """Yield names and values of the direct children: parameters and parts of a block (no choices), or tuple items."""
     if isinstance(tree, Block):
         for name, _ in _walked(type(tree)):
             yield name, getattr(tree, name)
@@ -56,7 +56,7 @@ def _children(tree: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _path(tree: Any, prefix: str, name: str) -> str:
-    """Return the dotted name of a child; an inline part has the name of the enclosing block."""
+    """Return the dotted name of a child; an inline part takes the name of the enclosing block."""
     if isinstance(tree, Block) and declarations(type(tree))[name].inline:
         return prefix
     return f"{prefix}.{name}" if prefix else name
@@ -70,7 +70,7 @@ def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _collect(tree: Any, prefix: str, collected: list[tuple[str, Any]]) -> None:
-    """Append the leaves of a tree to a list; this is much faster than one generator per block."""
+    """Append the leaves of a tree to a list, which is much faster than a generator for each block."""
     if isinstance(tree, Block):
         for name, inline in _walked(type(tree)):
             child = getattr(tree, name)
@@ -119,7 +119,7 @@ def select(condition: Any, a: Tree, b: Tree) -> Tree:
 
 
 def _either(condition: Any, a: Any, b: Any) -> Any:
-    """Select between two leaves; of an old ring and a new one, take the old one: a reset does not clear cells."""
+    """Select between two leaves; of an existing and a new ring, keep the existing one: a reset does not clear cells."""
     if isinstance(a, Ring) and isinstance(b, Ring):
         if a.cells is not None and b.cells is not None and a is not b:
             raise StructureError("a choice between two rings: write to one ring and choose the value")
@@ -129,7 +129,7 @@ def _either(condition: Any, a: Any, b: Any) -> Any:
 
 
 def cases(*pairs: tuple[Any, Any], otherwise: Any) -> Any:
-    """Select the tree of the first (condition, tree) pair whose condition is true; all must have the same leaves."""
+    """Select the tree of the first (condition, tree) pair whose condition is true; all trees need the same leaves."""
     rows = [[value for _, value in leaves(choice)] for _, choice in pairs]
     chosen = [value for _, value in leaves(otherwise)]
     for (condition, _), row in zip(reversed(pairs), reversed(rows), strict=True):
@@ -158,7 +158,10 @@ def in_paths(block: Block, text: str) -> str:
 
 
 def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> str:
-    """Convert the path of a leaf to its dotted field name; `names` maps all paths. Raises ParameterError if unknown."""
+    """Convert the path of a leaf to its dotted field name. Raises ParameterError for an unknown path.
+
+    names  the field names of all paths, if already known
+    """
     names = names or {place: name for place, name, _ in _placed(block, "", "")}
     if path not in names:
         raise _unknown(block, path, list(names))
@@ -182,7 +185,7 @@ def _unknown(block: Any, path: str, paths: list[str]) -> ParameterError:
 
 
 def declaration(block: Block, path: str, names: Mapping[str, str] | None = None) -> Declaration:
-    """Return the declaration of a leaf, for a linear or rotary axis. Raises ParameterError for an unknown path."""
+    """Return the declaration of a leaf, in the units of its axis. Raises ParameterError for an unknown path."""
     owner, last = _owner(block, path, names)
     return declarations(type(owner))[last].of_axis(bool(getattr(getattr(block, "axis", block), "rotary", False)))
 
@@ -214,12 +217,12 @@ def get(block: Block, path: str) -> Any:
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
-    """Copy a block with new values by path, numbers or arrays over lanes; bounds are checked.
+    """Copy a block with new values (numbers, or arrays over lanes) at some paths; bounds are checked.
 
     fd.vary(loop, {"axis.x.control.law.Kv": 80.0})
 
-    Raises ParameterError for an unknown path, a value out of bounds, arrays of unequal length, and for a rule that the
-    block or one of the variants violates, with the number of the variant.
+    Raises ParameterError for an unknown path, a value out of bounds or arrays of unequal length, and if the block or
+    one of the variants violates a rule; the message then gives the number of the variant.
     """
     check_tree(block)
     placed = list(_placed(block, "", ""))
@@ -238,7 +241,7 @@ def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
 
 
 def _require(block: Any) -> None:
-    """Run all checks of a block and of its parts; an error names a part by its path instead of its kind."""
+    """Run all checks of a block and of its parts; error messages name a part by its path instead of its kind."""
     for path, part in _parts(block, ""):
         try:
             part.require()
@@ -301,7 +304,7 @@ def _collect_tables(tree: Any, prefix: str, collected: list[tuple[str, np.ndarra
 
 
 def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -> Tree:
-    """Copy a tree with the tables at the given dotted names replaced; checks are not run."""
+    """Copy a tree and replace the tables with the given dotted names; checks are not run."""
     if isinstance(tree, Block):
         changed: dict[str, Any] = {}
         for name, declared in declarations(type(tree)).items():
@@ -318,14 +321,14 @@ def with_tables(tree: Tree, replacements: Mapping[str, Any], prefix: str = "") -
 
 
 def structure(tree: Any) -> Any:
-    """Return a hashable key that determines the graph of a tree: types, choices, present leaves, table lengths."""
+    """Return a hashable key that determines the graph of a tree: types, choices, present leaves and table lengths."""
     return structure_and_values(tree)[0]
 
 
 def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
     """Return the structure of a tree, and all leaves and tables in field order; callers must not modify the list.
 
-    A block, which is immutable, caches them.
+    A block caches both, since it is immutable.
     """
     kept = vars(tree).get(STRUCTURE) if isinstance(tree, Block) else None
     if kept is None:
@@ -339,7 +342,7 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
 
 
 class Shape(tuple[Any, ...]):
-    """A structure as a dictionary key that caches its hash; equal structures are the same object."""
+    """A structure as a dictionary key with a cached hash; equal structures share one object."""
 
     _hash: int | None = None
 
@@ -353,7 +356,7 @@ _shapes: Recent[Shape] = Recent(256)
 
 
 def _shape(tree: Any, values: list[Any]) -> Any:
-    """Return the structure of a tree, and append its leaves and tables to a list."""
+    """Return the structure of a tree, and append its leaves and tables to the list `values`."""
     if isinstance(tree, Block):
         shape: list[Any] = [type(tree)]
         for name, role in _fields(type(tree)):

@@ -71,7 +71,7 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
 
 
 def _unit(word: str) -> tuple[float, Dimension]:
-    """Return the factor to SI and the dimension of one word such as `mm`, `kHz` or `min` (without exponent)."""
+    """Return the factor to SI and the dimension of a single word such as `mm`, `kHz` or `min` (no exponent)."""
     if word in _OTHER:
         return _OTHER[word]
     if word in _BASE:
@@ -178,7 +178,7 @@ _OTHERS = re.compile(r"rad|deg|rev|N[ ·]m(?!\w)|m[2-9²³⁴]")
 
 @lru_cache(maxsize=1024)
 def turning(unit: str) -> str:
-    """Return the rotary counterpart of a unit of a linear axis: N m s/rad for N s/m."""
+    """Return the unit that a rotary axis has in place of a unit of a linear axis: N m s/rad for N s/m."""
     if _OTHERS.search(unit):
         return unit
     turned = re.sub(rf"(?<!\w){_LENGTH}(?!\w)", lambda match: f"{match[0][:-1]}rad", unit)
@@ -216,13 +216,13 @@ def turning_key(key: str) -> str:
 def turning_docstring(text: str) -> str:
     """Return the docstring of a state or prepared value with the units of a rotary axis, for an export.
 
-    A docstring contains no quantities, so its units are found by pattern.
+    A docstring contains no quantities, so its units are found by pattern matching.
     """
     return _UNIT.sub(lambda match: turning(match[0]), text)
 
 
 def factor(unit: str, declared: str) -> float:
-    """Return the factor from a unit to the unit `declared`.
+    """Return the conversion factor from a unit to the unit `declared`.
 
     Raises ParameterError if `unit` is not a unit or has another dimension.
     """
@@ -235,7 +235,7 @@ def factor(unit: str, declared: str) -> float:
 
 
 def scaled(value: Any, factor: float) -> Any:
-    """Return value · factor for a number or an array; if 1/factor is an integer (1e-6, 1/60), divide by it.
+    """Return value · factor for a number or an array; if 1/factor is an integer (1e-6, 1/60), divide by that integer.
 
     Dividing by an integer rounds only once: 100 us are 1e-4 s, not 9.999999999999999e-05.
     """
@@ -246,8 +246,8 @@ def scaled(value: Any, factor: float) -> Any:
 def shortest(value: float, factor: float) -> str:
     """Return the shortest decimal that `scaled` converts to a value: 0.2 for 2e-7 and the factor 1e-6.
 
-    If no number converts exactly to the value, the decimal of the quotient is returned; it converts to the value within
-    one rounding error.
+    If no number converts exactly to the value, the quotient is returned; it converts to the value within one rounding
+    error.
     """
     near = value / factor
     texts = [f"{near:.{digits}g}" for digits in range(1, 17)]
@@ -262,6 +262,6 @@ def rounded(value: float, digits: int) -> float:
 
 
 def decimal(value: float) -> float:
-    """Round to twelve digits if that removes only rounding errors, else return `value`: 50 times 1e-6 gives 5e-05."""
+    """Round to twelve digits if that removes only a rounding error, else return `value`: 50 · 1e-6 gives 5e-05."""
     near = rounded(value, 12)
     return near if abs(near - value) <= 4 * math.ulp(value) else value

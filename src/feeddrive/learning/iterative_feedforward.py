@@ -1,4 +1,4 @@
-"""Iterative feedforward: the error model, and the parameters corrected after each repetition of a motion."""
+"""Iterative feedforward: the error model, and the correction of the parameters after each repetition of a motion."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -36,25 +36,26 @@ _DECADES, _STRIDE = 7.0, 0.1  # range and resolution of the search for an admiss
 def error_model(
     loop: Loop, form: str = "model_free", *, plant: Plant | None = None, least_mass: float = 0.0
 ) -> StateSpace | Lifted:
-    """Return the sampled error model Ĝ_d, from the force missing from the feedforward (N) to the following error (m).
+    """Return the sampled error model Ĝ_d from the force that the feedforward lacks (N) to the following error (m).
 
         e = x_set - x = G_d [φᵀ (θ0 - θ) + w],   G_d = P / (1 + P C)
 
-    model_free   Ĝ_d = 1/C: the inverse of the controller, from its own gains alone.  Good where |P C| >> 1, as in the
-                 band of usual references.  Prefilter and filter pack are left out: they are 1 in that band.
-    model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`; else a rigid axis with
-                 the mass (at least `least_mass`, kg) and the viscous friction that are fed forward now; else, if no
-                 mass is fed forward or the law needs two encoders, the axis itself.
-    axis_model   As model_based, with the axis of the loop: for a machine file whose axis was identified.
+    with plant P, controller C, regressors φ, parameters θ, their ideal values θ0 and a disturbance force w.
 
-    C comes from the linear model of the controller itself, that is, from the simulated code, for any law. For a
-    multirate law Ĝ_d has a model for each sample of a period: feedforward, its columns and the error are those of the
-    fast samples.  A trial is assumed to begin in a sample in which the slow part runs; a different first sample makes
-    almost no difference.
-    Raises UnstableError for a model loop that is not stable, with the nearest admissible mass, and for a controller
-    without a stable inverse; ParameterError for another form.
-    Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), the part that was available; the three forms of Ĝ_d, the
-    model-free inverse among them, and the sampled form are this library's.
+    model_free   Ĝ_d = 1/C: the inverse of the controller, from its gains alone.  It is accurate where |P C| >> 1, as in
+                 the band of usual references.  Prefilter and filters are neglected: they are close to 1 there.
+    model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`, if given; else a
+                 rigid axis with the mass (at least `least_mass`, kg) and the viscous friction that are currently fed
+                 forward; else, if no mass is fed forward or the law needs two encoders, the axis of the loop.
+    axis_model   As model_based, with the axis of the loop as P̂, for a machine file with an identified axis.
+
+    For any law, C is the linear model of the simulated controller code. For a multirate law, Ĝ_d has one model for each
+    sample of a period, and feedforward, regressors and error are taken at the fast samples.  A trial is assumed to
+    begin at a sample at which the slow part of the law runs; a different first sample makes almost no difference.
+    Raises UnstableError if the model loop is not stable, with the nearest admissible mass, or if the controller has no
+    stable inverse; ParameterError for an unknown form.
+    Source: Wu, Han, Xiong & Ding 2017, eq. (1)-(10), which is the part of the paper that was available; the three forms
+    of Ĝ_d, including the model-free inverse, and the sampled form are this library's.
     """
     if form not in FORMS:
         raise ParameterError(f"form = {form!r} must be one of {', '.join(FORMS)}")
@@ -70,7 +71,7 @@ def error_model(
 
 
 def true_error_model(loop: Loop) -> StateSpace | Lifted:
-    """Return the true G_d of a loop with viscous friction only and without quantization, as the reference for Ĝ_d."""
+    """Return the true G_d of a loop, with viscous friction only and without quantization, for comparison with Ĝ_d."""
     return _required(loop, None)
 
 
@@ -81,8 +82,8 @@ def _samples(model: StateSpace | Lifted) -> tuple[StateSpace, ...]:
 def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = False) -> np.ndarray:
     """Filter columns, shape (n, columns), through a model with one input and one output.
 
-    Row 0 is the first sample of the model's period.  Before it the columns are assumed to be 0, or, with `moving`,
-    equal to those of row 0.
+    Row 0 is the first sample of the model's period.  Before row 0, the columns are assumed to be 0 or, with `moving`,
+    to have the values of row 0.
     """
     samples = _samples(model)
     N, n = len(samples), samples[0].A.shape[0]
@@ -105,7 +106,7 @@ def filtered(model: StateSpace | Lifted, columns: np.ndarray, *, moving: bool = 
 
 
 def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
-    """Return the number of samples after which the slowest mode of a model has decayed to a share."""
+    """Return the number of samples after which the slowest mode of a model has decayed to the fraction `share`."""
     slowest = _growth(model)
     # at the edge of stability ln 1 = 0 would divide
     turns = 1.0 if slowest <= 0.0 else np.log(share) / np.log(min(slowest, 1.0 - 1e-9))
@@ -113,9 +114,9 @@ def decay(model: StateSpace | Lifted, share: float = 0.01) -> int:
 
 
 def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return G_d of the model loop, or, without a plant, of the axis with its viscous friction.
+    """Return G_d of the loop with `plant` as its plant or, if that is None, with its own axis and viscous friction.
 
-    Raises UnstableError for an unstable loop.
+    Raises UnstableError if this loop is not stable.
     """
     model = _closed(loop, plant)
     size = _growth(model)
@@ -134,7 +135,7 @@ def _required(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
-    """Return the linear closed loop from a force behind the limit to the position, without nonlinear parts."""
+    """Return the linear closed loop from a force added after the force limit to the position."""
     control = dataclasses.replace(loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None)
     # counts have no slope and Coulomb friction is a jump: an ideal encoder and the viscous part are left of them
     ends: dict[str, Any] = {
@@ -148,12 +149,12 @@ def _closed(loop: Loop, plant: Plant | None) -> StateSpace | Lifted:
 
 
 def _growth(model: StateSpace | Lifted) -> float:
-    """Return |z| of the largest pole over a period."""
+    """Return the largest pole magnitude |z| of a model over one period."""
     return float(np.max(np.abs(model.poles()), initial=0.0))
 
 
 def _nearest(loop: Loop, plant: Rigid) -> float | None:
-    """Return the mass nearest to that of the plant, by ratio, with which the model loop is stable, to four digits."""
+    """Return the mass, to four digits, that stabilizes the model loop and is closest in ratio to that of the plant."""
     mass = plant.mass
 
     def stable(log: float) -> bool:
@@ -174,7 +175,7 @@ def _nearest(loop: Loop, plant: Rigid) -> float | None:
 
 
 def _inverse(loop: Loop) -> StateSpace | Lifted:
-    """Return 1/C, with C from a common shift of both readings to the force."""
+    """Return 1/C, where C is the response of the force to a common shift of both encoder readings."""
     control = dataclasses.replace(
         loop.control, guard=None, force_limit=None, feedforward=(), prefilter=None, filters=()
     )
@@ -225,11 +226,11 @@ _ORDER = (
 def not_excited(
     names: Sequence[str], columns: np.ndarray, seen: np.ndarray, velocity: np.ndarray, dead_band: float
 ) -> dict[str, str]:
-    """Return the reasons for freezing columns, by name; both matrices have the shape (samples, columns).
+    """Return the parameters that must be frozen because a trial does not excite them, with the reason for each.
 
-    columns   φ, the regressors of the set motion
-    seen      Ψ, the regressors filtered by Ĝ_d: their effect on the error
-    velocity  m/s, of the set motion in the middle of the samples
+    columns   φ, the regressors of the set motion, shape (samples, columns)
+    seen      Ψ, the regressors filtered by Ĝ_d: their effect on the error, same shape
+    velocity  set velocity in the middle of the samples, m/s
     """
     reasons = _without_reversal(names, velocity, dead_band)
     for i, name in enumerate(names):
@@ -254,7 +255,7 @@ def not_excited(
 
 
 def _own(alike: np.ndarray, i: int, others: list[int]) -> float:
-    """Return the norm of the part of a unit column that is orthogonal to others; `alike` holds the inner products."""
+    """Return the norm of the part of unit column i that is orthogonal to `others`, from all inner products `alike`."""
     if alike[i, i] <= 0.0:
         return 0.0
     across = alike[others, i]
@@ -287,7 +288,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def condition(seen: np.ndarray) -> float:
-    """Return the condition number of columns scaled to equal norm; 1 without columns."""
+    """Return the condition number of a matrix after its columns are scaled to equal norm; 1 without columns."""
     if not seen.shape[1]:
         return 1.0
     return float(np.linalg.cond(seen / np.linalg.norm(seen, axis=0)))
@@ -314,7 +315,7 @@ def compensator(loop: Loop) -> DisturbanceCompensator:
 
 
 def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
-    """Return the loop with this compensator in place of its present one, or added to its other feedforward."""
+    """Return the loop with its compensator replaced by this one or, if it has none, with this one added."""
     others = tuple(
         block if isinstance(feedforward, DisturbanceCompensator) else feedforward
         for feedforward in loop.control.feedforward
@@ -327,15 +328,15 @@ def compensated(loop: Loop, block: DisturbanceCompensator) -> Loop:
 def begin_compensation(
     loop: Loop, columns: Sequence[str] | None = None, *, stribeck_velocity: float | None = None
 ) -> Loop:
-    """Return the loop with an initial compensator: parameters at 0, or at the values already fed forward.
+    """Return the loop with an initial compensator, whose parameters are 0 or equal to the values already fed forward.
 
-    columns            names of its parameters; default: mass, viscous and both Coulomb levels, as far as the law does
-                       not feed them forward itself
-    stribeck_velocity  m/s, needed with the column `stribeck`
+    columns            names of its parameters; default: mass, viscous and both Coulomb levels, except those that the
+                       law itself feeds forward
+    stribeck_velocity  m/s, required for the column `stribeck`
 
-    An Inertia block is replaced by columns with its values; an existing compensator keeps its values and gets the
-    missing columns.
-    Raises ParameterError for an unknown column, and StructureError for a term that would be fed forward twice.
+    The compensator takes over the values of an Inertia block, which it replaces; an existing compensator keeps its
+    values, and missing columns are added.
+    Raises ParameterError for an unknown column, and StructureError if a term would be fed forward twice.
     """
     for name in columns or ():
         if name not in COLUMNS:
@@ -382,11 +383,11 @@ class Iteration(Result):
     """The result of one trial: the feedforward before and after, and the standard errors of its parameters.
 
     loop       the loop of the next trial
-    errors     standard error of each tuned parameter, of the full step (gamma = 1), SI
-    frozen     parameters that keep their value, with the reason
+    errors     standard error of each tuned parameter after a full step (gamma = 1), SI
+    frozen     parameters that keep their value, and the reason for each
     held       parameters at their bound
-    predicted  following error of the next trial along the same reference, m, shape (n,)
-    condition  condition number of the columns used, scaled to equal norm
+    predicted  predicted following error of the next trial along the same reference, m, shape (n,)
+    condition  condition number of the columns used, after scaling to equal norm
     """
 
     trial: Trial
@@ -404,11 +405,11 @@ class Iteration(Result):
 
     @property
     def predicted_rms(self) -> float:
-        """The RMS of the next trial's following error along the same reference, m."""
+        """The predicted RMS of the next trial's following error along the same reference, m."""
         return float(np.sqrt(np.mean(self.predicted**2)))
 
     def table(self) -> Table:
-        """Return a table of the present and next parameters, with standard errors and remarks on those held."""
+        """Return a table of the present and next parameters, with standard errors and remarks."""
         rows = []
         was, now = self.before.parameters(), self.after.parameters()
         for name, value in was.items():
@@ -438,30 +439,31 @@ def next_iteration(
     saturation: str = "refused",
     skip: int = 0,
 ) -> Iteration:
-    """Return the feedforward parameters for the next trial, from the error of this one.
+    """Compute the feedforward parameters for the next trial from the following error of this one.
 
         Ψ = Ĝ_d φ,   θ_next = θ + gamma (ΨᵀΨ + mu S²)⁻¹ Ψᵀ e,   S scales the columns of Ψ to the same size
 
-    `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator; its control must be
-    the real one; its axis is used only if `form` needs it.  The next reference may differ.
+    `loop` is the loop that ran the trial, with its present parameters in a DisturbanceCompensator.  Its controller must
+    be the one that ran the trial; its axis is used only if `form` needs it.  The next reference may differ.
 
     form        "model_free", "model_based" or "axis_model", see `error_model`
-    gamma       fraction of the step that is applied, 0 < gamma <= 1; at most 0.5 if the controller's gains are known
-                only roughly: the error of the parameters is multiplied by about |1 - gamma · true/believed gain|
+    gamma       fraction of the step that is applied, 0 < gamma <= 1.  Use at most 0.5 if the controller's gains are
+                known only roughly: each step multiplies the parameter error by about |1 - gamma · true/assumed gain|
     mu          >= 0; reduces the step in directions that the trial hardly excites
-    columns     names of the parameters to tune; default: all that the block has.  Parameters that a trial does not
-                excite are frozen: friction without a reversal, columns that are 0 or that others explain
-    plant       for the model-based form: the axis to assume
-    least_mass  kg; the mass stays above it; all parameters stay within their declared bounds
-    saturation  "refused", or "left_out": saturated samples, and those until their effect has decayed, do not count
-    skip        samples at the start that do not count, for a log that starts in motion
+    columns     names of the parameters to tune; default: all parameters of the block.  Parameters that a trial does not
+                excite are frozen: friction if no reversal occurs, and columns that are 0 or nearly dependent on others
+    plant       the plant to assume in the model-based form
+    least_mass  lower bound of the mass, kg; all parameters also stay within their declared bounds
+    saturation  "refused": a trial with saturation raises LogError; "left_out": saturated samples, and those after them
+                until their effect has decayed, are ignored
+    skip        number of samples to ignore at the start, for a log that starts in motion
 
-    The standard errors treat the residual as noise with the autocorrelation that it shows; they do not include the bias
-    of a wrong Ĝ_d, which further trials remove.
-    Raises LogError for a trial without information (saturated, too short, no column excited) or whose clock is not the
-    controller's, ParameterError for values out of bounds, UnstableError for a model loop that is not stable.
-    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The text was available up to
-    eq. (10): Ĝ_d, the scaled and damped step, its bounds, frozen columns and standard errors are this library's.
+    The standard errors treat the residual as noise with its estimated autocorrelation.  They do not include the bias
+    caused by a wrong Ĝ_d, which further trials remove.
+    Raises LogError if the trial contains no information (saturated, too short, no column excited) or its sample time is
+    not the controller's, ParameterError for values out of bounds, UnstableError if the model loop is not stable.
+    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The paper was available up to
+    eq. (10); Ĝ_d, the scaled and damped step, its bounds, frozen columns and standard errors are this library's.
     """
     _check(loop, trial, gamma, mu, saturation)
     block = compensator(loop)
@@ -509,9 +511,9 @@ def next_iteration(
 def regressors(
     loop: Loop, block: DisturbanceCompensator, setpoint: Setpoint, columns: Sequence[str] | None = None
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Return names, φ of shape (n, columns), and the set velocity (m/s) in the middle of the samples.
+    """Return names and values φ, shape (n, columns), of the regressors, and the set velocity (m/s) at mid-sample.
 
-    They are computed by the code of the block, on the setpoint after the prefilter.
+    The code of the block computes them from the setpoint after the prefilter.
     """
     parameters = block.parameters()
     names = list(parameters if columns is None else columns)
@@ -532,7 +534,7 @@ def regressors(
 
 
 def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
-    """Return the setpoint behind the prefilter, which law and feedforward receive."""
+    """Return the setpoint after the prefilter, as law and feedforward receive it."""
     prefilter = loop.control.prefilter
     if prefilter is None:
         return setpoint
@@ -558,7 +560,7 @@ def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -
 
 
 def _rows(trial: Trial, after: int, saturation: str, skip: int) -> np.ndarray:
-    """Return a mask of the samples that are used."""
+    """Return a mask of the samples to use; raise LogError for saturation that is not allowed."""
     n = trial.following_error.size
     if not 0 <= skip < n:
         raise ParameterError(f"skip = {skip} samples must be >= 0 and < {n}, the length of the trial")
@@ -608,10 +610,10 @@ def _remarks(loop: Loop) -> list[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Convergence(Result):
-    """The effect of a trial on the error of the parameters: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
+    """The effect of a trial on the parameter error: θ_next - θ0 = (I - gamma Ψ̂⁺ Ψ)(θ - θ0) + noise.
 
-    matrix     I - gamma Ψ̂⁺ Ψ, in parameters that are scaled so that all columns have the same size
-    condition  condition number of the assumed columns
+    matrix     I - gamma Ψ̂⁺ Ψ, for parameters scaled so that all columns have the same norm
+    condition  condition number of the assumed columns Ψ̂, scaled to equal norm
     """
 
     names: tuple[str, ...]
@@ -621,7 +623,7 @@ class Convergence(Result):
 
     @property
     def rate(self) -> float:
-        """The factor ρ by which the error of the parameters changes from trial to trial in the long run."""
+        """The factor ρ by which the parameter error changes asymptotically from trial to trial."""
         return float(np.max(np.abs(np.linalg.eigvals(self.matrix)), initial=0.0))
 
     @property
@@ -630,7 +632,7 @@ class Convergence(Result):
         return self.rate < 1.0
 
     def table(self) -> Table:
-        """Return a table of convergence rate, verdict and condition number."""
+        """Return a table of the convergence rate, whether the trials converge, and the condition number."""
         verdict = "converges" if self.converges else "DIVERGES: lower gamma"
         row = [", ".join(self.names), self.gamma, self.rate, self.condition, verdict]
         columns = ["columns", "gamma", Column("rho", form=".3f"), Column("condition", form="3"), ""]
@@ -648,17 +650,17 @@ def convergence(
     plant: Plant | None = None,
     least_mass: float = 0.0,
 ) -> Convergence:
-    """Return the convergence rate of `next_iteration` on a loop with a known axis, if the tuner assumes another one.
+    """Return the convergence of `next_iteration` on a loop with a known axis when the tuner assumes another loop.
 
-        Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the believed one,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
+        Ψ = G_d φ of the loop,   Ψ̂ = Ĝ_d φ of the assumed loop,   ρ = largest |eigenvalue| of I - gamma Ψ̂⁺ Ψ
 
     believed  the loop with the gains and parameters that the tuner assumes; default: the loop itself
 
-    The other arguments are those of `next_iteration`.  Friction is assumed to follow the set velocity: deviations of
+    The other arguments are those of `next_iteration`.  Friction is assumed to depend on the set velocity: deviations of
     the real velocity are neglected.
-    Raises UnstableError for a model loop that is not stable, and ParameterError for a column that is 0 throughout.
-    Source: derived here for the step of `next_iteration`; the available text of Wu, Han, Xiong & Ding 2017 ends at eq.
-    (10) and states no rate.
+    Raises UnstableError if the model loop is not stable, and ParameterError for a column that is 0 throughout.
+    Source: derived here for the step of `next_iteration`; the part of Wu, Han, Xiong & Ding 2017 that was available
+    ends at eq. (10) and states no rate.
     """
     T = float(loop.sample_time)
     setpoint = reference.at(np.arange(samples(reference.duration, T)) * T)

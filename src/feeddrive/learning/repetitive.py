@@ -18,10 +18,10 @@ _WHOLE = 1e-4  # of a period, by which it may miss whole samples
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RepetitiveDesign(Result):
-    """A repetitive controller for a period, and the convergence factor of its learning by lead.
+    """A repetitive controller for one period, and the convergence factor of its learning for every lead.
 
-    factor   largest convergence factor from period to period over all frequencies, at `frequency` in Hz
-    factors  the largest factor for every lead in samples, from 0 on
+    factor   largest convergence factor from period to period over all frequencies; it occurs at `frequency` in Hz
+    factors  largest convergence factor for each lead of 0, 1, 2, ... samples
     """
 
     block: RepetitiveControl
@@ -30,7 +30,7 @@ class RepetitiveDesign(Result):
     factors: tuple[float, ...]
 
     def table(self) -> Table:
-        """Return a table of the convergence factor by lead, with the chosen lead marked."""
+        """Return a table of the convergence factor for each lead, with the selected lead marked."""
         chosen = self.block.lead_samples
         rows = [[lead, factor, "chosen" if lead == chosen else ""] for lead, factor in enumerate(self.factors)]
         title = Text(
@@ -51,15 +51,15 @@ def tune_repetitive(
     most_lead: int = 40,
     velocity: float = 0.05,
 ) -> RepetitiveDesign:
-    """Return the repetitive controller, with the fastest-learning lead, for a motion that repeats every `period` s.
+    """Return the repetitive controller whose lead converges fastest, for a motion that repeats every `period` s.
 
         min over leads l of   max over f of   |q (1 - learning_gain T_r z^l)|
 
-    T_r is the response of the load position to a shift of the set position, whose difference quotient is added to the
-    set velocity, while the axis moves with `velocity` (m/s).  A repetitive controller already in the loop is ignored.
-    Do not use so few `passes` that q passes frequencies at which the loop is unknown; with 32 it is at -3 dB at 0.033
-    of the sample rate.
-    Raises ParameterError for a period that is not a whole number of samples, and UnstableError if no lead converges.
+    q is the smoothing filter of the controller.  T_r is the response of the load position to a shift of the set
+    position while the axis moves at `velocity` (m/s); the difference quotient of the shift is added to the set
+    velocity.  A repetitive controller already in the loop is ignored.  Use enough `passes` that q blocks the
+    frequencies at which the response of the loop is unknown; with 32 passes, q is at -3 dB at 0.033 of the sample rate.
+    Raises ParameterError if the period is not a whole number of samples, and UnstableError if no lead converges.
     """
     T = float(loop.sample_time)
     count = round(period / T) if np.isfinite(period) and period > 0.0 else 0
@@ -101,7 +101,7 @@ def tune_repetitive(
 
 
 def shift_response(loop: Loop, frequency: np.ndarray, velocity: float = 0.05) -> np.ndarray:
-    """Return T_r at frequencies in Hz: load position over a shift of the set position.
+    """Return the frequency response T_r, at frequencies in Hz, from a shift of the set position to the load position.
 
     The difference quotient of the shift is added to the set velocity.
     """

@@ -17,9 +17,9 @@ _INPUTS, _OUTPUTS = ("set_position", "set_velocity"), ("position_load",)
 
 @dataclass(frozen=True, eq=False)
 class SetPath:
-    """The linear model from set positions, with their backward difference as set velocity, to table positions.
+    """The linear model of a loop from set positions to table positions; the set velocity is the backward difference.
 
-    samples  the linear model of each sample of a period; one for most loops
+    samples  the linear model of each sample of a period; most loops have only one
     """
 
     samples: tuple[StateSpace, ...]
@@ -31,7 +31,7 @@ class SetPath:
 
     @property
     def period(self) -> int:
-        """The number of samples after which the loop repeats itself."""
+        """The period of a multirate loop in samples; 1 for all other loops."""
         return len(self.samples)
 
     def answers(self, positions: np.ndarray, phase: int = 0) -> np.ndarray:
@@ -52,9 +52,9 @@ class SetPath:
 
 
 def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
-    """Return the linear model of a loop that moves with `velocity` (m/s), from its set positions to its table.
+    """Return the linear model of a loop that moves at `velocity` (m/s), from set positions to table positions.
 
-    Feedforward of acceleration, jerk and snap has no effect, since a table of positions does not contain them.
+    Feedforward of acceleration, jerk and snap has no effect, since a list of set positions does not contain them.
     """
     if loop.control.law.period() > 1:
         return SetPath(lifted(loop, _INPUTS, _OUTPUTS, velocity=velocity).samples)
@@ -63,11 +63,11 @@ def set_path(loop: Loop, *, velocity: float = 0.05) -> SetPath:
 
 @dataclass(frozen=True, eq=False)
 class ChangedReference:
-    """Set positions modified so that the table follows the wanted ones.
+    """Set positions modified so that the table follows the desired positions.
 
     reference  input of the loop: positions, their differences as velocities, no higher derivatives
-    wanted     wanted table positions at the same rows
-    lead       delay of the wanted motion in s: the preview
+    wanted     desired table positions at the same samples
+    lead       preview in s, by which the desired motion is delayed
     """
 
     reference: Recorded
@@ -76,12 +76,12 @@ class ChangedReference:
 
     @property
     def shift(self) -> float:
-        """The largest deviation of the modified set positions from the wanted ones, m."""
+        """The largest deviation of the modified set positions from the desired positions, m."""
         return float(np.max(np.abs(self.reference.position - self.wanted.position)))
 
 
 def sampled(reference: Reference, sample_time: float, before: int, after: int) -> np.ndarray:
-    """Return set positions in m at kT, extended by `before` and `after` rows at rest."""
+    """Return the set positions in m of a reference at kT, with `before` and `after` samples at rest added."""
     rows = round(float(reference.duration) / sample_time) + 1
     return np.asarray(reference.at(np.arange(-before, rows + after) * sample_time).position, dtype=float)
 
@@ -117,7 +117,7 @@ def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
 
 
 class _Columns:
-    """The table's responses to splines that begin every `spacing` samples."""
+    """The responses of the table position to splines, one of which begins every `spacing` samples."""
 
     def __init__(self, path: SetPath, degree: int, spacing: int) -> None:
         self.spline, self.spacing, self.period = cardinal_spline(degree, spacing), spacing, path.period
@@ -143,9 +143,9 @@ class _Columns:
             rows *= 2
 
     def matrix(self, first: int, last: int, begin: int, end: int, *, answered: bool = True) -> np.ndarray:
-        """Return the matrix of splines first .. last - 1, or of their responses, in rows begin .. end - 1.
+        """Return a matrix whose columns are splines first .. last - 1, or their responses, at samples begin .. end - 1.
 
-        Spline i begins at row i · spacing.
+        Spline i begins at sample i · spacing.
         """
         columns = np.zeros((end - begin, last - first))
         for i in range(first, last):
@@ -166,19 +166,19 @@ def filtered_splines(
     window: int | None = None,
     kept: int | None = None,
 ) -> ChangedReference:
-    """Return set positions as splines whose simulated responses fit a reference best: tracking without an inverse.
+    """Return set positions as a sum of splines whose simulated responses fit a reference best; no inverse is needed.
 
         x_r' = Φ p,   p = argmin |x_r - Ψ p|²,   Ψ_i = response of the table to the spline Φ_i (degree, knots)
 
     spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
-    window   coefficients solved at once, for a path with a limited preview; window · spacing · T
-             should be at least 1/f, with at least 10 coefficients.  None: all at once
-    kept     coefficients of a window that are final before it slides; default: a quarter of it
+    window   number of coefficients to solve for at once, at least 10, for a path with a limited preview;
+             window · spacing · T should be at least 1/f.  None: all at once
+    kept     number of coefficients that are final before the window slides; default: a quarter of `window`
     Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all precision.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.
     When to use: on paths known in advance, for modes that no encoder measures and for zeros outside the unit circle.
-    Not suitable against disturbances, and a model error acts in full.
+    It does not reject disturbances, and the effect of model errors is not reduced.
     Source: Okwudire, Ramani & Duan 2016; Duan, Yoon & Okwudire 2018 (limited preview).
     """
     if not 3 <= degree <= 5 or spacing < degree:
@@ -209,7 +209,7 @@ def filtered_splines(
 
 
 def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: int, kept: int) -> np.ndarray:
-    """Return the coefficients window by window, after subtracting the contribution of the previous windows."""
+    """Return the coefficients, solved window by window after subtracting the contribution of all previous windows."""
     if window < 10 or not 1 <= kept <= window:
         raise ParameterError(
             f"window = {window} coefficients, {kept} of them kept: at least 10, of which 1 to all are kept; with "
@@ -233,7 +233,7 @@ def _slid(columns: _Columns, wanted: np.ndarray, first: int, last: int, window: 
 
 
 def _least(Psi: np.ndarray, right: np.ndarray, ridge: float) -> np.ndarray:
-    """Return argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; columns without rows give 0."""
+    """Return p = argmin |right - Ψ p|² + (ridge · |Ψ|)² |p|² by QR of the stacked matrix; 0 for columns of zeros."""
     from scipy.linalg import lstsq
 
     size = np.sqrt(np.sum(Psi**2, axis=0))
@@ -258,7 +258,7 @@ _SETTLING = 0.05  # s of rest after the end
 class InversePath:
     """The closed loop from set position to table, T_r = q^r B⁺ B⁻ / A in q = z⁻¹, in ascending powers of q.
 
-    B⁻, normalized to begin with 1, holds the zeros that are not inverted: |z| >= 1, or Re z < 0 with |z| > 0.6.
+    B⁻, whose first coefficient is 1, contains the zeros that are not inverted: |z| >= 1, or Re z < 0 with |z| > 0.6.
     """
 
     A: np.ndarray
@@ -268,16 +268,16 @@ class InversePath:
 
     @property
     def preview(self) -> int:
-        """The preview r + s in samples, by which the set path must be known in advance, s = deg B⁻."""
+        """The preview r + s in samples, with s = deg B⁻: the set path must be known this far in advance."""
         return self.delay + self.kept.size - 1
 
     def gain(self, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-        """Return |B⁻(e^jω)|² / B⁻(1)²: the product of T_r and the filter, whose phase is 0."""
+        """Return |B⁻(e^jω)|² / B⁻(1)², the frequency response of T_r combined with the filter; its phase is 0."""
         z = np.exp(-2j * np.pi * frequency * sample_time)
         return np.abs(np.polyval(self.kept[::-1], z)) ** 2 / np.sum(self.kept) ** 2
 
     def filtered(self, wanted: np.ndarray) -> np.ndarray:
-        """Return x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a wanted path at rest at both ends."""
+        """Return x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r), for a path x_r at rest at both ends."""
         # imported here: commands that only read a log start without it
         from scipy.signal import lfilter
 
@@ -290,7 +290,8 @@ class InversePath:
 def inverse_path(loop: Loop | SetPath) -> InversePath:
     """Return the closed loop as polynomials: A from its poles, B from its Markov parameters.
 
-    B from its zeros, computed as eigenvalues, would lose the leading zero coefficients that represent the delay.
+    If B were computed from its zeros, the eigenvalue solver would lose the leading zero coefficients, which represent
+    the delay.
     Raises UnstableError for a loop that is not stable, and ParameterError for a multirate loop.
     """
     path = loop if isinstance(loop, SetPath) else set_path(loop)
@@ -319,15 +320,15 @@ def inverse_path(loop: Loop | SetPath) -> InversePath:
 
 
 def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
-    """Return set positions with which, according to its linear model, the loop follows a reference without phase error.
+    """Return set positions for which the linear model of the loop follows a reference without phase error.
 
         T_r = q^r B⁺ B⁻ / A,    x_r'(k) = A(q) B⁻(q⁻¹) / (B⁺(q) B⁻(1)²) x_r(k + r)
 
     The motion is delayed by the preview of r + s samples (`lead`).
-    When to use: on smooth moves with a loop that is known and linear.  Not suitable against friction, which it does not
-    compensate for, or if the gains are changed afterwards; with 20 % of unknown load most of its advantage is lost.
-    Raises ParameterError where the polynomials lose their precision, from about degree 10 on (filters, two encoders).
-    Source: Tomizuka 1987; the choice of the zeros not inverted, and B by Markov parameters, are this library's.
+    When to use: on smooth moves with a loop that is known and linear.  It does not compensate for friction and is not
+    suitable if the gains are changed afterwards; an unknown load of 20 % removes most of its advantage.
+    Raises ParameterError if the polynomials lose their precision, as from about degree 10 on (filters, two encoders).
+    Source: Tomizuka 1987; the choice of zeros that are not inverted, and B from Markov parameters, are this library's.
     """
     model, T = set_path(loop), float(loop.sample_time)
     path = inverse_path(model)
@@ -345,5 +346,5 @@ def zero_phase(loop: Loop, reference: Reference) -> ChangedReference:
 
 
 def _left(model: SetPath, positions: np.ndarray, wanted: np.ndarray) -> float:
-    """Return the largest deviation of the model's table position from the wanted path, m."""
+    """Return the largest deviation of the model's table position from the desired path, m."""
     return float(np.max(np.abs(model.answers((positions - wanted[0])[:, None])[:, 0] - (wanted - wanted[0]))))

@@ -1,4 +1,4 @@
-"""Friction feedforward by stops, learned from slow oscillations of the loop."""
+"""Friction feedforward with stops (elastic-plastic elements), learned from slow oscillations of the loop."""
 
 import math
 from dataclasses import replace
@@ -17,12 +17,12 @@ _DURATION = 4.0  # s
 
 
 def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
-    """Return the loop with stops, identified from a simulated log, in place of its friction feedforward, and the fit.
+    """Return the loop with its friction feedforward replaced by identified stops, and the result of the identification.
 
-    In the middle of its travel the axis oscillates for 4 s by 5 mm at 0.5 Hz, with smaller and faster oscillations on
-    top.  Its mass is known; viscous friction and offset are identified together with the stops and left to the other
-    blocks.
-    `seed` is that of the encoder noise.
+    The stops are identified from a simulated log.  In the middle of its travel, the axis oscillates for 4 s with an
+    amplitude of 5 mm at 0.5 Hz; smaller and faster oscillations are superposed.  The mass is known.  Viscous friction
+    and a constant offset are identified together with the stops, but left to the other blocks.
+    `seed` is the seed of the encoder noise.
     Raises NotIdentifiableError if the log does not show friction.
     """
     T = float(loop.sample_time)
@@ -50,14 +50,14 @@ def learn_stops(loop: Loop, *, seed: int = 0) -> tuple[Loop, LearnedStops]:
 
 
 def _center(loop: Loop) -> float:
-    """Return the middle of the travel; 0 without limits."""
+    """Return the middle of the travel, or 0 if the travel has no limits."""
     guard = loop.control.guard
     ends = () if guard is None else tuple(x for x in (guard.travel_least, guard.travel_most) if x is not None)
     return 0.5 * (ends[0] + ends[1]) if len(ends) == 2 else 0.0
 
 
 def _swings(center: float, T: float) -> Recorded:
-    """Return the sum of the oscillations as a reference with its derivatives."""
+    """Return the sum of the oscillations about `center` as a reference with its derivatives."""
     t = np.arange(round(_DURATION / T)) * T
     rows = [np.zeros(t.size) for _ in range(5)]
     for amplitude, frequency in _SWINGS:

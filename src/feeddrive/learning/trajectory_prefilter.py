@@ -1,4 +1,4 @@
-"""A prefilter of the setpoint that cancels the tracking error of a loop, by least squares from one run or log."""
+"""A prefilter of the setpoint that cancels the tracking error of a loop, fitted by least squares to one run or log."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,11 +30,12 @@ LIMIT_CLOCK = 1e-6  # largest relative difference of two clocks
 class PrefilterFit(Result):
     """The part of a tracking error explained by reference derivatives: e = θ1 v + θ2 a + θ3 j + θ4 s + remainder.
 
-    theta             by regressor, in s, s², s³, s⁴
-    standard_error    standard errors of theta, for an autocorrelated remainder
+    theta             θ by regressor, in s, s², s³, s⁴
+    standard_error    standard errors of theta, which allow for an autocorrelated remainder
     condition         condition number of the regressors' columns, scaled to equal RMS
-    present           prefilter of the run; `prefilter` adds θ to it
-    error, explained  m, shape (n,); `counted`: mask of the samples that are not at rest
+    present           prefilter that was active in the run; `prefilter` adds θ to it
+    error, explained  tracking error and its part explained by theta, m, shape (n,)
+    counted           mask of the samples in motion
     """
 
     theta: Mapping[str, float]
@@ -49,7 +50,7 @@ class PrefilterFit(Result):
 
     @property
     def prefilter(self) -> TrajectoryPrefilter:
-        """The prefilter for the next run: that of this run plus θ."""
+        """The prefilter for the next run: that of this run with θ added to its parameters."""
         parts = {name: getattr(self.present, name) for name in _NAMES}
         for name, value in self.theta.items():
             parts[_NAMES[REGRESSORS.index(name)]] += value
@@ -57,7 +58,7 @@ class PrefilterFit(Result):
 
     @property
     def exact(self) -> TrajectoryPrefilter:
-        """The prefilter for a θ that is not small: (1 + present) / (1 - θ(s)) as a series, truncated after the snap."""
+        """The prefilter for a large θ: the series expansion of (1 + present) / (1 - θ(s)), truncated after the snap."""
         t1, t2, t3, t4 = (self.theta.get(name, 0.0) for name in REGRESSORS)
         inverse = (
             t1,
@@ -72,10 +73,10 @@ class PrefilterFit(Result):
 
     @property
     def predicted(self) -> np.ndarray:
-        """The predicted error of the next run, m: the remainder, and θ(s)² x up to the snap.
+        """The predicted error of the next run, m: the remainder plus θ(s)² x, truncated after the snap.
 
-        The loop is assumed to follow θ(s) x immediately.  In fact it smooths the steps of θ4 times snap, so the error
-        is smaller.
+        The loop is assumed to follow θ(s) x immediately.  In reality it smooths the steps of θ4 times the snap, so the
+        error is smaller.
         """
         # the snap's own square is of eighth order and left out, like all above the snap
         t1, t2, t3, _ = (self.theta.get(name, 0.0) for name in REGRESSORS)
@@ -96,7 +97,7 @@ class PrefilterFit(Result):
         return correlations
 
     def table(self) -> Table:
-        """Return one row per regressor; the last columns are correlations with the error, and with its remainder."""
+        """Return a table with one row per regressor; the last columns are its correlations with error and remainder."""
         before, after = self.correlation(self.error), self.correlation(self.error - self.explained)
         rows = []
         for i, name in enumerate(REGRESSORS):
@@ -130,17 +131,17 @@ def fit_prefilter(
     regressors: Sequence[str] = REGRESSORS,
     present: TrajectoryPrefilter | None = None,
 ) -> PrefilterFit:
-    """Fit a prefilter to one run of a loop along a reference; repeat while the error still falls.
+    """Fit a prefilter to one run of a loop along a reference; repeat run and fit as long as the error decreases.
 
         least ‖e - [v a j s] θ‖ over the samples in motion,  e = set position - reading,  v .. s exact, not filtered
 
     regressors  derivatives that may be used
-    present     prefilter of the run; θ is added to it
-    Columns are scaled to their maximum; standard errors allow for autocorrelated remainders (Newey & West 1987).
+    present     prefilter that was active in the run; θ is added to it
+    Columns are divided by their maximum; standard errors allow for autocorrelated remainders (Newey & West 1987).
 
-    Raises ParameterError for unknown regressors, and LogError for a run that reached its force limit, moves for too
+    Raises ParameterError for unknown regressors, and LogError if the run reached its force limit, is in motion for too
     short a time, or does not excite the requested regressors.
-    Not suitable for friction that is not fed forward, whose error is not a combination of the derivatives.
+    Not suitable if friction is not fed forward, because its error is not a linear combination of the derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter, identified from one run).
     """
     if "requested" in run.signals and "force" in run.signals:
@@ -162,15 +163,15 @@ def fit_prefilter_to_log(
     control: Loop | None = None,
     name: str = "the log",
 ) -> PrefilterFit:
-    """Fit a prefilter to a measured log: positions in m of the command, before any prefilter, and of the table.
+    """Fit a prefilter to a measured log: set positions (before any prefilter) and table positions, in m.
 
-    reference  the motion in closed form, for exact derivatives; it is aligned with the set positions.  Without it the
-               derivatives are central differences of the set positions as they were sampled
-    force      N, to detect whether the limit of `control` was reached
-    control    the loop of the machine: the log must have its sample time
+    reference  the motion in closed form, for exact derivatives; it is aligned with the set positions.  Without it, the
+               derivatives are central differences of the sampled set positions
+    force      N, to detect whether the force limit of `control` was reached
+    control    the loop of the machine, whose sample time the log must have
 
-    Raises LogError also for a clock that is not the controller's, for a reference that does not match the log, and for
-    set positions that are rounded too coarsely for a derivative.
+    Raises LogError as `fit_prefilter` does, and also if the sample time is not the controller's, the reference does not
+    match the log, or the set positions are rounded too coarsely to be differentiated.
     """
     time, set_position, position = (np.asarray(signal, dtype=float) for signal in (time, set_position, position))
     if control is not None:
@@ -189,7 +190,7 @@ def fit_prefilter_to_log(
 def tune_prefilter(
     loop: Loop, reference: Reference, *, runs: int = 2, regressors: Sequence[str] = REGRESSORS, seed: int = 0
 ) -> tuple[PrefilterFit, ...]:
-    """Fit repeatedly, each time to a simulated run with the prefilter of the previous fit; return all fits."""
+    """Simulate `runs` runs, each with the prefilter fitted to the previous one; return all fits."""
     present = loop.control.prefilter
     if present is not None and not isinstance(present, TrajectoryPrefilter):
         raise ParameterError(f"control.prefilter is a {present.kind}: remove it, or tune a trajectory_prefilter")
@@ -233,7 +234,7 @@ def _check_clock(name: str, actual: float, wanted: float) -> None:
 
 
 def _check_follows(name: str, set_position: np.ndarray, position: np.ndarray) -> None:
-    """Raise LogError if the error reaches half the travel, a sign of a dead encoder or a wrong unit."""
+    """Raise LogError if the error reaches half the travel, which indicates a dead encoder or a wrong unit."""
     travel, off = float(np.ptp(set_position)), float(np.max(np.abs(set_position - position), initial=0.0))
     if travel > 0.0 and not off < 0.5 * travel:
         raise LogError(
@@ -324,7 +325,7 @@ def _fit(
 
 
 def _condition(rows: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the condition number of columns scaled to equal RMS, and the least excited combination of columns."""
+    """Return the condition number after scaling columns to equal RMS, and the least excited combination of columns."""
     _, sizes, directions = np.linalg.svd(rows / np.sqrt(np.mean(rows**2, axis=0)), full_matrices=False)
     return float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else float("inf"), directions[-1]
 

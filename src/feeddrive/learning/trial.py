@@ -26,10 +26,11 @@ _WEIGHTS = {
 
 
 def differenced(name: str, position: np.ndarray, sample_time: float, needed: Sequence[str]) -> Setpoint:
-    """Return the setpoint from sampled positions in m; derivatives not needed are 0, as are two samples at each end.
+    """Return the setpoint from sampled positions in m; derivatives that are not needed are 0.
 
-    All are central differences about the same sample, so they are consistent, and nothing is filtered.
-    Raises LogError for fewer than six rows, and for positions whose rounding would be a large part of a derivative.
+    All derivatives are unfiltered central differences about the same sample, so they are consistent; they are 0 at the
+    two samples at each end.
+    Raises LogError for fewer than six rows, and if rounding errors would be a large part of a derivative.
     """
     if position.size < 6:
         raise LogError(f"{name}: {position.size} rows are too few for a fourth difference: at least 6 are needed")
@@ -50,8 +51,8 @@ def differenced(name: str, position: np.ndarray, sample_time: float, needed: Seq
 def _rounding(position: np.ndarray) -> float:
     """Return the RMS of the rounding error of positions, m, from fifth differences while the axis accelerates.
 
-    Without rounding they are 0 except for a few samples in a motion of constant-snap segments, which the median
-    ignores; at constant velocity the rounding error is periodic and does not show.
+    In a motion with segments of constant snap, the fifth differences of exact positions are 0 except at a few samples,
+    which the median ignores.  At constant velocity, the rounding error is periodic and not detected.
     """
     second, fifth = np.abs(np.diff(position, 2)), np.abs(np.diff(position, 5))
     accelerates = second[1:-2] > 1e-2 * np.max(second, initial=0.0)
@@ -86,8 +87,8 @@ _ENDS = 3  # rows that a third difference needs on each side
 class Trial(Result):
     """The data of one repetition: setpoint and following error (m), of shape (n,), at a sample time in s.
 
-    `saturated` is true in samples in which the force was limited; None if that is unknown.  `remarks` describe the
-    processing of the reference.
+    `saturated` is True at samples at which the force was limited; None if unknown.  `remarks` describe how the
+    reference was processed.
     """
 
     name: str
@@ -109,7 +110,7 @@ class Trial(Result):
 
     @property
     def starts_moving(self) -> bool:
-        """True if the first sample is too fast to be reached from rest in two samples at the largest acceleration."""
+        """True if the first velocity cannot be reached from rest in two samples at the largest acceleration."""
         first = abs(float(np.asarray(self.setpoint.velocity)[0]))
         return first > 2.0 * self.sample_time * float(np.max(np.abs(self.setpoint.acceleration)))
 
@@ -136,9 +137,9 @@ class Trial(Result):
 
 
 def simulated_trial(run: Run, reference: Reference) -> Trial:
-    """Return the trial of a simulated run along a reference, with its exact derivatives.
+    """Return the trial of a simulated run along a reference, with the exact derivatives of the reference.
 
-    Raises LogError for a run whose guard tripped: its axis did not follow.
+    Raises LogError if the guard tripped during the run, since the axis then did not follow the reference.
     """
     if "trip" in run.signals and np.any(run["trip"] > 0.0):
         k = int(np.argmax(run["trip"] > 0.0))
@@ -168,12 +169,12 @@ def measured_trial(
 ) -> Trial:
     """Return the trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
 
-    sample_time  s, of the log; it must be that of the loop within 0.1 %
-    smoothing    samples on each side over which the set position is averaged, twice; 0: none; default: as few as keep
-                 the rounding of the logged reference below 2 % of its acceleration
+    sample_time  sample time of the log in s, which must be that of the loop within 0.1 %
+    smoothing    number of samples on each side of two moving averages of the set position; 0: none; default: the
+                 smallest number for which rounding of the logged reference is below 2 % of its acceleration
 
-    The log holds no derivatives.  They are differences of the commanded samples about the middle of the sample over
-    which the force acts, where the feedforward needs them:
+    The log contains no derivatives.  They are computed as differences of the set positions, centered at the middle of
+    the sample interval over which the force acts, where the feedforward needs them:
 
         v(k+½) = (x(k+1) - x(k)) / T,   a(k+½) = (x(k+2) - x(k+1) - x(k) + x(k-1)) / 2T²
         j(k+½) = (x(k+2) - 3 x(k+1) + 3 x(k) - x(k-1)) / T³
@@ -181,9 +182,9 @@ def measured_trial(
 
     and the setpoint at kT is their Taylor extrapolation by minus half a sample, so that extrapolation by half a sample
     restores them.
-    A sample counts as saturated where |force| reaches the force limit of the controller.
-    Raises LogError for a different sample time (with the difference and the tolerance), rows that do not match, and a
-    log that is too short.
+    A sample counts as saturated if |force| reaches the force limit of the controller.
+    Raises LogError for a different sample time (with the difference and the tolerance), for arrays of different length,
+    and for a log that is too short.
     """
     T = float(loop.sample_time)
     check_clock(name, sample_time, T)
@@ -214,7 +215,7 @@ def measured_trial(
 
 
 def check_clock(name: str, sample_time: float, T: float) -> None:
-    """Raise LogError if a sample time in s is not that of the controller."""
+    """Raise LogError if a sample time in s differs from that of the controller, T."""
     off = abs(sample_time - T)
     if off <= CLOCK * T:
         return
@@ -235,7 +236,7 @@ def _checked(smoothing: int, rows: int) -> int:
 
 
 def _padded(x: np.ndarray, rows: int) -> np.ndarray:
-    """Return the record, extended by `rows` on each side by point reflection at its ends."""
+    """Return an array extended by `rows` entries on each side, by point reflection about its ends."""
     return np.pad(x, rows, mode="reflect", reflect_type="odd")
 
 
@@ -250,7 +251,7 @@ def _smoothed(x: np.ndarray, width: int) -> np.ndarray:
 
 
 def _differenced(x: np.ndarray, T: float) -> Setpoint:
-    """Return the setpoint at kT whose Taylor series half a sample later holds the differences about the middle."""
+    """Return the setpoint at kT whose Taylor series half a sample later equals the central differences there."""
     n, wide = x.size, _padded(x, _ENDS)
 
     def at(k: int) -> np.ndarray:
@@ -267,7 +268,7 @@ def _differenced(x: np.ndarray, T: float) -> Setpoint:
 
 
 def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
-    """Return the number of smoothing samples for a reference that was rounded to decimals in the log, and a remark."""
+    """Return the smoothing width (samples on each side) for a log rounded to decimals, and a remark on it."""
     step = _rounded_to(x) if np.ptp(x) > 0.0 else 0.0
     if step == 0.0:
         return 0, ()
@@ -291,7 +292,7 @@ def _width(x: np.ndarray, T: float) -> tuple[int, tuple[str, ...]]:
 
 
 def _acceleration(x: np.ndarray, width: int, T: float) -> np.ndarray:
-    """Return the acceleration of the smoothed positions in the middle of the samples."""
+    """Return the acceleration of the smoothed positions in the middle of the sample intervals."""
     return np.asarray(_differenced(_smoothed(x, width), T).shifted(0.5 * T).acceleration)
 
 

@@ -70,12 +70,12 @@ class Trials(Result):
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors over the trials by name, SI; NaN for a parameter that was not learned before."""
+        """Return the standard errors over the trials by name, SI; NaN if the trial before did not learn it."""
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
     def table(self) -> Table:
-        """Return a table of error, prediction and parameters, with one column per trial."""
+        """Return a table of the error, its prediction and the parameters, with one column per trial."""
         declared = self.iterations[0].before
         curves: list[tuple[str, str, str, Sequence[float | None]]] = [
             ("RMS", "m", "", [trial.rms for trial in self.trials]),
@@ -119,7 +119,7 @@ def iterate_trials(
 ) -> Trials:
     """Simulate trials, each with the parameters learned from the previous one by `next_iteration`.
 
-    references  one motion, or several that take turns from trial to trial
+    references  one motion, or several that are used in turn from trial to trial
     trials      number of trials, >= 2
     believed    the loop with the gains that the tuner assumes, if they differ from the real ones
     load        force on the table, or a function that returns it for the index of a trial, from 0 on
@@ -173,8 +173,8 @@ class SignalTrials(Result):
     """A sequence of trials, each with the force learned from the previous one.
 
     forces  learned force of each trial in N; the first is 0
-    rate    largest |Q (1 - gain L G_d)| above 1 Hz; the learned force converges if it is < 1.  Towards 0 Hz integral
-            action leaves no error to learn from
+    rate    largest |Q (1 - gain L G_d)| above 1 Hz; the learned force converges if it is < 1.  Lower frequencies are
+            omitted, because integral action leaves no error there
     """
 
     trials: tuple[Trial, ...]
@@ -211,19 +211,19 @@ def learn_signal(
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
 ) -> SignalTrials:
-    """Simulate trials in which a force over time is learned, in addition to the feedforward of the loop.
+    """Simulate trials that learn a force as a function of time, which is added to the feedforward of the loop.
 
         f_next = Q (f + gain L e),   L = Ĝ_d* / (|Ĝ_d|² + ε²),   Q = 1 / (1 + (frequency/bandwidth)⁴)
 
     Q has zero phase, since it filters the whole record offline; Ĝ_d is that of `error_model`.  Learning converges if
-    |Q (1 - gain L G_d)| < 1 at all frequencies: the bandwidth must end where Ĝ_d is no longer known.
+    |Q (1 - gain L G_d)| < 1 at all frequencies: the bandwidth must not exceed the range in which Ĝ_d is accurate.
 
-    bandwidth  Hz, of the robustness filter Q
+    bandwidth  bandwidth of the robustness filter Q, Hz
     gain       share of the correction that is applied, > 0 and <= 1
     references, trials, load, seed, form, plant: as in `iterate_trials`
 
-    When to use: if reference and disturbance, of any shape, repeat at the same times.  Do not use it if the reference
-    changes, since the force belongs to the old one, or if nothing repeats, since it then learns noise.
+    When to use: if reference and disturbance repeat exactly in time, whatever their shape.  Do not use it if the
+    reference changes, since the learned force fits only the old one, or if nothing repeats, since it then learns noise.
     Raises ParameterError for values out of bounds, and the errors of `error_model`.
     Source: Arimoto, Kawamura & Miyazaki 1984; the filters as in Bristow, Tharayil & Alleyne 2006.
     """
@@ -254,7 +254,7 @@ def learn_signal(
 
 
 def _played(loop: Loop, force: np.ndarray) -> Loop:
-    """Return the loop with the learned force as a compensation; a final 0 is appended to the force."""
+    """Return the loop with the learned force, followed by a final 0, as a compensation."""
     others = tuple(block for block in loop.control.compensation if not isinstance(block, LearnedForce))
     # the block holds its last row: without the 0 the last force would act on after the motion
     block = LearnedForce(force=np.append(force, 0.0))
@@ -266,7 +266,7 @@ def _lines(model: StateSpace | Lifted, size: int) -> np.ndarray:
 
 
 def _response(model: StateSpace | Lifted, frequency: np.ndarray) -> np.ndarray:
-    """Return the response including 0 Hz, which an FRF omits; for a multirate model at the excited frequency."""
+    """Return the frequency response, including 0 Hz; for a multirate model, the component at the excited frequency."""
     if isinstance(model, Lifted):
         A, B, C, D = model.stacked(model.inputs, model.outputs)
         held = np.ones(B.shape[1])
@@ -311,10 +311,10 @@ class MachineTrials(Result):
     """Runs of the same motion, each with the parameters learned from the previous one.
 
     error    RMS of the following error of each run, m, by axis
-    contour  largest and RMS of the contour error of each run, m; empty if fewer than two axes move along lines
-    learned  block of the last run by axis: a disturbance compensator or a trajectory prefilter
+    contour  maximum and RMS of the contour error of each run, m; empty unless two or three linear axes move
+    learned  learned block in the last run, by axis: a disturbance compensator or a trajectory prefilter
     machine  machine of the last run
-    remarks  axes that learned nothing, and why
+    remarks  one remark per axis that learned nothing from a run, with the reason
     """
 
     error: Mapping[str, np.ndarray]
@@ -351,8 +351,8 @@ def iterate_machine(
 ) -> MachineTrials:
     """Learn the feedforward parameters of all moving axes from run to run (see `next_iteration` for the update law).
 
-    Each axis learns from its own error; its coupling with other axes acts as a repeating disturbance.  An axis whose
-    run carries no information keeps its parameters, with a remark.
+    Each axis learns from its own error; its coupling with other axes acts as a repeating disturbance.  If a run
+    contains no information on an axis, the axis keeps its parameters, and a remark states why.
     Raises ParameterError for fewer than two runs, and the errors of `simulate`.
     """
 
@@ -380,7 +380,8 @@ def tune_prefilters(
 ) -> MachineTrials:
     """Tune the trajectory prefilters of all moving axes from run to run (see `fit_prefilter` for the fit).
 
-    Raises ParameterError for fewer than two runs and for a prefilter of another kind, and the errors of `simulate`.
+    Raises ParameterError for fewer than two runs or if an axis has another kind of prefilter, and the errors of
+    `simulate`.
     """
 
     def present(loop: Loop) -> TrajectoryPrefilter | None:
@@ -412,7 +413,7 @@ def _repeated(
     seed: int,
     progress: Progress | None,
 ) -> MachineTrials:
-    """Simulate repeated runs, each with the parameters that the axes learned from the previous run."""
+    """Simulate runs of the same motion, each with the parameters that the axes learned from the previous run."""
     if runs < 2:
         raise ParameterError(f"runs = {runs} must be >= 2: the first shows the error, the second what was learned")
     moving = [name for name, reference in references.items() if _moves(reference, float(machine.sample_time))]

@@ -1,4 +1,4 @@
-"""The answers of a study, computed in one pass over its rows, with the memory of one chunk and a sample.
+"""The answers of a study, computed in one pass over its rows; only one chunk and a sample of rows are held in memory.
 
     answers = answers_of(store, study)
     print(*answers.sentences)
@@ -47,13 +47,13 @@ def value_cell(figure: Figure, value: float) -> Quantity | str:
 
 
 def name_of(figure: Figure) -> str:
-    """Return the name of a figure without its trailing unit: following error RMS."""
+    """Return the name of a figure in words and without its unit, such as `following error RMS`."""
     end = in_key(figure.unit)
     return (figure.key.removesuffix(f"_{end}") if end else figure.key).replace("_", " ").replace(" rms", " RMS")
 
 
 def short(names: Sequence[str]) -> dict[str, str]:
-    """Return the shortest unique ends of dotted names: mass_load for axis.x.plant.mass_load."""
+    """Return dotted names shortened to their shortest unique endings: mass_load for axis.x.plant.mass_load."""
     shortest: dict[str, str] = {}
     for name in names:
         parts = name.split(".")
@@ -66,7 +66,7 @@ def short(names: Sequence[str]) -> dict[str, str]:
 
 
 def bound_text(bound: Bound) -> str:
-    """Return a bound as `following error peak ≤ 30 µm`."""
+    """Return a bound as text: `following error peak ≤ 30 µm`."""
     least, most = (
         None if end is None else Quantity(end, bound.figure.unit, form="6") for end in (bound.least, bound.most)
     )
@@ -77,7 +77,7 @@ def bound_text(bound: Bound) -> str:
 
 
 def interval_text(share: statistics.Share) -> str:
-    """Return a share as `93.5 % (89.1 to 96.5 %)`."""
+    """Return a share with its confidence interval as text: `93.5 % (89.1 to 96.5 %)`."""
     interval = share.interval
     if interval is None:
         return Text(f"{_percent(share.value)}")
@@ -85,7 +85,7 @@ def interval_text(share: statistics.Share) -> str:
 
 
 def _percent(share: float, *, bare: bool = False) -> Quantity:
-    """Return a share with enough digits to distinguish it from 0 and 100 %."""
+    """Return a share as a percentage with enough digits to distinguish it from 0 and 100 %."""
     value = 100.0 * share
     far = min(value, 100.0 - value)
     digits = 1 if far >= 1.0 or far <= 0.0 else 2 if far >= 0.1 else 4
@@ -98,8 +98,8 @@ def sentences(
     sobol: Sequence[statistics.SobolIndices],
     correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
-    """Return sentences on the yield, the bound violated most often, and the factors that determine the figure of this
-    bound.
+    """Return sentences on the yield, the bound that is violated most often, and the factors that have the largest
+    influence on the figure of this bound.
     """
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
@@ -138,7 +138,7 @@ def _fails(hardest: statistics.BoundYield, inside: statistics.Share) -> str:
 
 
 def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Mapping[str, str]) -> list[str]:
-    """Return sentences on the shares of factors in the variance of a figure, or an empty list without Sobol indices."""
+    """Return sentences on how much of a figure's variance each factor explains; none without Sobol indices."""
     indices = next((row for row in sobol if row.output == figure.key), None)
     if indices is None:
         return []
@@ -159,7 +159,7 @@ def _decides(figure: Figure, sobol: Sequence[statistics.SobolIndices], names: Ma
 
 
 def share_text(value: float, interval: np.ndarray) -> str:
-    """Return a share of a variance as `63 % (40 to 88 %)`."""
+    """Return a share of a variance with its interval as text: `63 % (40 to 88 %)`."""
     middle, low, high = (Quantity(part, "share", form=".0f") for part in (value, *interval))
     return Text(f"{middle} ({replace(low, bare=True)} to {high})")
 
@@ -176,7 +176,7 @@ def _between(rank: statistics.RankCorrelation) -> str:
 def _goes_with(
     figure: Figure, correlations: Sequence[statistics.RankCorrelation], names: Mapping[str, str]
 ) -> list[str]:
-    """Return sentences on the columns that correlate most with a figure by rank, for a study without Sobol indices."""
+    """Return sentences on the columns that have the largest rank correlation with a figure; none if all are small."""
     # The square is a share of the rank variance, so the threshold of the Sobol indices applies.
     own = [rank for rank in correlations if rank.output == figure.key and rank.value**2 >= _INFLUENCE][:_NAMED]
     if not own:
@@ -200,7 +200,7 @@ _LETTERS = 30  # longest shown name of a factor
 
 
 def labelled(figure: Figure) -> str:
-    """Return a figure with its unit as an axis label."""
+    """Return the axis label of a figure, with its unit."""
     return f"{name_of(figure)} ({unit_name(figure.unit)})" if figure.unit else name_of(figure)
 
 
@@ -236,7 +236,7 @@ def yields_chart(yields: statistics.Yield) -> Chart:
 def histograms_chart(sample: statistics.Judged, banded: bool = False) -> Chart:
     """Return a histogram of each figure over the machines, with its bound.
 
-    banded  True to omit dynamic stiffness figures without a bound, which are shown in a band chart instead
+    banded  True to omit figures of the dynamic stiffness that have no bound; a band chart shows them instead
     """
     figures = _figures(sample.study, banded)[:_PANELS]
     bounds = {bound.figure: bound for bound in sample.study.specification}
@@ -275,8 +275,8 @@ def _histogram(figure: Figure, values: np.ndarray, bound: Bound | None) -> Panel
 def decides_chart(
     study: Study, indices: Sequence[statistics.SobolIndices], correlations: Sequence[statistics.RankCorrelation]
 ) -> Chart:
-    """Return a bar chart of the Sobol indices, or rank correlations, of each figure that has a bound, with confidence
-    intervals.
+    """Return a bar chart of the Sobol indices, or else the rank correlations, of each figure that has a bound, with
+    confidence intervals.
     """
     outputs = _outputs(study)
     sobol = {row.output: row for row in indices if row.output in outputs}
@@ -298,7 +298,7 @@ def decides_chart(
 
 
 def _outputs(study: Study) -> list[str]:
-    """Return the outputs to show: figures with a bound, and `INSIDE`; without bounds, the first figures."""
+    """Return the outputs to show: figures with a bound and `INSIDE`, or, without bounds, the first few figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, statistics.INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
@@ -400,11 +400,11 @@ class Answers(Result):
 
     sample        rows of randomly drawn machines, for distributions
     worst         the worst variants by figure
-    bad           numbers of the first variants without figures, and the reasons
+    bad           numbers of the first variants without figures, with the reasons
     sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
-    correlations  rank correlations of the outputs with the varied numbers
+    correlations  rank correlations between the outputs and the varied numbers
     stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured
-    error         quantile band of the following error over time, from machines that were simulated again
+    error         quantile band of the following error over time, from some machines that are simulated again
     """
 
     study: Study
@@ -457,7 +457,7 @@ def _chart(answers: Answers) -> Chart:
 def answers_of(rows: Store | pyarrow.Table, study: Study, progress: Progress | None = None) -> Answers:
     """Return the answers for the rows of a complete sweep, in a store or as a table.
 
-    Simulates up to 128 machines again for the band of their following error over time.
+    Up to 128 machines are simulated again to compute the quantile band of the following error over time.
 
     Raises ParameterError for rows of another study, and FileError for a store that cannot be read.
     """

@@ -1,10 +1,11 @@
 """Compute one chunk of a study and store it: variants simulated in batches, and rows in a Parquet file protected by a
 digest.
 
-A row depends only on the study and the number of its variant: not on the chunk, the neighboring variants, lanes,
-threads or the process that computes it.  Variants that need a different graph (another law, another number of samples
-of dead time) form their own batches.  A variant that cannot be built, is unstable or diverges becomes a row with the
-reason and without figures; stability is checked only if a figure comes from the linear model.
+A row depends only on the study and the number of its variant.  It does not depend on the chunk, the neighboring
+variants, the lanes, the threads or the process that computes it.  Variants that need a different graph (another law,
+another number of samples of dead time) form their own batches.  For a variant that cannot be built, is unstable or
+diverges, the row contains the reason instead of figures; stability is checked only if a figure comes from the linear
+model.
 
 A SHA-256 of the whole file is stored in the footer of the Parquet file, as 64 hex digits in the key-value pair
 `feeddrive.sha256`, where every Parquet reader can see it.  It is computed over the file with 64 zeros in its place, so
@@ -105,9 +106,9 @@ VARIANT, REASON = "variant", "reason"  # columns of every table of rows
 
 
 def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
-    """Return the rows of one chunk: variant number, varied values, figures in SI, and the reason if there are none.
+    """Return the rows of one chunk: variant number, varied values, and figures in SI or the reason why there are none.
 
-    A cancellation through `progress` takes effect between groups of variants.
+    A cancellation through `progress` takes effect between two groups of variants.
     """
     within = study.range(number)
     drawn = variants(study, within.start, len(within))
@@ -120,7 +121,7 @@ def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress
 
 @dataclass(frozen=True, eq=False)
 class Chunk(Case["pyarrow.Table"]):
-    """A case of a sweep: one chunk of a study, with its rows as the outcome."""
+    """A case of a sweep that computes one chunk of a study; its outcome is the rows."""
 
     kind: ClassVar[str] = "chunk"
     common: ClassVar[tuple[str, ...]] = ("study",)
@@ -131,7 +132,7 @@ class Chunk(Case["pyarrow.Table"]):
 
     @property
     def name(self) -> str:
-        """The number and variants of the chunk."""
+        """The number of the chunk and the range of its variants, as text."""
         variants = self.study.range(self.number)
         return f"chunk {self.number} (variants {variants.start} to {variants.stop - 1})"
 
@@ -153,7 +154,7 @@ class Rows:
         self.reasons: list[str | None] = [None] * count
 
     def refuse(self, place: int, reason: object) -> None:
-        """Mark the variant at an index as failed: keep its first reason, and drop its figures."""
+        """Mark the variant at an index as failed: record the first reason only, and delete its figures."""
         # Some exceptions have no text: their type is the only reason left.
         self.reasons[place] = self.reasons[place] or plain(str(reason)) or type(reason).__name__
         for values in self.figures.values():
@@ -163,7 +164,7 @@ class Rows:
     def refusing(self, place: int) -> Generator[None]:
         """Record an exception as the failure reason of the variant at an index.
 
-        Neither a bad variant nor a user-defined figure that fails may end a sweep of thousands.
+        A sweep of thousands of variants must not end because one variant or a user-defined figure fails.
         """
         try:
             yield
@@ -210,9 +211,9 @@ def varied(group: VariantGroup) -> System:
 
 
 def _alike(group: VariantGroup) -> list[np.ndarray]:
-    """Group variants by the whole samples of their dead time, and by whether a fractional sample remains.
+    """Group variants by the number of whole samples in their dead time and by the presence of a fractional sample.
 
-    Both change the graph, and with it the last bits of the results.
+    Both affect the graph and therefore the last bits of the results.
     """
     groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []
@@ -229,7 +230,7 @@ def _alike(group: VariantGroup) -> list[np.ndarray]:
 
 
 def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
-    """Return the indices of the variants that can be built; find the others by bisection and record their reasons."""
+    """Return the indices of the variants that can be built; find the others by bisection and record the reasons."""
     try:
         if some.size == 1:
             group.one(int(some[0]))
@@ -244,7 +245,7 @@ def _sound(group: VariantGroup, some: np.ndarray, rows: Rows) -> np.ndarray:
 
 
 def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, threads: int, progress: Progress) -> None:
-    """Compute the figures of variants with one graph: from the batch, then from each variant's linear model and run."""
+    """Compute the figures of variants that share one graph: from a batch, from linear models and from single runs."""
     wanted = {need: [figure for figure in study.measure if figure.needs == need] for need in NEEDS}
     if wanted["statistics"]:
         _gather(group, system, wanted["statistics"], rows, threads, progress)
@@ -267,7 +268,7 @@ def _judge(study: Study, group: VariantGroup, system: System, rows: Rows, thread
 def _gather(
     group: VariantGroup, system: System, wanted: Sequence[Figure], rows: Rows, threads: int, progress: Progress
 ) -> None:
-    """Compute the statistics of a batch; bisect a batch that cannot be run to find the variant at fault."""
+    """Compute the statistics of a batch; if it cannot be run, bisect it to find the variants that cause the error."""
     # Several figures may use one signal, which is gathered only once.
     signals = dict.fromkeys(f"{group.port}{signal}" for figure in wanted for signal in figure.signals)
     try:

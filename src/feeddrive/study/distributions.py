@@ -1,15 +1,15 @@
 """Distributions of one number as quantile functions, and the points of the unit cube at which they are evaluated.
 
-A quantile function maps u in (0, 1) to the value below which the share u of the probability lies.  All samplers draw in
-(0, 1), so that a Latin hypercube or a Sobol sequence covers any distribution.  A range `least`..`most` truncates a
-distribution: the probability outside is spread proportionally over the inside, not concentrated at the ends.  Numbers
-are in SI.
+A quantile function maps u in (0, 1) to the value below which a number lies with the probability u.  All samplers draw
+points in (0, 1), so that a Latin hypercube or a Sobol sequence can be used with any distribution.  A range
+`least`..`most` truncates a distribution: the probability outside is spread proportionally over the inside, not
+concentrated at the ends.  Numbers are in SI.
 
-Each sampler is a function of the variant number and a seed only, so that every split of the variants gives the same
-points, in constant memory.  Random numbers come from Philox, whose counter is the number of a block of variants (Salmon
-et al. 2011); Sobol points from scipy.stats.qmc, which can jump to any index.  A Latin hypercube of n variants visits
-the strata of each coordinate in the order of a random-access permutation of 0 .. n - 1 (`permuted`), at a random
-position within the stratum.
+Each sampler is a function of the variant number and a seed only, so that the points do not depend on how the variants
+are split into chunks, and memory is constant.  Random numbers come from Philox, whose counter is the number of a block
+of variants (Salmon et al. 2011); Sobol points come from scipy.stats.qmc, which can jump to any index.  A Latin
+hypercube of n variants visits the strata of each coordinate in the order of a random-access permutation of 0 .. n - 1
+(`permuted`), at a random position within the stratum.
 """
 
 import math
@@ -64,7 +64,7 @@ def sobol(seed: tuple[int, ...], first: int, count: int, dimensions: int) -> np.
 
 
 def latin_hypercube(seed: tuple[int, ...], first: int, count: int, dimensions: int, total: int) -> np.ndarray:
-    """Return points of a Latin hypercube of `total` points: one in each stratum of each coordinate."""
+    """Return `count` points of a Latin hypercube of `total` points: each coordinate has one point in each stratum."""
     # Different suffixes of the seed make the position within a stratum independent of the permutation.
     inside = uniform((*seed, 1), first, count, dimensions)
     number = np.arange(first, first + count, dtype=np.uint64)
@@ -108,7 +108,7 @@ def _mixed(x: np.ndarray) -> np.ndarray:
 
 
 def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, ...], total: int) -> np.ndarray:
-    """Return the points of a Sobol sensitivity analysis, shape (count, dimensions): `total` rows A, B, AB_1 .. AB_k.
+    """Return points of a Sobol sensitivity analysis, shape (count, dimensions): A, B, AB_1 .. AB_k, `total` rows each.
 
     A and B are the halves of one Sobol sequence; AB_j is A with the groups[j] coordinates of factor j
     replaced by those of B.  Source: Saltelli et al. 2010, as in scipy.stats.sobol_indices.
@@ -149,7 +149,7 @@ class Distribution(Protocol):
         ...
 
     def range(self) -> tuple[float, float]:
-        """Return the least and the largest possible value, infinite for an open end."""
+        """Return the least and the largest possible value; infinite if there is no limit."""
         ...
 
 
@@ -168,7 +168,7 @@ class Uniform:
         return self.least + u * (self.most - self.least)
 
     def range(self) -> tuple[float, float]:
-        """Return both ends."""
+        """Return both ends of the range."""
         return self.least, self.most
 
 
@@ -188,7 +188,7 @@ class LogUniform:
         return self.least * np.exp(u * math.log(self.most / self.least))
 
     def range(self) -> tuple[float, float]:
-        """Return both ends."""
+        """Return both ends of the range."""
         return self.least, self.most
 
 
@@ -213,13 +213,13 @@ class Normal:
         return np.clip(self.mean + self.deviation * z, self.least, self.most)
 
     def range(self) -> tuple[float, float]:
-        """Return both ends."""
+        """Return both ends of the range."""
         return self.least, self.most
 
 
 @dataclass(frozen=True)
 class LogNormal:
-    """The log-normal distribution, ln(median) ± ln(ratio): 68 % lie within a factor of `ratio` of the median."""
+    """The log-normal distribution: before truncation, ln x has the mean ln(median) and the deviation ln(ratio)."""
 
     median: float
     ratio: float
@@ -240,7 +240,7 @@ class LogNormal:
         return np.clip(self.median * np.exp(math.log(self.ratio) * z), self.least, self.most)
 
     def _logarithms(self) -> tuple[float, float]:
-        """Return both ends of the range in standard deviations of the logarithm."""
+        """Return both ends of the range as deviations of ln x from its mean, in standard deviations."""
         low, high = (
             -math.inf if end <= 0.0 else math.log(end / self.median) / math.log(self.ratio)
             for end in (self.least, self.most)
@@ -248,7 +248,7 @@ class LogNormal:
         return low, high
 
     def range(self) -> tuple[float, float]:
-        """Return both ends."""
+        """Return both ends of the range."""
         return max(self.least, 0.0), self.most
 
 
@@ -276,7 +276,7 @@ class Triangular:
         return np.where(u * width < left, rising, falling)
 
     def range(self) -> tuple[float, float]:
-        """Return both ends."""
+        """Return both ends of the range."""
         return self.least, self.most
 
 
@@ -298,7 +298,7 @@ class Discrete:
             raise ParameterError("weights must be finite numbers >= 0, one of them > 0")
 
     def places(self, u: np.ndarray) -> np.ndarray:
-        """Return the indices of the values at u."""
+        """Return the indices of the values selected by u in (0, 1)."""
         weights = np.array(self.weights or (1.0,) * len(self.values))
         edges = np.cumsum(weights / weights.sum())
         # The rounded sum may stay below 1, and a u above it would select no value.
@@ -306,7 +306,7 @@ class Discrete:
         return np.minimum(np.searchsorted(edges, u, side="right"), len(self.values) - 1)
 
     def at(self, u: np.ndarray) -> np.ndarray:
-        """Return the values at u: an array of numbers, or of objects for strings and integers."""
+        """Return the values selected by u: an array of floats, or of objects if the values are strings or integers."""
         kind = np.float64 if all(isinstance(value, float) for value in self.values) else object
         # `np.array(values)` would convert mixed numbers and texts to texts.
         row = np.empty(len(self.values), dtype=kind)
@@ -323,7 +323,7 @@ class Discrete:
 def truncated(u: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return quantiles of the normal distribution N(0, 1) truncated to low..high; either end may be infinite.
 
-    Above 0 the complementary probabilities are used, which avoids cancellation: relative error below 1e-12.
+    Above 0, the complementary probabilities are used to avoid cancellation; the relative error is below 1e-12.
     """
     # Deferred: commands that only read a study do not need it.
     from scipy.special import ndtr, ndtri
@@ -350,7 +350,7 @@ def _positive(kind: str, name: str, value: float) -> None:
 
 
 def _within_reach(kind: str, least: float, most: float, middle: float, deviation: float) -> None:
-    """Raise ParameterError for a range in which a normal distribution has practically no probability."""
+    """Raise ParameterError if a normal distribution has practically no probability within a range."""
     if (least - middle) / deviation > _FARTHEST or (middle - most) / deviation > _FARTHEST:
         raise ParameterError(
             f"the range of a {kind} distribution lies more than {number(_FARTHEST)} deviations from its middle: it "

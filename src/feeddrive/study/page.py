@@ -1,4 +1,4 @@
-"""The report of a study: a page with the pictures of its answers, and job files that replay the worst machines.
+"""The report of a study: a page with charts of its answers, and job files that replay the worst machines.
 
 report.html                        for people
 summary.json                       every answer in SI
@@ -46,10 +46,10 @@ from feeddrive.study.variants import VariantGroup, variant_groups, variants
 
 
 def replay_files(study: Study, variant: int) -> dict[str, str]:
-    """Return the contents of the replay files by file name, the job first: `variant_00000012.toml`,
+    """Return the contents of the replay files by file name: first the job, `variant_00000012.toml`, then the machine,
     `variant_00000012_machine.toml`.
 
-    The controller of the variant's law becomes the one of the machine, so that the job has a single row, `today`.
+    The controller of the variant becomes that of the machine file, so that the job has a single row, `today`.
     Numbers are written with full precision; the cutting process of a part program becomes a coupling of the machine.
 
     Raises ParameterError or StructureError for a variant that cannot be built.
@@ -107,7 +107,7 @@ def _program(job: Job) -> str:
 
 
 def _written(value: Any) -> str:
-    """Return a value as TOML: a string, a boolean, a number, or an inline table of them."""
+    """Return a value in TOML syntax: a string, a boolean, a number, or an inline table of such values."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{quoted(key)} = {_written(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, bool):
@@ -142,7 +142,7 @@ def write_report(answers: Answers, out: str | Path) -> Path | str:
 
 
 def report_files(answers: Answers) -> Iterator[tuple[str, str]]:
-    """Yield the name and text of each file of the report; a variant that cannot be built has no file."""
+    """Yield the name and text of each file of the report; there is no job file for a variant that cannot be built."""
     yield "report.html", html(study_report(answers))
     yield "summary.json", summary_text(summary(answers), rotary=answers.rotary, quoted=answers.quoted)
     chosen = [worst.cases[0].variant for worst in answers.worst] + [variant for variant, _ in answers.bad[:_REPLAYED]]
@@ -366,7 +366,7 @@ def _facts(answers: Answers) -> list[tuple[str, str]]:
 
 
 def summary(answers: Answers) -> dict[str, Any]:
-    """Return all answers as plain numbers in SI; missing ones are null."""
+    """Return all answers as plain numbers in SI; missing numbers are None."""
     study = answers.study
     return {
         "title": study.title,
@@ -454,7 +454,7 @@ def _ranked(answers: Answers) -> dict[str, dict[str, Any]]:
 
 
 def _plain(value: float) -> float | str | None:
-    """Return the number, None for NaN, or the string "infinite" for an infinite number."""
+    """Return a number for JSON: itself if finite, None for NaN, "infinite" if infinite."""
     # JSON has neither NaN nor infinity.
     if np.isnan(value):
         return None

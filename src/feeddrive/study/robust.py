@@ -1,19 +1,21 @@
 """Robust tuning: one controller for all machines of a study, or for a share of them, verified on newly drawn machines.
 
-    minimize  max over machines of the goal   subject to   all limits on every machine
+    minimize  (max over machines of the goal)   subject to   all limits on every machine
 
 Over hundreds of sampled machines this is a problem with ten thousand constraints, of which about ten are active.  The
-tuner therefore works on a few machines.  After each tuning all others are evaluated under the new controller, and the
-worst of them are added, until none is worse than those in the set: then the controller is optimal for the whole sample,
-as far as the independent searches at the end agree.  Derivatives are those of the traced law.
+tuner therefore works on a small active set of machines.  After each tuning, all others are evaluated under the new
+controller, and the worst of them are added to the set, until none is worse than those in the set.  The controller is
+then optimal for the whole sample, provided that the independent searches at the end find nothing better.  Derivatives
+are those of the traced law.
 
-For a share q < 1, the worst (1 - q) n machines under the present controller are excluded.  Which ones these are depends
-on the controller, so that this is a descent to a local optimum, and the best controller of all rounds is taken.
+For a share q < 1, the worst (1 - q) n of the n sampled machines under the present controller are excluded.  Since the
+excluded machines depend on the controller, the search finds only a local optimum; it returns the best controller of all
+rounds.
 
-The result for all other machines is measured, not assumed: on newly drawn machines, from another random stream of the
-study's seed and never used by the tuner.  They are drawn independently (Monte Carlo), whatever the study's sampler is,
-so that the number of good machines is binomial and the confidence interval of the yield is valid.  Both controllers are
-measured on the same machines.
+The result for all other machines is measured, not assumed: on newly drawn machines, which come from another random
+stream of the study's seed and are never used by the tuner.  They are drawn independently (Monte Carlo), whatever the
+study's sampler is, so that the number of good machines has a binomial distribution and the confidence interval of the
+yield is valid.  Both controllers are measured on the same machines.
 """
 
 from __future__ import annotations
@@ -58,9 +60,9 @@ class Scenarios:
     """The machines of a study on which a controller is evaluated.
 
     points    operating points with all frequency lines, for the tuner
-    sparse    the same with fewer lines, for a quick evaluation
+    sparse    the same operating points with fewer frequency lines, for quick evaluation
     velocity  velocity of linearization, m/s
-    bad       numbers of the variants that cannot be built, and the reasons
+    bad       numbers of the variants that cannot be built, with the reasons
     """
 
     points: tuple[OperatingPoint, ...]
@@ -69,7 +71,7 @@ class Scenarios:
     bad: tuple[tuple[int, str], ...]
 
     def merits(self, control: Control, goal: Figure, limits: Limits, band: tuple[float, float]) -> Merits:
-        """Return goal value and worst limit violation of a controller on each machine."""
+        """Return the goal value and the worst limit violation of a controller on each machine."""
         response = ControlResponse(control, self.points[0].sample_time, (), self.velocity)
         # Without free parameters: the controller is evaluated, not tuned.
         none = np.zeros(0)
@@ -100,12 +102,12 @@ class Merits:
 
     @property
     def kept(self) -> np.ndarray:
-        """True for machines on which all bounds are satisfied."""
+        """True for machines that satisfy all limits."""
         return self.broken <= KEPT
 
     @property
     def severity(self) -> np.ndarray:
-        """The merit of each machine, lower is better: a machine that violates a bound ranks behind all that do not."""
+        """The merit of each machine, lower is better; machines that violate a limit rank behind all others."""
         with np.errstate(invalid="ignore"):
             excess = np.maximum(self.broken - KEPT, 0.0)
         return np.where(np.isfinite(self.goal), self.goal + _VIOLATION * excess, np.inf)
@@ -114,7 +116,7 @@ class Merits:
 def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
     """Return the first variants of a study as operating points, and list those that cannot be built.
 
-    Raises ParameterError if the study varies the controller, or a coupled axis.
+    Raises ParameterError if the study varies the controller, or if its axis is coupled.
     """
     _require_axis(study)
     if not 1 <= samples <= MOST:
@@ -145,7 +147,7 @@ def scenarios(study: Study, samples: int, progress: Progress) -> Scenarios:
 
 
 def _require_axis(study: Study) -> None:
-    """Raise ParameterError for a coupled axis, and for a study that varies the controller."""
+    """Raise ParameterError if the axis is coupled, or if the study varies the controller."""
     base = next(study.bases())
     coupled = base.job.machine.coupled(base.axis)
     if coupled:
@@ -159,7 +161,7 @@ def _require_axis(study: Study) -> None:
 
 
 def with_control(study: Study, control: Control) -> Study:
-    """Return a copy of the study with another controller for the same machines."""
+    """Return a copy of the study that has another controller on the same machines."""
     jobs = {}
     for key, job in study.jobs.items():
         loop = replace(job.loops[study.row], control=control)
@@ -204,7 +206,7 @@ class Measured:
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
-        """Return a quantile of a figure over the machines that have it, or NaN if none has."""
+        """Return a quantile of a figure over the machines for which it exists; NaN if there are none."""
         values = self.values[name]
         values = values[~np.isnan(values)]
         return float(np.quantile(values, share)) if values.size else float("nan")
@@ -243,15 +245,15 @@ def measured(
 
 
 def _limited(figure: Figure) -> tuple[Figure, bool]:
-    """Return the study's figure for a limit of the tuner, and True if it is the inverse of the limited figure."""
+    """Return the study's figure that a tuner limit bounds, and True if it is the inverse of the limited figure."""
     return (STIFFNESS_LEAST, True) if figure == COMPLIANCE_PEAK else (figure, False)
 
 
 def limits_of(study: Study, otherwise: Limits) -> Limits:
-    """Return the tuner's limits: those in the specification of a study, completed by `otherwise`.
+    """Return the tuner's limits: those in the specification of a study, and those of `otherwise` for other figures.
 
-    The least stiffness is the inverse of the largest compliance.  Figures that need a simulation cannot limit the
-    tuner; they are checked on the newly drawn machines.
+    The least stiffness is the inverse of the largest compliance.  Figures that need a simulation cannot be
+    limits of the tuner; they are checked on the newly drawn machines.
     """
     stated = {bound.figure: bound for bound in study.specification}
     limits: list[Limit] = []
@@ -265,12 +267,12 @@ def limits_of(study: Study, otherwise: Limits) -> Limits:
 
 
 def _needs_noise(figure: Figure) -> bool:
-    """Return True for a figure that depends on measurement noise; in a study this is the noise of the encoders."""
+    """Return True for a figure that depends on measurement noise, which a study takes from the encoders."""
     return figure.limit is not None and figure.limit.noise
 
 
 def bounds_of(study: Study, limits: Limits) -> tuple[Bound, ...]:
-    """Return the study's specification, completed by the tuner's limits on figures that it does not bound."""
+    """Return the study's specification, extended by the tuner's limits on figures without a bound in the study."""
     bounds = {bound.figure: bound for bound in study.specification}
     for limit in limits.limits:
         limited, inverse = _limited(limit.figure)
@@ -299,11 +301,11 @@ class Robust(Result):
     study            the machines
     tuned            the tuner's result on the machines of the active set, which are named `variant N`
     share            the share of the sampled machines that must satisfy the limits; 1 for all
-    rounds           for each round: the number of machines in the active set, and of sampled machines within all limits
-                     afterwards
-    seen, seen_new   the sampled machines under the present controller and under the new one
-    before, after    the newly drawn machines under the present and under the new controller
-    bad              numbers of the variants that cannot be built, and the reasons
+    rounds           for each round: the number of machines in the active set, and the number of sampled machines
+                     that satisfy all limits afterwards
+    seen, seen_new   merits of the sampled machines under the present controller and under the new one
+    before, after    figures of the newly drawn machines under the present controller and under the new one
+    bad              numbers of the variants that cannot be built, with the reasons
     unsettled        the reason why the result may not be optimal for the sample; empty if it is optimal
     """
 
@@ -330,7 +332,7 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """True if at least as many newly drawn machines are good under the new controller as under the present one."""
+        """True if the new controller has at least as many good newly drawn machines as the present one."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
@@ -346,7 +348,7 @@ class Robust(Result):
         return told if self.better else told + " Keep today's control: it is good on more machines."
 
     def table(self) -> Table:
-        """Tabulate the shares of newly drawn machines within each bound, and rope-snap quantiles, before and after."""
+        """Tabulate the shares of newly drawn machines within each bound, and quantiles of the rope-snap figure."""
         rows: list[Sequence[Cell]] = [["all bounds", in_percent(self.before.all), in_percent(self.after.all)]]
         rows += [
             [bound_sentence(bound), in_percent(self.before.keeping(bound)), in_percent(self.after.keeping(bound))]
@@ -365,7 +367,7 @@ class Robust(Result):
 
 @chart_of.register
 def _chart(result: Robust) -> Chart:
-    """Return the chart of the newly drawn machines under both controllers."""
+    """Return the chart of the figures of the newly drawn machines under both controllers."""
     return shares_chart(result.before, result.after)
 
 
@@ -398,19 +400,19 @@ def tune_robust(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Robust:
-    """Find the controller that is best on the worst machine of a study's sample, and verify it on newly drawn machines.
+    """Find the controller with the best worst case over sampled machines, and verify it on newly drawn machines.
 
     study     a study file, the name of a bundled study, or a `Study`; its specification sets the tuner's limits
     control   the initial controller of the search (default: that of the study's job)
-    limits    the limits that the specification does not state
-    share     the share of the sampled machines for which limits and goal count
+    limits    limits on figures that the specification does not bound
+    share     the share of the sampled machines to which limits and goal apply; the worst ones are excluded
     samples   the number of machines available to the tuner (default: the study's count, at most 1000)
     fresh     the number of newly drawn machines for verification (default: as many as sampled, at least 200)
-    workers   the processes for verification (default: all cores)
+    workers   the number of processes for verification (default: all cores)
 
     All other arguments are as in `tune_control`.  Raises UnstableError, with the machine names, if no controller
-    satisfies the limits on all machines that must satisfy them, and ParameterError for a study that varies the
-    controller, or a coupled axis.
+    satisfies the limits on all machines to which they apply, and ParameterError if the study varies
+    the controller, or if its axis is coupled.
     """
     tuner = RobustTuner(
         study,
@@ -430,7 +432,7 @@ def tune_robust(
 
 
 class RobustTuner:
-    """A tuner for the machines of a study, drawn once for several controllers; arguments as in `tune_robust`."""
+    """A tuner for the machines of a study, which are drawn once for all controllers; arguments as in `tune_robust`."""
 
     def __init__(
         self,
@@ -480,18 +482,18 @@ class RobustTuner:
         )
 
     def judged(self, control: Control) -> Merits:
-        """Return goal value and worst limit violation of a controller on each sampled machine."""
+        """Return the goal value and the worst limit violation of a controller on each sampled machine."""
         self.progress.step(f"{len(self.sample.points)} machines under the control")
         return self.sample.merits(control, goals()[self.goal], self.limits, self.band)
 
     @cached_property
     def seen_today(self) -> Merits:
-        """The sampled machines under the present controller."""
+        """The merits of the sampled machines under the present controller."""
         return self.judged(self.loop.control)
 
     @cached_property
     def before(self) -> Measured:
-        """The newly drawn machines under the present controller."""
+        """The figures of the newly drawn machines under the present controller."""
         return self._measured(self.loop.control)
 
     def _measured(self, control: Control) -> Measured:
@@ -501,7 +503,7 @@ class RobustTuner:
 
 
 class _Search:
-    """An active-set search: rounds of tuning on the machines that limit the result, plus those found worse."""
+    """An active-set search: each round tunes on the machines that limit the result, plus those that became worse."""
 
     def __init__(self, tuner: RobustTuner) -> None:
         self.tuner = tuner
@@ -510,10 +512,10 @@ class _Search:
         self.rounds: list[tuple[int, int]] = []
 
     def run(self, control: Control) -> tuple[Tuned, str]:
-        """Return the best controller of all rounds, and why it may not be optimal.
+        """Return the best controller of all rounds, and the reason why it may not be optimal (empty if it is).
 
         Each round starts from the controller of the previous one.  Once no machine is added, independent searches on
-        the same machines confirm the controller or find a better one, from which the rounds continue.
+        the same machines either confirm the controller or find a better one, from which the rounds continue.
         """
         # A stable sort keeps ties, such as several unstable machines, in the order of their numbers.
         order = np.argsort(self.tuner.judged(control).severity, kind="stable")
@@ -542,7 +544,7 @@ class _Search:
         return best[1], f"after {_ROUNDS} rounds machines still join that are worse than those the tuner had"
 
     def _tuned(self, control: Control, active: list[int], starts: int) -> Tuned:
-        """Run the tuner on the machines in the active set; notches are placed in the first round only."""
+        """Run the tuner on the machines in the active set; notches are added in the first round only."""
         of = self.tuner
         # Notches placed in the first round are part of the control from then on, and are only moved.
         filters = "free" if self.rounds and of.filters == "placed" else of.filters

@@ -36,7 +36,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Share:
-    """A count of machines out of a total, with the confidence interval of the share in the whole population.
+    """A number of machines out of a total, with a confidence interval for the share in the whole population.
 
     sampled  True if the machines were drawn at random; points of a grid have no confidence interval
     """
@@ -52,7 +52,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The confidence interval at `LEVEL`, (low, high), or None without a random sample."""
+        """The confidence interval (low, high) at the level `LEVEL`, or None if the machines are not a random sample."""
         if not self.sampled:
             return None
         low, high = clopper_pearson(self.kept, self.of)
@@ -60,13 +60,13 @@ class Share:
 
 
 def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]:
-    """Return the Clopper-Pearson confidence interval of a share, from `kept` machines out of `of`.
+    """Return the Clopper-Pearson confidence interval (low, high) of a share, from `kept` machines out of `of`.
 
         P(X >= kept | low) = P(X <= kept | high) = (1 - level) / 2,   X binomial
 
-    It contains the true share in at least `level` of all studies, whatever the share and the number of machines.
-    Wilson's and the mid-P interval are shorter but do not guarantee this: for a share of 0.9992 and 200 machines,
-    Wilson's contains it in 85 %.
+    It contains the true share in at least the fraction `level` of all studies, whatever the share and the number of
+    machines.  Wilson's interval and the mid-P interval are shorter but do not guarantee this: for a true share of
+    0.9992 and 200 machines, Wilson's interval contains it in only 85 % of all studies.
 
     Arguments are numbers or arrays.  Source: Clopper & Pearson 1934.
     """
@@ -85,10 +85,10 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 class Judged:
     """The rows of a study with their figures, in SI; n is the number of rows.
 
-    variant  numbers, shape (n,)
+    variant  numbers of the variants, shape (n,)
     varied   varied values by column, shape (n,); dtype object for strings and counts
     figures  figures by key, shape (n,); NaN for a variant without the figure
-    reasons  the failure reason of a bad variant, else None
+    reasons  the failure reason of each variant; None if it has figures
     """
 
     study: Study
@@ -104,9 +104,7 @@ class Judged:
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """True for variants that satisfy a bound, by the key of the bounded figure; a variant without figures satisfies
-        none.
-        """
+        """True for variants that satisfy a bound, by the key of the figure; False for variants without figures."""
         return {
             bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
             for bound in self.study.specification
@@ -114,14 +112,14 @@ class Judged:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """True for variants that satisfy the whole specification; without one, for those that have figures."""
+        """True for variants that satisfy the whole specification; without a specification, for all with figures."""
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
     def drawn(self) -> np.ndarray:
         """True for variants that are independent draws.
 
-        With the sampler saltelli, variants that recombine two others are not.
+        With the sampler saltelli, variants that recombine two other variants are not independent.
         """
         count = 2 * self.study.points if self.study.sampler == "saltelli" else self.study.count
         return self.variant < count
@@ -185,7 +183,7 @@ MOST = 200_000
 
 
 class Sampled:
-    """A collector of a random sample of the drawn machines: all of them, or about `MOST`, chosen with equal
+    """A collector of a random sample of the drawn machines: all of them, or about `MOST`, each chosen with equal
     probability.
     """
 
@@ -196,7 +194,7 @@ class Sampled:
         self._parts: list[Judged] = []
 
     def add(self, rows: Judged) -> None:
-        """Add a random selection of some rows; the selection depends only on the seed and the first variant of the
+        """Add a random selection of these rows; the selection depends only on the seed and on the first variant of the
         rows.
         """
         chosen = rows.drawn
@@ -217,7 +215,7 @@ _MOST_VALUES = 50  # values of a choice that are counted separately
 
 @dataclass(frozen=True)
 class BoundYield:
-    """A bound of the specification: the share that satisfies it, and the number of machines that violate only it."""
+    """A bound of the specification, the share of machines that satisfy it, and the number that violate only it."""
 
     bound: Bound
     kept: Share
@@ -228,10 +226,10 @@ class BoundYield:
 class Yield:
     """The yield of the drawn machines.
 
-    inside  machines that satisfy the whole specification; without one, those that have figures
+    inside  machines that satisfy the whole specification; without a specification, all that have figures
     bad     number of machines without figures: they satisfy no bound
     bounds  one entry per bound, in the order of the study file
-    choices the share inside the specification by column and value of a choice (law, machine, position)
+    choices the share inside the specification, by the column and value of each choice (law, machine, position)
     """
 
     inside: Share
@@ -247,7 +245,7 @@ class Yield:
 
 
 class YieldCount:
-    """A counter of the machines that satisfy the bounds, part by part."""
+    """A collector that counts, part by part, the machines that satisfy the bounds."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -257,7 +255,7 @@ class YieldCount:
         self._choices: dict[str, Counter[tuple[str, bool]]] = {}
 
     def add(self, rows: Judged) -> None:
-        """Count some rows; rows that are not independent draws do not count."""
+        """Count these rows, except those that are not independent draws."""
         drawn = rows.drawn
         self._all += int(np.sum(drawn))
         self._inside += int(np.sum(rows.inside & drawn))
@@ -312,14 +310,14 @@ class Worst:
 
 
 class WorstKept:
-    """A collector of the worst variants, part by part; variants with equal values are sorted by number."""
+    """A collector that finds the worst variants part by part; variants with equal values are sorted by number."""
 
     def __init__(self, study: Study) -> None:
         self._cases: dict[Figure, list[WorstVariant]] = {figure: [] for figure in study.measure if figure.better}
         self.bad: list[tuple[int, str]] = []
 
     def add(self, rows: Judged) -> None:
-        """Add some rows."""
+        """Add the rows of one part."""
         for figure, cases in self._cases.items():
             # With this sign the worst value is the smallest.
             sign = 1.0 if figure.better == "higher" else -1.0
@@ -335,7 +333,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Return the worst variants of each figure for which a larger or a smaller value is better."""
+        """Return the worst variants by each figure for which either larger or smaller values are better."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 
@@ -354,9 +352,10 @@ _RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers 
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """The Sobol indices of one output, each of shape (factors,), with a confidence interval at `LEVEL`.
+    """The Sobol indices of one output, each of shape (factors,), with confidence intervals at the level `LEVEL`.
 
-    points   number of points used; `without` is the number excluded because one of their variants has no finite figure
+    points   number of points used
+    without  number of points excluded because a variant of the point has no finite figure
     """
 
     output: str
@@ -370,15 +369,15 @@ class SobolIndices:
 
     @property
     def order(self) -> np.ndarray:
-        """The indices of the factors, by decreasing total Sobol index."""
+        """The indices of the factors, sorted by decreasing total Sobol index."""
         return np.argsort(-self.total, kind="stable")
 
 
 @dataclass(frozen=True)
 class RankCorrelation:
-    """Spearman's rank correlation of an output with a varied number, -1 to 1, with a confidence interval at `LEVEL`.
+    """Spearman's rank correlation of an output with a varied number, -1 to 1, and its interval at the level `LEVEL`.
 
-    Its square is the share of the rank variance explained by the number, if the effect is monotone.
+    If the effect is monotone, its square is the share of the variance of the ranks that the number explains.
     """
 
     output: str
@@ -388,9 +387,9 @@ class RankCorrelation:
 
 
 class SaltelliRows:
-    """A collector of the outputs of all variants of a study with the sampler saltelli, part by part.
+    """A collector that stores the outputs of all variants of a study with the sampler saltelli, part by part.
 
-    Memory: 8 bytes per variant and output.
+    It needs 8 bytes per variant and output.
     """
 
     def __init__(self, study: Study) -> None:
@@ -399,7 +398,7 @@ class SaltelliRows:
         self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
 
     def add(self, rows: Judged) -> None:
-        """Store the outputs of some rows."""
+        """Store the outputs of the rows of one part."""
         for name, values in self._values.items():
             values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
 
@@ -411,10 +410,10 @@ class SaltelliRows:
 
 
 def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int = 0) -> SobolIndices | None:
-    """Return the Sobol indices of an output, from its values at A, B, AB_1 .. AB_k in sequence.
+    """Return the Sobol indices of an output from its values at all points of A, then of B, AB_1 .. AB_k.
 
-    The values have the shape ((k + 2) points,).  The result is None for an output that does not vary, or has finite
-    values in fewer than 32 complete points.  The intervals are percentiles of a bootstrap over points, drawn with
+    For k factors the values have the shape ((k + 2) points,).  The result is None if the output does not vary, or if
+    fewer than 32 points have only finite values.  The intervals are percentiles of a bootstrap over points, drawn with
     `seed`.
     """
     # Deferred: the import takes 0.3 s, and only answers need it.
@@ -464,7 +463,7 @@ def sobol(output: str, values: np.ndarray, factors: tuple[str, ...], seed: int =
 
 
 def rank_correlations(sample: Judged) -> tuple[RankCorrelation, ...]:
-    """Return the rank correlation of every figure with every varied number; the largest of each figure comes first."""
+    """Return the rank correlations of all figures with all varied numbers, sorted by magnitude for each figure."""
     numbers = {name: values.astype(float) for name, values in sample.varied.items() if _is_number(values)}
     outputs: Mapping[str, np.ndarray] = sample.figures
     if sample.study.specification:
@@ -500,7 +499,7 @@ def _of_output(
 
 
 def _fisher(value: float, count: int) -> tuple[float, float]:
-    """Return the interval of a rank correlation by Fisher's transform, with the variance of Bonett & Wright 2000."""
+    """Return the confidence interval of a rank correlation: Fisher's transform, variance by Bonett & Wright 2000."""
     from scipy.special import ndtri
 
     # arctanh is infinite at ±1.
@@ -531,12 +530,12 @@ class Band:
     machines: int
 
     def at(self, quantile: float) -> np.ndarray:
-        """Return one of `QUANTILES`, shape (n,)."""
+        """Return one quantile, which must be one of `QUANTILES`, shape (n,)."""
         return self.quantiles[QUANTILES.index(quantile)]
 
 
 def stiffness_band(sample: Judged) -> Band | None:
-    """Return the band of the figures stiffness_F_Hz_N_per_m, or None if fewer than three of them are measured."""
+    """Return the quantile band of the figures stiffness_F_Hz_N_per_m; None if fewer than three of them are measured."""
     lines = {figure.of.frequency: figure.key for figure in sample.study.measure if isinstance(figure.of, StiffnessAt)}
     if len(lines) < _LEAST_LINES or sample.bad.all():
         return None
@@ -546,10 +545,10 @@ def stiffness_band(sample: Judged) -> Band | None:
 
 
 def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
-    """Return the band of the peak following error in 500 time windows, of up to 128 machines that are simulated again.
+    """Return the quantile band of the peak following error in up to 500 time windows, over up to 128 machines.
 
-    The machines are drawn at random from those with figures; motions of unequal length are cut to the shortest one. The
-    result is None if no machine can be run.
+    The machines are drawn at random from those with figures and simulated again; motions of unequal length are
+    truncated to the shortest one. The result is None if no machine can be run.
     """
     study, progress = sample.study, progress or Progress()
     good = sample.variant[~sample.bad]
@@ -609,7 +608,7 @@ SUBJECTS = {
 
 
 def subjects(study: Study) -> dict[str, Figure]:
-    """Return the figure that represents each measured subject: tracking, stiffness, robustness."""
+    """Return the figure that represents each subject (tracking, stiffness, robustness) that the study measures."""
     measured = {
         subject: next((figure for figure in figures if figure in study.measure), None)
         for subject, figures in SUBJECTS.items()
@@ -626,14 +625,14 @@ class Front:
 
 
 class FrontKept:
-    """A collector of the Pareto front, part by part."""
+    """A collector that builds the Pareto front part by part."""
 
     def __init__(self, study: Study) -> None:
         self._figures = subjects(study)
         self._rows: Judged | None = None
 
     def add(self, rows: Judged) -> None:
-        """Add some rows; rows without a number for one of the figures are excluded."""
+        """Add the rows of one part, except those in which one of the figures is missing."""
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]
@@ -650,17 +649,17 @@ class FrontKept:
 
 
 def _costs(rows: Judged, figures: dict[str, Figure]) -> np.ndarray:
-    """Return the objectives, all to be minimized, shape (n, subjects)."""
+    """Return the objectives, all of which are to be minimized, shape (n, subjects)."""
     return np.stack(
         [(-1.0 if figure.better == "higher" else 1.0) * rows.figures[figure.key] for figure in figures.values()], axis=1
     )
 
 
 def front(costs: np.ndarray) -> np.ndarray:
-    """Return True for Pareto-optimal rows, which no other row dominates; (n, m) -> (n,).
+    """Return True for Pareto-optimal rows, that is, rows that no other row dominates; (n, m) -> (n,).
 
-    A row dominates another if it is nowhere larger and somewhere smaller. Rows with NaN are excluded; of equal rows all
-    are included.
+    A row dominates another one if no entry is larger and at least one is smaller. Rows with NaN are excluded; equal
+    rows are either all included or all excluded.
     """
     there = np.flatnonzero(~np.isnan(costs).any(axis=1))
     # In this order a dominating row precedes the rows that it dominates. The last key of lexsort is the primary one.

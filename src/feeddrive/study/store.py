@@ -7,7 +7,7 @@
 Each file is written atomically under a hidden temporary name: a reader never sees a partial file, and the leftovers of
 a killed process have names that begin with a dot, which are never read.  A chunk is therefore either complete or
 absent, whichever process was killed.  Each chunk carries a SHA-256 of itself (`chunk.py`), so that a file damaged later
-is rejected.  Two sweeps of one study into the same store write the same bytes, and no row is duplicated.
+is rejected.  If two sweeps of one study write to the same store, they write the same bytes, and no row is duplicated.
 
     store = Store("out")
     done = store.begin(manifest, resume=True)        # rejects a store of another study; checks every file
@@ -48,20 +48,20 @@ class Place(Protocol):
         ...
 
     def read(self, name: str, most: int) -> bytes:
-        """Return the bytes of a file of at most `most` bytes; raise FileError if that fails."""
+        """Return the content of a file; raise FileError if it cannot be read or has more than `most` bytes."""
         ...
 
     def check_writable(self) -> None:
-        """Raise FileError if the location is not writable, as far as this can be checked without writing."""
+        """Raise FileError if a check that writes nothing shows that the location is not writable."""
         ...
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file atomically, and create its parent folders; raise FileError if that fails."""
+        """Write a file atomically, creating its parent folders; raise FileError if it cannot be written."""
         ...
 
 
 def place(address: str | Path) -> Place:
-    """Return the place of an address: a folder (`results/mill`, `file:///results/mill`) or fsspec (`s3://bucket/mill`).
+    """Return the location of a folder (`results/mill`, `file:///results/mill`) or fsspec URL (`s3://bucket/mill`).
 
     Raises FileError for an address with a password or one that fsspec cannot open, MissingExtraError without fsspec.
     """
@@ -112,7 +112,7 @@ class Folder:
         return read_whole(self._root / name, most)
 
     def check_writable(self) -> None:
-        """Raise FileError if a parent is a file, or a folder without write permission."""
+        """Raise FileError if a parent folder is in fact a file or has no write permission."""
         try:
             # The first write makes the folder itself, so its nearest existing parent decides.
             there = next(folder for folder in (self._root, *self._root.absolute().parents) if folder.exists())
@@ -185,10 +185,10 @@ class Remote:
         return content
 
     def check_writable(self) -> None:
-        """Do nothing: only an actual write shows whether the address is writable."""
+        """Do nothing, since only an actual write shows whether the address is writable."""
 
     def write(self, name: str, content: bytes) -> None:
-        """Write under a hidden name, then rename: not every protocol writes a file atomically."""
+        """Write the file under a hidden name, then rename it, since not every protocol writes files atomically."""
         folder, _, last = name.rpartition("/")
         temporary = self._path(f"{folder}/.{last}.{secrets.token_hex(6)}.part".lstrip("/"))
         try:
@@ -232,7 +232,7 @@ class Manifest:
     study    text of the study file
     digest   SHA-256 (hex) of everything that determines the rows: study, machine, job, part programs
     count    total number of variants
-    chunk    variants per chunk; the last chunk may have fewer
+    chunk    number of variants per chunk; the last chunk may have fewer
     version  version of feeddrive; the results of other versions may not be bit-identical
     """
 
@@ -286,7 +286,7 @@ class Store:
         return self._manifest
 
     def begin(self, manifest: Manifest, *, resume: bool = False) -> frozenset[int]:
-        """Start or continue a store; return the finished chunks. The first chunk written creates the store.
+        """Start or continue a store; return the numbers of the finished chunks. The first `write` creates the store.
 
         Raises FileError, before anything is written, for a non-empty folder that is not a store, an existing store
         without `resume`, a store of another study or version, and a store with a damaged or foreign file.
@@ -317,7 +317,7 @@ class Store:
         return self.done()
 
     def done(self) -> frozenset[int]:
-        """Return the numbers of the chunks whose files exist; their content is checked by `begin`."""
+        """Return the numbers of the chunks whose files exist; only `begin` checks the content of these files."""
         return frozenset(self._numbers())
 
     def write(self, number: int, rows: Any) -> None:
@@ -343,7 +343,7 @@ class Store:
     def read(self, number: int, columns: Sequence[str] | None = None) -> Any:
         """Return the rows of a finished chunk as a pyarrow table.
 
-        Raises FileError for a file that is damaged, of another study, or without the rows of this chunk.
+        Raises FileError if the file is damaged, belongs to another study, or does not hold the rows of this chunk.
         """
         digest = self.manifest().digest
         content = self._place.read(_file(number), _MOST_CHUNK)
@@ -389,7 +389,7 @@ class Store:
         return numbers
 
     def _objection(self, number: int, rows: Any) -> str:
-        """Return the reason why a table cannot hold the rows of a chunk, or an empty string if it can."""
+        """Return the reason why a table cannot be the rows of a chunk, or an empty string if there is none."""
         import numpy as np
         import pyarrow as arrow
 
@@ -436,7 +436,7 @@ def _manifest_text(manifest: Manifest) -> bytes:
 
 
 def _other(there: Manifest, wanted: Manifest) -> str:
-    """Return the reason why a sweep with one manifest cannot be continued with another, or an empty string."""
+    """Return the reason why a sweep with one manifest cannot be continued with another; empty if it can."""
     if there == wanted:
         return ""
     # The text changes the digest as well, but also gives the line.

@@ -1,7 +1,7 @@
 """A study file: a job, what varies in it, the figures to measure, and the specification of a good machine.
 
 title = "A series of ball-screw axes"
-job = "ball_screw"                 # a job file beside this one, or a bundled one; or all keys of a job here
+job = "ball_screw"                 # a job file next to this one, or a bundled one; or all keys of a job here
 row = "today"                      # one of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
 count = 200                        # variants; saltelli: points of k + 2 variants each; not for a grid
@@ -14,7 +14,8 @@ sensitivity_peak = { most = 2 }
 parameter = "axis.x.plant.mass_load"
 tolerance_percent = 10
 
-A base is the starting point of variants: one row of a job per combination of choices, at nominal values.
+A base is the starting point of variants: a row of a job at nominal values.  There is one base for each combination of
+choices.
 """
 
 import hashlib
@@ -75,7 +76,7 @@ class Base:
         return {self.axis: Other(reference=self.job.reference, load=self.job.load), **self.job.others}
 
     def references(self, changed: dict[str, Other] | None = None) -> Reference | dict[str, Reference]:
-        """Return the motion in the form that `simulate` accepts; axes without a motion remain at standstill."""
+        """Return the motions in the form that `simulate` accepts; axes without a motion remain at standstill."""
         moved = self.moved if changed is None else changed
         own = moved[self.axis].reference
         assert own is not None
@@ -93,9 +94,9 @@ class Base:
         return {axis: other.load for axis, other in moved.items() if other.load is not None} or None
 
     def place(self, path: str) -> tuple[str, str, str]:
-        """Split the path of a motion or load into axis, "reference" or "load", and remaining path.
+        """Split the path of a motion or load into the axis, "reference" or "load", and the remaining path.
 
-        The axis is empty for other paths.
+        For other paths, the first two are empty and the third is the whole path.
         """
         first, _, rest = path.partition(".")
         if first in ("reference", "load"):
@@ -109,7 +110,7 @@ class Base:
         return "", "", path
 
     def block(self, path: str) -> tuple[Any, str]:
-        """Return the block that a path belongs to, and the path within it. Raise ParameterError if there is none."""
+        """Return the block to which a path belongs, and the path within it. Raise ParameterError if there is none."""
         axis, kind, rest = self.place(path)
         if not kind:
             return self.system, path
@@ -158,8 +159,8 @@ def read_jobs(
 ) -> dict[tuple[Any, ...], Job]:
     """Return the job for each combination of choices.
 
-    job       the job file; None if its keys are in the study file
-    of_study  the keys that belong to the study only
+    job       the name of the job file; None if the study file contains the keys of the job
+    of_study  the keys of the study file that do not belong to the job
     """
     file, beside = _job_file(root, place, job, of_study)
     # A row is a law within one job and needs no file of its own.
@@ -195,7 +196,7 @@ def _job(
     file: TomlFile,
     place: Path,
 ) -> Job:
-    """Return the job with the given values of the choices."""
+    """Return the job for one combination of values of the choices."""
     by_key = dict(zip(keys, values, strict=True))
     of_job = {key: value for key, value in by_key.items() if _is_of_job(key)}
     of_machine = {key: value for key, value in by_key.items() if key not in of_job}
@@ -215,8 +216,8 @@ def _job(
 
 
 def _is_of_job(key: Key) -> bool:
-    """Return True for a key of the job file; `axis` alone is a key there, while a longer key that begins with `axis`
-    belongs to the machine.
+    """Return True for a key of the job file. This includes the key `axis`, whereas longer keys that begin with `axis`
+    belong to the machine file.
     """
     return key == ("axis",) or (key[0] in declarations(JobSection) and key[0] != "axis")
 
@@ -236,7 +237,7 @@ def check_rows(root: TomlTable, jobs: Mapping[tuple[Any, ...], Job], row: str, c
 
 @dataclass(frozen=True)
 class Bound:
-    """The bounds of a figure for a good machine, in SI; None for an open end."""
+    """The bounds on a figure of a good machine, in SI; None if there is no bound on that side."""
 
     figure: Figure
     least: float | None
@@ -250,7 +251,7 @@ class Bound:
 
 
 class BoundSection(Section, kind="bound"):
-    """The bounds that a good machine satisfies for a figure."""
+    """The bounds that a figure of a good machine satisfies."""
 
     least: Number | None = parameter(VARIED, "least value", infinite=True, default=None)
     most: Number | None = parameter(VARIED, "largest value", infinite=True, default=None)
@@ -267,7 +268,7 @@ class BoundSection(Section, kind="bound"):
 
 
 def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
-    """Return the unit of a bound, which is that of the figure named by the table."""
+    """Return the unit of a bound: that of the figure after which the table is named."""
     name = str(table.key[-1])
     try:
         return figure(name, allow).unit
@@ -276,7 +277,7 @@ def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
 
 
 def bounds_of(specification: Mapping[str, BoundSection], allow: Sequence[str]) -> tuple[Bound, ...]:
-    """Return the bounds of a study with their figures."""
+    """Return the bounds of a study, each with its figure."""
     return tuple(Bound(figure(name, allow), bound.least, bound.most) for name, bound in specification.items())
 
 
@@ -334,11 +335,13 @@ _OF_STUDY = tuple(name for name in declarations(StudySection) if name not in _CO
 class Study(Result):
     """The content of a study file.
 
-    row      the law of the job that runs, unless a choice overrides it
-    points   points of the sampler; `count` is the total number of variants, `chunk` the number computed together
+    row      the row (law) of the job that is run, unless a choice varies it
+    points   number of sampler points
+    count    total number of variants
+    chunk    number of variants per chunk
     noise    "same": all variants use one noise seed; "each": every variant has its own
-    jobs     the jobs, by the values of the choices in the order of the file, except a choice of the row
-    stream   0 in a file; 1, 2, ... give other, independent variants from the same distributions
+    jobs     the jobs, by the values of all choices in the order of the file; a choice of the row is omitted
+    stream   0 for the variants of the file; 1, 2, ... for other, independent variants from the same distributions
     digest   SHA-256 of everything that determines the rows: this file, and the resulting numbers of job and machine
     """
 
@@ -383,11 +386,11 @@ class Study(Result):
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The varied choices, whose values are substituted into the files."""
+        """The varied choices, whose values are inserted into the job and machine files."""
         return tuple(varied for varied in self.vary if isinstance(varied, Choice))
 
     def base(self, values: Mapping[str, Any]) -> Base:
-        """Return the starting point of the variants with these values of the choices, by key."""
+        """Return the starting point of the variants that have the given values of the choices (values by key)."""
         job = self.jobs[tuple(values[choice.key] for choice in self.choices if choice.key != "row")]
         return Base(job, values.get("row", self.row))
 
@@ -474,7 +477,7 @@ def read_study(path: StudyLike, allow: Sequence[str] = ()) -> Study:
 def _paths(
     jobs: Mapping[tuple[Any, ...], Job], row: str, choices: Sequence[VaryChoice]
 ) -> tuple[Callable[[str], Declaration], Callable[[str], float]]:
-    """Return functions for the declaration and the nominal value of a path that exists in all jobs and rows."""
+    """Return two functions that give the declaration and the nominal value of a path that all jobs and rows have."""
     rows = [value for choice in choices if choice.choice == "row" for value in choice.values]
     bases = [Base(job, str(name)) for job in jobs.values() for name in rows or [row]]
 
@@ -503,7 +506,7 @@ def _vary(
 
 
 def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
-    """Return the points of the sampler and the total number of variants."""
+    """Return the number of sampler points and the total number of variants."""
     key = "count"
     if study.sampler == "grid":
         if study.count is not None:
@@ -538,12 +541,12 @@ def _counts(study: StudySection, vary: tuple[Varied, ...]) -> tuple[int, int]:
 
 
 def _chunk(study: StudySection, count: int) -> int:
-    """Return the variants per chunk: a multiple of 16, to fill vector lanes, for about 16 chunks or more."""
+    """Return the number of variants per chunk: by default, a multiple of 16 that gives at least about 16 chunks."""
     return max(16, min(1024, 16 * -(-count // 256))) if study.chunk is None else study.chunk
 
 
 def _digest(study: Study) -> str:
-    """Return the SHA-256 of the text and of the structure and numbers of every system, reference and load."""
+    """Return the SHA-256 of the study file and of the structure and numbers of every system, reference and load."""
     # The text alone does not determine the rows: job, machine and part program are other files.
     digest = hashlib.sha256(study.text.encode())
     for values in study.jobs:

@@ -1,11 +1,11 @@
-"""A sweep: all variants of a study, run chunk by chunk on this machine or on a Dask cluster, into a store.
+"""A sweep runs all variants of a study chunk by chunk, on this machine or on a Dask cluster, and stores the rows.
 
     result = sweep("ball_screw_series", "out", workers=2)
     result.store.table()
 
 Each chunk is computed, written atomically and discarded, so that memory does not grow with the number of variants.
-Whenever a sweep ends early, the chunks written so far are retained, and `resume` computes the rest; the rows are the
-same as those of an uninterrupted sweep.
+If a sweep ends early, the chunks written so far are retained, and `resume` computes the others; the rows are the same
+as those of an uninterrupted sweep.
 """
 
 import time
@@ -55,7 +55,7 @@ class Sweep(Result):
 
     @cached_property
     def bad(self) -> tuple[int, list[tuple[int, str]]]:
-        """The number of variants without figures, and number and reason of the first ten."""
+        """The number of variants without figures, and the numbers of the first ten with the reasons."""
         return bad_variants(self.store)
 
 
@@ -74,13 +74,13 @@ def sweep(
     study      a study file, the name of a bundled study, or a `Study`
     out        a directory, or an fsspec address such as s3://bucket/mill
     workers    number of parallel workers (default: all cores); the rows are bit-identical for any number
-    resume     continue a sweep of this study in `out`; without it an existing sweep is refused
+    resume     continue a sweep of this study in `out`; otherwise an existing sweep raises FileError
     scheduler  address of a Dask cluster to use instead of this machine, such as tcp://10.0.0.5:8786
-    allow      modules whose figures the study may name
+    allow      modules whose figures the study may measure
 
-    Raises FileError for an invalid study or store, and for a store that can no longer be written; WorkerError for
-    workers that are unreachable or lost repeatedly; CancelledError after a cancellation or Ctrl-C. After each of them
-    `resume` continues the sweep.
+    Raises FileError if the study or store is invalid, or if the store can no longer be written; WorkerError if workers
+    are unreachable or are lost repeatedly; CancelledError after a cancellation or Ctrl-C. After an error during the
+    sweep, `resume` continues it.
     """
     # First, so that impossible options are refused before a file is read.
     engine = Engine.of(workers, scheduler)
@@ -107,7 +107,7 @@ def sweep(
 
 
 class Rate:
-    """A counter of finished variants, with the rate and the remaining time at that rate."""
+    """A counter of finished variants that computes their rate and the remaining time at this rate."""
 
     def __init__(self, study: Study, done: frozenset[int]) -> None:
         self._all = study.count
@@ -125,7 +125,7 @@ class Rate:
         self.ran += variants
 
     def text(self) -> str:
-        """Return the state as a string: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
+        """Return the state of the sweep as text: `3,200 of 10,000 variants, 1,250 a second, 5 s left`."""
         count = f"{self.done:,} of {self._all:,} variants"
         spent = time.monotonic() - self._begun
         # Chunks of an earlier call are not counted: they may come from a faster machine.
@@ -135,13 +135,13 @@ class Rate:
         return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
-        """Return a sentence on the rows stored by a sweep that ended early."""
+        """Return a sentence that states how many rows a sweep that ended early has stored."""
         if not self.done:
             return "nothing was written"
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"
 
     def show(self, progress: Progress) -> None:
-        """Report the state. Raise CancelledError after a cancellation."""
+        """Report the state of the sweep. Raise CancelledError after a cancellation."""
         progress.step(self.text(), self.done, self._all)
 
 
@@ -159,7 +159,7 @@ def _time(seconds: float) -> str:
 
 
 def bad_variants(store: Store, most: int = 10) -> tuple[int, list[tuple[int, str]]]:
-    """Return the number of variants without figures, and number and reason of the first ones, chunk by chunk."""
+    """Return the number of variants without figures, and the numbers of the first `most` with the reasons."""
     count, first = 0, list[tuple[int, str]]()
     for part in store.batches([VARIANT, REASON]):
         bad = part.filter(part.column(REASON).is_valid())

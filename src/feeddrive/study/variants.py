@@ -18,7 +18,7 @@ from feeddrive.study.study import Base, Study
 
 @dataclass(frozen=True, eq=False)
 class Variants:
-    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others with dtype object."""
+    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others as objects."""
 
     first: int
     values: Mapping[str, np.ndarray]
@@ -29,18 +29,18 @@ class Variants:
 
     @property
     def numbers(self) -> np.ndarray:
-        """The numbers of the variants."""
+        """The variant numbers, shape (n,)."""
         return np.arange(self.first, self.first + self.count, dtype=np.int64)
 
     def chosen(self, places: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values at some indices, by column."""
+        """Return the values of the variants at some indices, by column."""
         return {name: values[places] for name, values in self.values.items()}
 
 
 def variants(study: Study, first: int = 0, count: int | None = None) -> Variants:
-    """Return the variants of a range.
+    """Return `count` variants from `first` on; by default, all of them.
 
-    Raises ParameterError for a range outside the study.
+    Raises ParameterError if some of these are not variants of the study.
     """
     count = study.count - first if count is None else count
     if not (first >= 0 and count >= 0 and first + count <= study.count):
@@ -77,10 +77,10 @@ def _points(study: Study, first: int, count: int) -> np.ndarray:
 class VariantGroup:
     """Variants that differ only in numbers of the system.
 
-    rows        their indices in the range of variants, shape (n,)
-    system      the loop, or the machine with all axes, at nominal numbers
+    rows        indices of these variants in the range of variants, shape (n,)
+    system      the loop, or the machine with all axes, at nominal values
     axis        the axis whose figures are measured
-    changes     n numbers per path of the system, for `tree.vary`
+    changes     n numbers for each varied path of the system, for `tree.vary`
     references, loads, duration   arguments of `simulate_batch`
     seed        noise seeds, shape (n,)
     """
@@ -101,7 +101,7 @@ class VariantGroup:
         return f"{self.axis}." if isinstance(self.system, Machine) else ""
 
     def chosen(self, places: np.ndarray) -> Self:
-        """Return the subgroup of some variants, by their indices in this group."""
+        """Return a subgroup with some of the variants, selected by their indices in this group."""
         changes = {path: values[places] for path, values in self.changes.items()}
         return replace(self, rows=self.rows[places], changes=changes, seed=self.seed[places])
 
@@ -116,7 +116,7 @@ class VariantGroup:
 
     @property
     def speed(self) -> float:
-        """The velocity of linearization, m/s: half of the largest set velocity of the axis; 10 mm/s at standstill."""
+        """The velocity of linearization, m/s: half of the largest set velocity of the axis; 0.01 at standstill."""
         own = self.references[self.axis] if isinstance(self.references, Mapping) else self.references
         times = np.linspace(0.0, own.duration, 2001)
         largest = float(np.max(np.abs(own.at(times).velocity)))
@@ -124,7 +124,7 @@ class VariantGroup:
 
 
 def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
-    """Yield the variants in groups, in the order in which each group first occurs."""
+    """Yield the variants in groups, ordered by the first variant of each group."""
     # Choices may change the graph, the law or the files, so each combination has its own base.
     choices = {choice.key: variants.values[choice.key] for choice in study.choices}
     for values, rows in _groups(list(choices.values()), len(variants)):
@@ -155,7 +155,7 @@ def variant_groups(study: Study, variants: Variants) -> Iterator[VariantGroup]:
 
 
 def _moved(base: Base, changes: Mapping[str, float]) -> dict[str, Other]:
-    """Return the motions and loads of all axes with some numbers changed, given by path."""
+    """Return the motions and loads of all axes, with the numbers at some paths replaced."""
     # The property returns a new dictionary on each access, which may be modified.
     moved = base.moved
     for path, value in changes.items():

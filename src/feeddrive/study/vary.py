@@ -1,7 +1,8 @@
 """The varied quantities and choices of a study, and the sections `[[vary]]` that declare them.
 
-Each section declares one varied factor, whose values are drawn at points of the unit cube.  Its columns appear in the
-table of rows; its changes are applied to the system, the reference or the load, by path.
+Each section declares one varied factor, whose values are drawn at points of the unit cube.  The values appear as
+columns in the table of rows; the numbers that follow from them replace numbers of the system, the reference or the
+load.
 
 [[vary]]
 parameter = "axis.x.plant.stiffness"     # a path in the machine file; or reference.velocity, load.force
@@ -56,7 +57,7 @@ Nominal: TypeAlias = Callable[[str], float]  # the value of a path in the job
 class Varied(Protocol):
     """A quantity or choice that varies in a study; it counts as one factor in the sensitivity analysis.
 
-    The members have the same meaning in every implementing class.
+    Its members have the same meaning in every class that implements it.
     """
 
     @property
@@ -89,7 +90,7 @@ class Varied(Protocol):
         ...
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the numbers by path that follow from the values of the columns."""
+        """Return the numbers to set, by path, for these values of the columns; `nominal` gives the value of a path."""
         ...
 
 
@@ -98,7 +99,7 @@ class Quantity:
     """A number with a distribution, which replaces, scales or is added to the values of its paths.
 
     mode   "set", "scale" or "add"
-    steps  grid values, evenly spaced over the distribution from end to end
+    steps  number of grid values, at evenly spaced probabilities from one end of the distribution to the other
     """
 
     name: str
@@ -116,7 +117,7 @@ class Quantity:
 
     @property
     def levels(self) -> np.ndarray | None:
-        """Levels evenly spaced from 0 to 1; for a discrete distribution one per value."""
+        """Levels evenly spaced from 0 to 1; for a discrete distribution, one level per value."""
         if isinstance(self.distribution, Discrete):
             return _edges_inside(self.distribution)
         if self.steps is None:
@@ -130,7 +131,7 @@ class Quantity:
         return {self.name: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the drawn value, or the nominal value of each path multiplied by it or increased by it."""
+        """Return, for each path, the drawn value, the nominal value times the drawn value, or the sum of both."""
         drawn = values[self.name]
         if self.mode == "set":
             return dict.fromkeys(self.paths, drawn)
@@ -193,15 +194,15 @@ class Joint:
 
     @cached_property
     def _root(self) -> np.ndarray:
-        """The factor L of the covariance, computed from the eigenvalues of the correlation matrix, which may be
-        singular.
+        """The factor L of the covariance, computed from the eigenvalues of the correlation matrix because this matrix
+        may be singular.
         """
         scale = np.sqrt(np.diag(self.covariance))
         values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Return x = mean + L z, summed in the same order however the variants are split."""
+        """Return x = mean + L z; the order of summation does not depend on how the variants are split into chunks."""
         z = distributions.truncated(u, -self.within, self.within)
         drawn: dict[str, np.ndarray] = {}
         for i, path in enumerate(self.paths):
@@ -233,7 +234,7 @@ class Settings:
 
     @property
     def columns(self) -> Mapping[str, str]:
-        """The column of the label, which determines the numbers."""
+        """The single column, which holds the label of the setting; it has no unit."""
         return {self.name: ""}
 
     @cached_property
@@ -250,7 +251,7 @@ class Settings:
         return {self.name: self._labels.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the values that belong to the labels."""
+        """Return the numbers of the setting that each label names."""
         table = np.array([self.rows[label] for label in values[self.name]])
         return {path: np.ascontiguousarray(table[:, i]) for i, path in enumerate(self.paths)}
 
@@ -288,12 +289,12 @@ class Choice:
         return {self.key: self.distribution.at(u[:, 0])}
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return no changes, since the value of a choice is substituted into the files."""
+        """Return no changes, since the value of a choice is inserted into the files."""
         return {}
 
 
 def _edges_inside(distribution: Discrete) -> np.ndarray:
-    """Return, for each value of positive weight, a number in (0, 1) that selects it."""
+    """Return, for each value with a positive weight, a number in (0, 1) at which the distribution takes it."""
     weights = np.array(distribution.weights or (1.0,) * len(distribution.values))
     shares = weights / weights.sum()
     return (np.cumsum(shares) - 0.5 * shares)[shares > 0.0]
@@ -308,7 +309,7 @@ class VarySection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the section class of a table, by the key that selects the form, and by the kind of distribution."""
+        """Return the section class of a table; it follows from the keys of the table and the kind of distribution."""
         forms = [name for name in _FORMS if name in table.values]
         if len(forms) != 1:
             told = f", not {' and '.join(forms)}" if forms else ""
@@ -379,7 +380,7 @@ class VaryNumber(VarySection):
 
     @abstractmethod
     def distribution(self, nominal: float) -> Distribution:
-        """Return the distribution about a nominal value, in SI. Raise ParameterError for impossible numbers."""
+        """Return the distribution about a nominal value, in SI. Raise ParameterError for inconsistent numbers."""
 
 
 class _Ranged(VaryNumber):
@@ -393,7 +394,7 @@ class _Ranged(VaryNumber):
     tolerance_percent: Number | None = block.parameter("", "the same in percent of nominal", above=0, default=None)
 
     def range(self, nominal: float) -> tuple[float, float]:
-        """Return the least and the largest value, given directly or as a tolerance; infinite for an open end."""
+        """Return the least and the largest value, given directly or as a tolerance; infinite if there is no limit."""
         tolerance = _of_nominal(self, "tolerance", nominal)
         if tolerance is None:
             return _or(self.least, -math.inf), _or(self.most, math.inf)
@@ -505,7 +506,7 @@ class VaryJoint(_Several):
     within: Number = block.parameter("", "deviations within which all numbers lie", default=math.inf, infinite=True)
 
     def covariances(self) -> np.ndarray:
-        """Return the covariance, given directly or by standard deviations and correlations."""
+        """Return the covariance, which is given directly or by standard deviations and correlations."""
         if (self.covariance is None) == (self.deviations is None):
             raise self.error(f"{self.dotted()} needs covariance = [[...]], or deviations = [...] with correlations")
         if self.covariance is not None:
@@ -567,7 +568,7 @@ def varied(section: VarySection, declared: Declared, nominal: Nominal, grid: boo
 
 
 def _number(section: VaryNumber, declared: Declared, nominal: Nominal, grid: bool) -> Quantity:
-    """Convert a section to a number with a distribution."""
+    """Convert a section to a varied number with its distribution."""
     form, paths = section.form, section.paths
     if not paths:
         raise section.error(f"{form} must be a path as a machine file has it, such as axis.x.plant.mass", form)
@@ -609,7 +610,7 @@ def _check_grid(section: VaryNumber, name: str, distribution: Distribution) -> N
 
 
 def _of_nominal(section: VaryNumber, name: str, nominal: float) -> float | None:
-    """Return a number that may be given in percent of the nominal value."""
+    """Return a number of the section, which may be given directly or in percent of the nominal value."""
     value, percent = getattr(section, name), getattr(section, f"{name}_percent")
     if value is not None and percent is not None:
         raise ParameterError(f"{name} is given twice, as {name} and as {name}_percent; remove one")

@@ -3,17 +3,17 @@
     from feeddrive.testing import battery
     from my_law import MyLaw
 
-    TestMyLaw = battery(MyLaw)          # pytest collects the rows as its tests
+    TestMyLaw = battery(MyLaw)          # pytest collects the tests of this class
 
 The tests check that floats, arrays and symbols give bit-identical results, that native code and C agree bit for bit
 with Python, that the Jacobian agrees with finite differences, that all values within the declared bounds give finite
-numbers, and more.
+results, and more.
 
 One test changes the parameters of a controller block live, in a steady state without following error.  The axis
-follows exactly, at rest or at constant velocity, and the force that a law commands acts in the next sample.  All
-outputs of the block are then constant and must remain so after a live change, unless the new parameters require another
-value: compensating a larger share of a disturbance takes a different force.  The required value is the output of the
-new block when started in that state; a compensation is started with its blended parts fully active.
+follows exactly, at rest or at constant velocity, and the force commanded by a law acts in the next sample.  All outputs
+of the block are then constant and must remain so after a live change, unless the new parameters require another value:
+for example, compensating a larger share of a disturbance requires a different force.  The required value is the output
+of the new block when started in that steady state; a compensation is started with its blended parts fully active.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _FORCE = 1e3  # N
 
 
 class Place(NamedTuple):
-    """An operating point: position at sample 0 and travel per sample (m), sample time T (s) and a force (N)."""
+    """An operating point: position at sample 0 and travel per sample (m), sample time T (s) and acting force (N)."""
 
     position: Any
     way: Any
@@ -78,12 +78,12 @@ class Place(NamedTuple):
 
 
 def place(position: float, moves: bool, T: float, force: float) -> Place:
-    """Return an operating point near a position, on a grid on which differences of positions are exact."""
+    """Return an operating point whose position is rounded to a grid on which differences of positions are exact."""
     return Place(*map(np.float64, (round(position / _GRID) * _GRID, _GRID if moves else 0.0, T, force)))
 
 
 class Steady:
-    """A block that runs from a given operating point and sample."""
+    """A block that runs at an operating point, at rest or at constant velocity, from a given sample on."""
 
     def __init__(self, block: Any, at: Place, sample: int = 0) -> None:
         self.block, self.at, self.sample = block, at, sample
@@ -101,13 +101,14 @@ class Steady:
             self.state = block.start(self.prepared, setpoint, reading)
 
     def outputs(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the outputs of the next samples, one row per sample, with following errors in the first ones."""
+        """Return the outputs of the next `count` samples, one row per sample; `errors` apply to the first samples."""
         rows = [self._step(errors[k] if k < len(errors) else 0.0) for k in range(count)]
         return np.array(rows, dtype=float)
 
     def after(self, count: int, errors: Sequence[float] = ()) -> np.ndarray:
-        """Return the numbers of the state after some samples, omitting ring buffers, whose content shows up in the
-        outputs once it is read.
+        """Return the numbers of the state after `count` more samples.
+
+        Ring buffers are omitted, since their content shows up in the outputs when it is read.
         """
         self.outputs(count, errors)
         return np.array([float(value) for _, value in tree.leaves(self.state) if not isinstance(value, Ring)])
@@ -148,7 +149,7 @@ RETUNED = (families.Law, families.Filter, families.Observer, families.Compensati
 
 
 def without_friction(new: Block, old: Block) -> Block:
-    """Return the new block with the old viscous friction: in motion, different friction requires a different force."""
+    """Return the new block with the viscous friction of the old one, so that it needs the same force in motion."""
     pairs = zip(tree.leaves(new), tree.leaves(old), strict=True)
     values = (old if name.rpartition(".")[2].startswith("viscous") else new for (name, new), (_, old) in pairs)
     return tree.rebuild(new, values)
@@ -157,9 +158,9 @@ def without_friction(new: Block, old: Block) -> Block:
 def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str:
     """Return a description of the bump, an unnecessary change of a steady output, after a live change of a block.
 
-    It is empty if the output continues, or if there is no steady state to compare with: for a block that settles
-    slowly, for a law that does not hold the force with which it was started, and in motion also if the new block would
-    need another output.
+    The description is empty if there is no bump, or if there is no steady state to compare with: for a block that
+    settles slowly, for a law that does not hold the force with which it was started, and, in motion, for a new block
+    that requires another output.
     """
     change = _changed(old, new, at, errors)
     if not change.settled:
@@ -191,9 +192,9 @@ class Change(NamedTuple):
     """The outputs around a live change.
 
     before, after  outputs of the samples before and after the change
-    required       outputs of the new block when started in that state
+    required       outputs of the new block when started in that steady state
     settled        True if the state had settled before the change
-    size           largest magnitude in that state
+    size           largest magnitude of a number in the settled state
     """
 
     before: np.ndarray
@@ -208,7 +209,7 @@ def _changed(
 ) -> Change:
     """Run a live change; a nonzero `wrong` perturbs readings in their last digits and the state by this fraction.
 
-    Bit number `pattern` of the index of a number in the state determines the sign of its perturbation.
+    The sign of each number's perturbation is determined by bit `pattern` of the number's index in the state.
     """
     held = Steady(old, at)
     states = [held.after(SETTLING, errors), held.after(SETTLING), held.after(SETTLING)]
@@ -228,7 +229,7 @@ def _changed(
 
 
 def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[float], change: Change) -> np.ndarray:
-    """Return the change of the outputs due to rounding of readings and state and to rounding left in the outputs.
+    """Return how far the outputs may change because of rounding errors in readings, state and outputs.
 
     With a gain of 1e17 N/m, as in a predictive law with a short horizon, the change is 100 N; with a filter that
     amplifies high frequencies by 1e6 it is 0.1 N.
@@ -244,11 +245,11 @@ def _rounding_of_response(old: Block, new: Block, at: Place, errors: Sequence[fl
 
 
 def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: bool) -> bool:
-    """Return True if states at equal intervals lie on straight lines; under other gains, a transient that has not ended
-    would become visible.
+    """Return True if a block has settled: each number of its state changes linearly over three equidistant instants.
 
-    After following errors, the states must be bit-identical: those of an integrator are, whereas those of a slowly
-    decaying observer are not.
+    A transient that remains would become visible after a change of gains.  If `exactly` is True, as after following
+    errors, the three states must be bit-identical: those of an integrator are, whereas those of a slowly decaying
+    observer are not.
     """
     if exactly:
         return bool(np.all(first == second) and np.all(second == third))
@@ -258,7 +259,7 @@ def _settled(first: np.ndarray, second: np.ndarray, third: np.ndarray, exactly: 
 
 
 def _usual(count: int) -> np.ndarray:
-    """Return the typical magnitudes of the outputs of a block, the force last."""
+    """Return typical magnitudes of the `count` outputs of a block; the force comes last."""
     return np.array([*_SIZES[: 5 if count >= 5 else count - 1], *([_FORCE] if count != 5 else [])])
 
 
@@ -271,10 +272,10 @@ except ImportError as absent:
 
 
 def battery(*blocks: type[Block]) -> type[Rows]:
-    """Return the test class of some blocks; assign it to a name that begins with Test in a test module.
+    """Return a test class for some blocks; assign it to a name that begins with Test in a test module.
 
-    Raises StructureError for anything but a concrete block, and for a call within a running test, where pytest would
-    collect nothing.
+    Raises StructureError for anything but a concrete block class, and for a call within a running test, since pytest
+    would then collect nothing.
     """
     inside = sys._getframe(1).f_code.co_name != "<module>"  # pyright: ignore[reportPrivateUsage]
     if inside and os.environ.get("PYTEST_CURRENT_TEST", "").endswith("(call)"):
@@ -290,7 +291,7 @@ def battery(*blocks: type[Block]) -> type[Rows]:
 
 
 def _bits(values: Sequence[Any] | np.ndarray) -> list[bytes]:
-    """Return the bits of numbers; all NaN values count as equal."""
+    """Return the bytes of each number, for exact comparison; all NaN values give the same bytes."""
     numbers = np.array([float(value) for value in values])
     # the sign and payload of a NaN differ between processors and compilers
     return [b"nan" if number != number else number.tobytes() for number in numbers]
@@ -306,18 +307,18 @@ def _inputs(data: st.DataObject) -> Inputs:
 
 
 def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return the leaves with some of them changed, lane by lane."""
+    """Return the leaves after adding steps, one per lane, to some of them."""
     return {**leaves, **{name: np.float64(leaves[name]) + step for name, step in steps.items()}}
 
 
 def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int) -> np.ndarray:
-    """Return the values of nodes, shape (nodes, lanes)."""
+    """Return the values of graph nodes, shape (nodes, lanes)."""
     with np.errstate(all="ignore"):
         return np.array([np.broadcast_to(v, lanes).astype(float) for v in evaluate(graph, nodes, leaves)])
 
 
 def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
-    """Return the derivatives of nodes with respect to the named leaves, one leaf per lane."""
+    """Return the derivatives of graph nodes with respect to the named leaves, one leaf per lane."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     with np.errstate(all="ignore"):
         pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)
@@ -325,7 +326,7 @@ def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[
 
 
 def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], names: list[str]) -> bool:
-    """Return True if an output depends on the square root or logarithm of a number that is 0 for these values."""
+    """Return True if an output has no finite derivative for these values, for example because of the root of 0."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     try:
         require_slopes(graph, nodes, values, {node: seed for node, seed in seeds.items() if node in values}, {}, ())
@@ -335,7 +336,7 @@ def _stands_at_a_root(graph: Graph, nodes: list[int], values: dict[int, Any], na
 
 
 def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: list[str], base: np.ndarray) -> np.ndarray:
-    """Return the change of the outputs if all numbers change in their last digits: the noise of finite differences."""
+    """Return how far the outputs change if all numbers change in their last digits: the noise of finite differences."""
     rng, lanes = np.random.default_rng(0), 8
     steps: dict[str, np.ndarray] = {}
     for name in moved:
@@ -347,9 +348,9 @@ def _rounding(graph: Graph, nodes: list[int], leaves: dict[str, Any], moved: lis
 
 def check_slopes(exercise: Exercise) -> None:
     """Compare derivatives of the graph with central differences, wherever one-sided differences and other step sizes
-    confirm them.
+    agree with the central differences.
 
-    Raises AssertionError with the output and its error.
+    Raises AssertionError that names the output and the inputs for which they differ.
     """
     graph, nodes, leaves = exercise.trace()
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
@@ -431,13 +432,18 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 class Rows:
     """The tests of the battery.
 
-    Tests with the argument `block` run for all `blocks`, tests with `asked` only for blocks that run in a step.
+    The argument of a test selects its blocks.
+
+    block    all `blocks`
+    asked    blocks that are called in each step
+    retuned  blocks of these that support live changes
+    goes_on  blocks of these whose output must not step at a live change
     """
 
     blocks: ClassVar[tuple[type[Block], ...]] = ()
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """Parametrize each test with the blocks that it applies to."""
+        """Parametrize each test with the blocks to which it applies."""
         stepped = [block for block in self.blocks if family_of(block) in TRACED]
         # parts of the physics have no retune: a live change is one of the control
         held = [block for block in stepped if issubclass(block, RETUNED)]
@@ -533,7 +539,7 @@ class Rows:
     @often
     @given(data=st.data())
     def test_a_live_change_to_other_numbers_makes_no_bump(self, goes_on: type[Block], data: st.DataObject) -> None:
-        """Check live changes at rest and at constant speed without following error, also with a nonzero integral."""
+        """Check live changes at rest and at constant velocity without following error, also with a nonzero integral."""
         x = _inputs(data)
         T, position, force = float(x.T), float(x.position), float(x.force)
         old = concrete(data.draw(blocks_of(goes_on, T)))
@@ -558,7 +564,7 @@ class Rows:
         assert tree.structure(concrete(sample)) == tree.structure(sample)
 
     def test_it_says_what_it_is_and_what_it_computes(self, block: type[Block]) -> None:
-        """Check that fields have meaning and unit, that the docstring has an equation, and that the family is known."""
+        """Check that each field has a meaning and a unit, the docstring has an equation, and the family is known."""
         for name, declared in declarations(block).items():
             assert declared.meaning, f"{block.__name__}.{name} has no meaning"
             measure(declared.unit)
@@ -573,7 +579,7 @@ def _values(block: Block) -> list[Any]:
 
 
 def _is_part(block: type[Block], beside: Iterable[type[Block]]) -> bool:
-    """Return True if another block, the axis or the machine declares a part of this type."""
+    """Return True if another block, the axis or the machine has a field for a part of this type."""
     owners = (*(member for members in catalogue().values() for member in members.values()), *beside, Axis, Machine)
     hints = (get_type_hints(owner)[name] for owner in owners for name in _part_names(owner))
     return any(block in part_types(hint) for hint in hints)

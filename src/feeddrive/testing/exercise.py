@@ -1,16 +1,17 @@
-"""A block exercised on floats, on symbols and in a C loop.
+"""A block that is run on floats, traced on symbols, and compiled as a C loop.
 
-An `Exercise` calls everything that runs in a step of a block's family as one pure function of some numbers.  It runs
-this function on floats or arrays, traces it on symbols, and compiles it, for the tests of the battery.
+For the tests of the battery, an `Exercise` combines everything that a block of a family computes in a step into one
+pure function of some numbers.  It runs this function on floats or arrays, traces it on symbols, and compiles it.
 
-The C source of a plan is the C99 time loop of one variant, to be read, compiled and compared.  Signature and memory
-layout are those of the native code, and the results are bit-identical:
+The C source of a plan is the C99 time loop of one variant, which can be read, compiled and compared.  Its signature and
+memory layout are those of the native code, and its results are bit-identical:
 
     void name(int64_t count, int64_t first, const double *constants, const double *inputs, double *states,
               double *outputs, const double *const *tables)
 
-An operation that is used once is written inside the expression that uses it; all others have a name.  Of the C library
-only `fabs`, `floor` and `sqrt` are called, whose results IEEE 754 specifies exactly, unless the plan uses "libm".
+An operation whose result is used once is written inside the expression that uses it; all others are named variables.
+Unless the plan uses "libm", the only functions called from the C library are `fabs`, `floor` and `sqrt`, whose results
+IEEE 754 specifies exactly.
 """
 
 import ctypes
@@ -43,7 +44,7 @@ from feeddrive.loop.trace import Program
 
 
 class _Writer:
-    """The writer of graph nodes as C source; it collects the lines of the current part."""
+    """A writer that converts graph nodes to C source; it collects the lines of the current part of the program."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
@@ -64,13 +65,13 @@ class _Writer:
         return text
 
     def declare(self, index: int, wanted: str, text: str) -> None:
-        """Add a line that declares a named value."""
+        """Add a line that declares a named variable for a node."""
         self.texts[index] = self.name(wanted)
         kind = "int" if self.plan.kinds.truth[index] else "double"
         self.lines.append(f"const {kind} {self.texts[index]} = {text};")
 
     def node(self, index: int) -> None:
-        """Write one operation; if only one expression in the same part uses it, it is written inside that
+        """Write one operation; if it is used only once, in an expression of the same part, write it inside that
         expression.
         """
         node = self.plan.graph.nodes[index]
@@ -211,7 +212,7 @@ STEPS = 3
 
 
 class Inputs(NamedTuple):
-    """The numbers that a block may receive: floats, arrays or symbols; each family uses those it needs."""
+    """The numbers that a block may receive: floats, arrays or symbols; each family uses those that it needs."""
 
     T: Any
     position: Any
@@ -232,13 +233,13 @@ class Inputs(NamedTuple):
         return Setpoint(self.position, self.velocity, self.acceleration, self.jerk, self.snap)
 
     def motion(self) -> Motion:
-        """Return the motion of both bodies."""
+        """Return the motion of both bodies of the axis."""
         return Motion(self.position_motor, self.position, self.velocity_motor, self.velocity)
 
 
 @cache
 def inputs() -> st.SearchStrategy[Inputs]:
-    """Return a strategy for numbers in the range of motions and forces of feed drives."""
+    """Return a strategy for inputs in the range of motions and forces of feed drives."""
 
     # numbers so small that a product leaves the normal ones are 0 in native code: none of them is a motion or a force
     def about(size: float) -> st.SearchStrategy[float]:
@@ -264,7 +265,7 @@ def inputs() -> st.SearchStrategy[Inputs]:
 
 
 class Answers(NamedTuple):
-    """The results of a block: all outputs, and its state at the start and after some steps, if it has one."""
+    """The results of a block: all outputs and, if it has a state, the state at the start and after some steps."""
 
     start: Any
     after: Any
@@ -336,7 +337,7 @@ def _law(block: Any, x: Inputs) -> Answers:
 
 
 def _retuned(block: Any, state: Any, prepared: Any, T: Any) -> Any:
-    """Return the state after a live change from the same block with all numbers 10 % smaller."""
+    """Return the state after a live change from the same block with all parameters 10 % smaller."""
     old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
     return block.retune(state, old, old.prepare(T), prepared)
 
@@ -440,7 +441,7 @@ SAMPLED: tuple[type[Block], ...] = (families.Reference, families.Load)
 
 
 def run_of(block: type[Block]) -> Callable[[Any, Inputs], Answers]:
-    """Return the function that runs a step of a block."""
+    """Return the function that runs some steps of a block, according to its family."""
     return TRACED[family_of(block)]
 
 
@@ -452,12 +453,12 @@ class Exercise(NamedTuple):
     x: Inputs
 
     def run(self) -> Answers:
-        """Run the function on the numbers themselves: floats or arrays over lanes."""
+        """Run the function on the input numbers themselves, which are floats or arrays over lanes."""
         with np.errstate(all="ignore"):
             return self.ask(self.block, self.x)
 
     def trace(self) -> tuple[Graph, list[int], dict[str, Any]]:
-        """Return the graph of all results, their nodes, and the numbers of its leaves by name."""
+        """Return the graph of all results, the nodes of these results, and the values of the graph's leaves by name."""
         graph = Graph()
         rows = dict(tree.tables(self.block))
         block = tree.rebuild(self.block, (graph.input(name) for name, _ in tree.leaves(self.block)))
@@ -468,7 +469,7 @@ class Exercise(NamedTuple):
         return graph, nodes, {**dict(tree.leaves(self.block)), **rows, **inputs}
 
     def program(self) -> tuple[Program, dict[str, Any], dict[str, np.ndarray]]:
-        """Return a program of the results with all numbers as constants, and the numbers and tables by name."""
+        """Return a program that computes the results from constants and tables, and their values by name."""
         graph, nodes, leaves = self.trace()
         tables = {name: value for name, value in leaves.items() if isinstance(value, np.ndarray)}
         numbers = {name: value for name, value in leaves.items() if name not in tables}
@@ -486,7 +487,7 @@ class Exercise(NamedTuple):
         return program.keeping(list(program.outputs)), numbers, tables
 
     def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
-        """Return the plan of the program, its constants (one row per number, over the lanes) and its tables."""
+        """Return the plan of the program, its constants (one row per number, one column per lane) and its tables."""
         program, numbers, tables = self.program()
         compiled_plan = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
         column = np.array([numbers[name] for name, _ in compiled_plan.constants], dtype=float).reshape(
@@ -496,7 +497,7 @@ class Exercise(NamedTuple):
         return compiled_plan, constants, [tables[name] for name, _ in compiled_plan.tables]
 
     def native(self, lanes: int) -> np.ndarray:
-        """Return the results of machine code, shape (outputs, lanes)."""
+        """Return the results computed by native machine code, shape (outputs, lanes)."""
         compiled_plan, constants, rows = self.plan(lanes)
         outputs = np.empty((1, len(compiled_plan.outputs), lanes))
         native(compiled_plan).run(
@@ -506,5 +507,5 @@ class Exercise(NamedTuple):
 
 
 def flat(answers: Answers) -> list[Any]:
-    """Return all numbers except the cells of ring buffers, whose content shows up in the values read from them."""
+    """Return all numbers of the results except ring buffers, whose content shows up in the values read from them."""
     return [value for _, value in tree.leaves(answers) if not isinstance(value, Ring)]

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for any block with any values that its declarations allow.
+"""Hypothesis strategies that draw any block, with any values that its declarations allow.
 
 Each strategy is built once, since Hypothesis takes longer to analyze a new strategy than to draw from it.
 """
@@ -53,19 +53,19 @@ _Draw = Callable[[st.DrawFn, int], Any]  # a value of a field; the whole number 
 
 @cache
 def blocks_of(cls: type[Block], sample_time: float | None = None) -> st.SearchStrategy[Any]:
-    """Return a strategy for valid blocks of a concrete class: any choices, any parts, optional fields or none.
+    """Return a strategy for valid blocks of a concrete class, with any choices, parts and optional fields.
 
-    With a sample time in s they also satisfy the rules of sampled blocks.
+    If a sample time in s is given, the blocks also satisfy the rules that depend on the sample time.
     """
     return _blocks(cls, sample_time)
 
 
 @st.composite
 def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any:
-    """Draw fields within their bounds and, if the block rejects them, draw those named in its error again.
+    """Draw fields within their bounds; if the block rejects them, draw the fields named in its error again.
 
-    Every fourth time all fields are drawn again, since one that is not named may be at fault.  Each attempt rotates the
-    choices, since Hypothesis may draw the same values again and again.
+    At every fourth attempt all fields are drawn again, since the error may be caused by a field that it does not name.
+    Each attempt shifts the drawn values, since Hypothesis may draw the same values again and again.
     """
     fields = _fields(cls)
     values = _drawn(draw, cls, fields, 0)
@@ -94,7 +94,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 def _runs_at(block: Block, sample_time: float | None) -> bool:
     """Return True if a block satisfies its rules at this sample time.
 
-    It does not raise the error of a violated rule, whose remedy would take long to compute.
+    It does not raise an error for a violated rule, because the remedy in the message would take long to compute.
     """
     if sample_time is None:
         return True
@@ -104,7 +104,7 @@ def _runs_at(block: Block, sample_time: float | None) -> bool:
 
 
 def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: int) -> dict[str, Any]:
-    """Draw some fields of a block: none, all or some of the optional ones, and occasionally a default."""
+    """Draw the named fields of a block: none, some or all of the optional fields, occasionally with defaults."""
     present = _PRESENT[(draw(st.integers(0, len(_PRESENT) - 1)) + attempt) % len(_PRESENT)]
     drawn: dict[str, Any] = {}
     for place, (name, (default, value)) in enumerate(_fields(cls).items()):
@@ -120,7 +120,7 @@ def _drawn(draw: st.DrawFn, cls: type[Block], names: Container[str], attempt: in
 
 
 def _cut(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Truncate the tables among some fields to the shortest one: tables named in one error belong together."""
+    """Truncate the tables among the named fields to equal length; tables named in one error belong together."""
     rows = {name: values[name] for name in names if isinstance(values[name], np.ndarray)}
     length = min((row.size for row in rows.values()), default=0)
     return {**values, **{name: row[:length] for name, row in rows.items() if row.size > length}}
@@ -162,7 +162,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw new values for some of the leaves of a block that may differ between lanes and change live."""
+    """Draw a copy of a block with new values for some leaves, which may differ between lanes and change live."""
     values = dict(tree.leaves(block))
     names = [name for name in values if draw(_EITHER)] or list(values)
     values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}
@@ -185,7 +185,7 @@ def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
 
 @cache
 def numbers(declared: Declaration) -> st.SearchStrategy[float]:
-    """Return a strategy for usual magnitudes within the declared bounds, occasionally a closed bound itself."""
+    """Return a strategy for numbers of usual magnitude within the declared bounds, sometimes an inclusive bound."""
     value = _number(declared)
     return st.composite(lambda draw: value(draw, 0))()
 
@@ -199,7 +199,7 @@ def _number(declared: Declaration) -> _Draw:
     signed = least is None and most is None
 
     def at(share: float) -> float:
-        """Return the number at a fraction of the range, on a logarithmic scale where possible."""
+        """Return the number at a fraction of the range, on a logarithmic scale if possible."""
         if signed:
             sign, share = (1.0, share / 0.75) if share < 0.75 else (-1.0, 4.0 * share - 3.0)
             return sign * low * (high / low) ** share
@@ -212,7 +212,7 @@ def _number(declared: Declaration) -> _Draw:
     ends = [float(bound) for bound in (declared.least, declared.most) if bound is not None]
 
     def value(draw: st.DrawFn, turn: int) -> float:
-        """Return a number at a random fraction of the range, occasionally a closed bound."""
+        """Return a number at a random fraction of the range, or an inclusive bound."""
         if ends and draw(_EITHER):
             return ends[(draw(_EITHER) + turn) % len(ends)]
         drawn = at((draw(_SHARES) + turn * _GOLDEN) % 1.0)
@@ -246,7 +246,7 @@ def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
 
 
 def _parts(hint: Any) -> _Draw:
-    """Return a function that draws a part: a block of the permitted classes or families, or a tuple of them."""
+    """Return a function that draws a part: a block of a permitted class or family, or a tuple of such blocks."""
     if get_origin(hint) is tuple:
         part, counts = _parts(get_args(hint)[0]), st.integers(0, 3)
         return lambda draw, turn: tuple(part(draw, turn) for _ in range(draw(counts) or min(turn, 1)))

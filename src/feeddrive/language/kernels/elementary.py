@@ -24,10 +24,10 @@ _WHOLE = 4503599627370496.0
 
 @readable
 def left_over(x: float, y: float) -> float:
-    """Return the exact remainder of x / y with the sign of x (C's fmod); NaN if x is infinite or y is 0.
+    """Return the exact remainder of x / y with the sign of x (as fmod in C); NaN if x is infinite or y is 0.
 
-    y is doubled until it would exceed x, then halved step by step and subtracted wherever it fits.  Each difference is
-    exact, since its operands are within a factor of 2.
+    y is doubled until it would exceed x, then halved repeatedly and subtracted whenever it does not exceed the rest.
+    Each difference is exact, since its operands are within a factor of 2.
     """
     rest, part = abs(x), abs(y)
     if not (rest < _INFINITY and part > 0.0):
@@ -93,7 +93,7 @@ _INTRINSIC = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor"}
 
 
 class Elementary(NamedTuple):
-    """A function that kernels call by name; a call from Python gives bit-identical results."""
+    """An elementary function that kernels call by name; a call from Python gives bit-identical results."""
 
     name: str
     function: Callable[..., Any]
@@ -110,7 +110,7 @@ class Elementary(NamedTuple):
         return f"@elementary.{self.name}"
 
     def printed(self) -> tuple[str, list[Elementary]]:
-        """Return the function as LLVM text, and the functions that it calls."""
+        """Return the LLVM text of the function, and the elementary functions that it calls."""
         graph = Graph()
         result = graph.symbol(self.function(*(graph.input(f"x{place}") for place in range(self.arity)))).index
         lines, called, held = list[str](), list[Elementary](), list[str]()  # the last: operands by node

@@ -99,9 +99,9 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """The digest of what determines the machine code, except the processor.
+        """The digest of everything that determines the machine code, except the processor.
 
-        It covers source, types, constants and called files.
+        It covers the source, types and constants, and the called files.
         """
         with _lock:
             if self in _keyed:
@@ -115,7 +115,7 @@ class Unit:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
     def _content(self, source: Source) -> str:
-        """Return everything on which the LLVM text of a kernel depends."""
+        """Return a string of everything on which the LLVM text of a kernel depends."""
         named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
         code = source.python.__code__
         return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
@@ -224,7 +224,7 @@ class Unit:
 
     @property
     def quick(self) -> bool:
-        """True unless the code was compiled thoroughly."""
+        """True until the code has been recompiled thoroughly."""
         return self._effort is QUICK
 
     @staticmethod
@@ -289,7 +289,7 @@ _used: WeakSet[Unit] = WeakSet()  # units whose code has been loaded
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:
-    """Return an LLVM function that reads a kernel's arguments from 64-bit words and writes its results there."""
+    """Return an LLVM function that reads a kernel's arguments from 64-bit words and writes its results to them."""
     words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
     returned = struct_type(source.signature.results)
     results = [kind for result in source.signature.results for _, kind in result.leaves("")]
@@ -334,7 +334,7 @@ def _kernels(source: Source) -> list[Source]:
 
 
 def _lines(file: str) -> str:
-    """Return the text of a file without comment-only lines."""
+    """Return the text of a file without lines that contain only a comment."""
     linecache.checkcache(file)
     return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
 
@@ -398,7 +398,7 @@ class Kernel(Generic[_P, _R]):
         return self.__name__  # pickled by its name in its module
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
-        """Call the kernel, compiled or interpreted according to the mode of this thread."""
+        """Call the kernel, which runs compiled or interpreted depending on the mode of this thread."""
         mode = _mode.get()
         if mode == "inside":
             return self.python(*args, **kwargs)
@@ -457,7 +457,7 @@ class Kernel(Generic[_P, _R]):
         return self.source.unit or unit_of(self.source)
 
     def _bound(self) -> _Compiled:
-        """Return the compiled function from the current machine code of the file."""
+        """Return this kernel's compiled function, taken from the current machine code of the file."""
         code, address = self.unit.entry(self.source)
         words = [
             _FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
@@ -475,7 +475,7 @@ class Kernel(Generic[_P, _R]):
 
     @cached_property
     def _counted(self) -> tuple[int, bool]:
-        """The number of parameters, and True if any of them is a record."""
+        """The number of parameters, and a flag that is True if any of them is a record."""
         parameters = self.source.signature.parameters
         return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
 
@@ -505,7 +505,7 @@ class Kernel(Generic[_P, _R]):
         return [leaf for (field, inner), part in fields for leaf in self._flat(f"{name}.{field}", inner, part)]
 
     def _checked(self, place: int, value: object) -> Any:
-        """Return an argument converted to the type of its parameter, or raise an error if it does not fit."""
+        """Return an argument converted to the type of its parameter; raise an error if it does not match that type."""
         kind = self._leaves[place][1]
         if not kind.dimensions:
             if kind.element == "float" and isinstance(value, (float, int, np.floating, np.integer)):
@@ -551,13 +551,13 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """Return what an argument must be: float or an array's dtype, its number of indices, and its number of columns."""
+    """Return the type required of an argument (float or array dtype), its number of indices and number of columns."""
     cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
     return cell, kind.dimensions, kind.width if kind.layout else 0
 
 
 def _made(kind: Type, leaves: Iterator[Any]) -> Any:
-    """Build a value for the interpreter from its numbers and arrays."""
+    """Build an argument for the interpreter from its numbers and arrays."""
     if kind.layout is None:
         value = next(leaves)
         return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
@@ -567,7 +567,7 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
 
 
 def _address(array: np.ndarray) -> int:
-    """Return the address of an array's first cell, read from the object: calls of NumPy's API are too slow."""
+    """Return the address of an array's first cell, read from the array object because NumPy's API is too slow."""
     return ctypes.c_size_t.from_address(id(array) + _DATA).value if _READS_THE_OBJECT else array.ctypes.data
 
 
@@ -582,7 +582,7 @@ _READS_THE_OBJECT = _reads_the_object()
 
 
 def _throw(failure: Failure) -> NoReturn:
-    """Raise the error that Python would raise at this point, with file and line."""
+    """Raise the error that Python would raise at the failing line, with a note that names file and line."""
     error, source = failure.kind(failure.text), failure.source
     text = linecache.getline(source.file, failure.line).strip()
     error.add_note(f"in kernel '{source.name}', file {source.file}, line {failure.line}: {text}")
@@ -596,7 +596,7 @@ def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
 
 @contextmanager
 def interpreted() -> Generator[None]:
-    """Run all kernels of this thread as plain Python, as a reference for tests and for debugging."""
+    """Run all kernels of this thread as plain Python within this context, for tests and debugging."""
     token = _mode.set("interpreted")
     try:
         yield

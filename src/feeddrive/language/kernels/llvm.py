@@ -107,7 +107,7 @@ class RecordArithmetic(Arithmetic):
         return record._replace(parts=tuple((parts | self.named(layout, node, {})).values()))
 
     def named(self, layout: Layout, node: ast.Call, fields: dict[str, Value]) -> dict[str, Value]:
-        """Return the fields passed by position and by name, in source order, checked for type."""
+        """Return the fields passed by position and by name, in source order, after checking their types."""
         kind = Type("record", 0, layout)
         for keyword in node.keywords:
             if keyword.arg is None or keyword.arg in fields:
@@ -117,7 +117,7 @@ class RecordArithmetic(Arithmetic):
         return {name: self.fitting(layout, name, value, node) for name, value in fields.items()}
 
     def fitting(self, layout: Layout, name: str, value: Value, node: ast.AST) -> Value:
-        """Return a value for a field; reject one of another type."""
+        """Return the value for a field; raise KernelError if its type is not that of the field."""
         if value.type != layout.fields[name]:
             what = f"'{shown(node)}' gives {value.type} for the field '{name}' of type {layout.fields[name]}"
             self.refuse(node, what, "write 0.0 for 0, float(...), int(...), or give another")
@@ -190,7 +190,7 @@ class Names(RecordArithmetic):
         return Value(FLOAT, number(value))
 
     def name(self, node: ast.Name, fields: Sequence[str] = (), whole: ast.AST | None = None) -> Value:
-        """Return the value of a local variable, module constant or field; `whole` is the node including the field."""
+        """Return the value of a local variable, module constant or field; `whole` is the node of all of it."""
         whole = whole or node
         if node.id not in self.names:
             value = self.outside(node)
@@ -302,7 +302,7 @@ class Expressions(Names):
     # comparisons and choices
 
     def compare(self, node: ast.Compare) -> Value:
-        """Emit a comparison, `a < b`, or a chain, which short-circuits at the first false comparison."""
+        """Emit a comparison, `a < b`, or a chain of comparisons, which is evaluated up to the first false one."""
         left, ends = self.expression(node.left), list[tuple[str, str]]()
         after, before = self.label(), self.facts
         for place, (op, other) in enumerate(zip(node.ops, node.comparators, strict=True)):
@@ -372,7 +372,7 @@ class Expressions(Names):
     # arrays
 
     def place(self, node: ast.Subscript) -> Value:
-        """Return the address of a cell with the type of its number, or of a row with its type and sizes."""
+        """Return the address and type of a cell, or the address, type and sizes of a row."""
         array = self.expression(node.value)
         indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         if not array.type.dimensions:
@@ -397,7 +397,7 @@ class Expressions(Names):
         return Value(array.type._replace(dimensions=len(rest)), address, rest, array.root)
 
     def counted(self, index: Value, size: str) -> str:
-        """Return an index counted from the start; a negative `index` counts from the end."""
+        """Return the index counted from the start of the array; a negative `index` counts from the end."""
         if index.sure:
             return index.text
         if index.literal is None:
@@ -407,7 +407,7 @@ class Expressions(Names):
         return str(index.literal + int(size)) if size.isdigit() else self.value(f"add i64 {index.text}, {size}")
 
     def check_indices(self, places: Iterable[tuple[str, str]], node: ast.AST) -> None:
-        """Emit bounds checks of several indices; checks known to hold are not repeated."""
+        """Emit bounds checks for several indices, except those that are known to hold."""
         left: list[str] = []
         for place, size in places:
             if not (place.isdigit() and size.isdigit() and int(place) < int(size)):
@@ -438,7 +438,7 @@ class Expressions(Names):
         return results[0]
 
     def results(self, node: ast.Call) -> list[Value]:
-        """Emit a call of a kernel or of a built-in function of the language."""
+        """Emit a call of a kernel or of a built-in function of the kernel language; return its results."""
         if isinstance(node.func, ast.Attribute) and node.func.attr == "_replace":
             return [self.replaced(node, node.func.value)]
         function = self.outside(node.func)
@@ -500,7 +500,7 @@ class Expressions(Names):
         return Value(FLOAT, self.emit(f"call double {function.symbol}({arguments})"))
 
     def one(self, node: ast.Call) -> ast.expr:
-        """Return the only argument of a call."""
+        """Return the argument of a call; raise KernelError unless there is exactly one."""
         if len(node.args) != 1 or isinstance(node.args[0], ast.Starred):
             self.refuse(node, f"'{shown(node)}' has {len(node.args)} arguments", "give one")
         return node.args[0]
@@ -525,7 +525,8 @@ class Expressions(Names):
     def extreme(self, node: ast.Call) -> Value:
         """Emit `min` or `max`, as Python computes it.
 
-        A later argument is taken only if it is strictly smaller or larger, which matters for NaN and -0.0.
+        A later argument replaces an earlier one only if it is strictly smaller or larger.  This matters for NaN and
+        -0.0.
         """
         values = [self.number(argument) for argument in node.args]
         kind = values[0].type if len(values) > 1 else None
@@ -550,7 +551,7 @@ class Expressions(Names):
         return Value(FLOAT, self.as_float(self.number(self.one(node))))
 
     def length(self, node: ast.Call) -> Value:
-        """Return the length of an array along its first index, an integer."""
+        """Return the length of an array along its first index, as an integer."""
         array = self.expression(self.one(node))
         if not array.sizes:
             self.refuse(node, f"'{shown(node)}' is given {array.type}", "give an array")
@@ -558,7 +559,7 @@ class Expressions(Names):
 
 
 def _as_number(kind: Type) -> str:
-    """Return the remedy for a value that must be a number but has another type."""
+    """Return the remedy, for an error message, for a value that must be a number but has another type."""
     if kind.layout and not kind.dimensions:
         return "name a field"
     return "write int(...)" if kind == BOOL else "compute cell by cell, in a loop"
@@ -675,7 +676,7 @@ class Assignments(Expressions):
         return values
 
     def entry(self, row: Value, place: int) -> Value:
-        """Return an entry of a row of known length."""
+        """Return one entry of a row whose length is known at compile time."""
         kind = Type(row.type.element)
         address = self.value(f"getelementptr inbounds {kind.llvm}, ptr {row.text}, i64 {place}")
         return Value(kind, self.emit(f"load {kind.llvm}, ptr {address}"))
@@ -780,14 +781,14 @@ class Assignments(Expressions):
 
 
 def _instead(target: ast.expr) -> str:
-    """Return the remedy for an assignment to a target that is neither a name nor a cell."""
+    """Return the remedy, for an error message, for an assignment to a target that is neither a name nor a cell."""
     if isinstance(target, ast.Attribute):
         return f"assign to names and cells, and a record as a whole: record = record._replace({target.attr}=...)"
     return "assign to names and cells"
 
 
 class _Loop(NamedTuple):
-    """A loop: the targets of `continue` and `break`, and the assigned names on each exit path."""
+    """A loop: the labels to which `continue` and `break` jump, and the names assigned on each exit path."""
 
     onward: str
     out: str
@@ -852,7 +853,7 @@ class Statements(Assignments):
         return function._replace(text="\n".join([first, *self.memory, *self.lines, "}", ""]))
 
     def block_of(self, body: Iterable[ast.stmt]) -> None:
-        """Emit a sequence of statements."""
+        """Emit the statements of a block."""
         for node in body:
             print_it = _STATEMENTS.get(type(node))
             if print_it is None:
@@ -867,7 +868,7 @@ class Statements(Assignments):
         self.depth -= 1
 
     def merged(self, outcomes: Iterable[frozenset[str] | None]) -> frozenset[str] | None:
-        """Return the names assigned on all of several paths; None if no path is reachable."""
+        """Return the names that are assigned on every reachable path; None if no path is reachable."""
         ways = [outcome for outcome in outcomes if outcome is not None]
         return frozenset.intersection(*ways) if ways else None
 
@@ -956,7 +957,7 @@ class Statements(Assignments):
         self.after(loop)
 
     def turns(self, start: str, stop: str, step: int) -> str:
-        """Return the iteration count of a range, unsigned, so that it never exceeds 64 bits."""
+        """Return the iteration count of a range as an unsigned integer, for which 64 bits always suffice."""
         near, far = (start, stop) if step > 0 else (stop, start)
         some = self.emit(f"icmp slt i64 {near}, {far}")
         span = self.emit(f"sub i64 {far}, {near}")
@@ -975,7 +976,7 @@ class Statements(Assignments):
         self.jump(loop.onward)
 
     def forget(self, loop: ast.While | ast.For) -> set[str]:
-        """Discard the cached values of the variables that a loop changes; return their load instructions."""
+        """Discard the cached values of variables that a loop changes; return these variables' load instructions."""
         # the head is also reached from the end of the body, where these variables have other values
         held = [self.variables[name] for name in assigned(loop)[0] if name in self.variables]
         changed = {load for variable in held for load in variable.loads}
@@ -983,7 +984,7 @@ class Statements(Assignments):
         return changed
 
     def lasting(self, changed: set[str]) -> dict[str, str]:
-        """Return the known facts without those based on the given load instructions."""
+        """Return the known facts except those that depend on the given load instructions."""
         return {fact: value for fact, value in self.facts.items() if fact not in changed}
 
     def after(self, loop: _Loop) -> None:
@@ -1058,7 +1059,7 @@ class Statements(Assignments):
         self.results(node.value)
 
     def nothing(self, node: ast.Pass) -> None:
-        """Emit nothing, for `pass`."""
+        """Emit no code, as for `pass`."""
 
 
 _STATEMENTS: dict[type[ast.AST], Callable[..., None]] = {
@@ -1077,7 +1078,7 @@ _STATEMENTS: dict[type[ast.AST], Callable[..., None]] = {
 
 
 def assigned(tree: ast.FunctionDef | ast.While | ast.For) -> tuple[set[str], set[str]]:
-    """Return the assigned names, and those assigned only by loops that count up from a literal integer >= 0.
+    """Return all assigned names, and those assigned only by loops that count up from a literal integer >= 0.
 
     The latter need no test for negative values when used as an index.
     """

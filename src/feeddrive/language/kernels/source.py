@@ -1,6 +1,6 @@
 """The source of a kernel: the text of a Python function, the types of its annotations, its names, and its arrays.
 
-In the interpreter the cells of an array are Python numbers, and rows are views or records.
+In the interpreter, the cells of an array are returned as Python numbers, and its rows as views or records.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Records(Protocol[_Record]):
 
 
 class Records2(Protocol[_Record]):
-    """A two-dimensional array of records: a three-dimensional float64 array whose last axis is the field."""
+    """A two-dimensional array of records: a three-dimensional float64 array whose last axis holds the fields."""
 
     @overload
     def __getitem__(self, place: int, /) -> Records[_Record]: ...
@@ -279,7 +279,7 @@ class Source:
 
     @cached_property
     def signature(self) -> Signature:
-        """The types of parameters and results, determined without parsing the file."""
+        """The types of parameters and results, obtained from the annotations without parsing the file."""
         code, annotations = self.python.__code__, self.python.__annotations__
         if code.co_flags & _STARS or code.co_kwonlyargcount or code.co_posonlyargcount or self.python.__defaults__:
             what = "defaults, * or / among the parameters"
@@ -324,7 +324,7 @@ class Source:
             self.refuse(node, *error.args)
 
     def _results(self, node: ast.expr | None) -> tuple[tuple[Type, ...], bool]:
-        """Return the types of the results, and True if there is a single number or record."""
+        """Return the types of the results, and a flag that is True if the result is a single number or record."""
         if node is None:
             self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
         if isinstance(node, ast.Constant) and node.value is None:
@@ -353,7 +353,7 @@ class Source:
 
     @cached_property
     def named(self) -> dict[str, object]:
-        """The values of the names in its code, including module attributes; read once, at the first use."""
+        """The values of the names in its code, including module attributes; they are read once, at the first use."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
         # modules may refer to each other: each is visited once
@@ -382,7 +382,7 @@ _Python = TypeVar("_Python", bound=Callable[..., object])
 
 
 def readable(function: _Python) -> _Python:
-    """Mark a function as a helper that only compiled kernels call."""
+    """Mark a function as a helper that is called only by compiled kernels."""
     source = Source(cast(FunctionType, function))
     source.part = True
     vars(function)["source"] = source
@@ -454,7 +454,7 @@ def columns(record: tuple[Any, ...]) -> list[float]:
 
 
 def rows_for(record: type, *sizes: int) -> NDArray[np.float64]:
-    """Return an array of zeros for records, of the given sizes, with one column per number of a record."""
+    """Return an array of zeros for records, with the given sizes and one column for each number in a record."""
     return np.zeros((*sizes, layout_of(record).width))
 
 

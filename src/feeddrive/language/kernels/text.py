@@ -67,7 +67,7 @@ class Value(NamedTuple):
 
     @property
     def operands(self) -> list[tuple[str, str]]:
-        """The LLVM types and operands by which the value is passed to a function or stored."""
+        """The LLVM types and operands with which the value is passed to a function or stored."""
         return [
             word
             for leaf in self.leaves
@@ -110,8 +110,8 @@ _INLINED = 250
 class Text:
     """The writer of the lines of one function, block by block.
 
-    A function returns {status, results...}.  Status 0 is success; any other status is the 1-based index of a `Failure`
-    in the list of a kernel, and its higher bits identify that kernel.
+    A function returns {status, results...}.  Status 0 is success.  In any other status, the low bits are the 1-based
+    index of a `Failure` in the list of a kernel, and the higher bits identify that kernel.
     """
 
     def __init__(self, source: Source, callee: Callable[[Source], Function]) -> None:
@@ -143,7 +143,7 @@ class Text:
         return name
 
     def value(self, text: str) -> str:
-        """Return the value of an operation without side effects, which is computed only once on each path."""
+        """Return the value of an operation without side effects; the operation is emitted only once on each path."""
         value = self.facts.get(text)
         if value is None:
             value = self.facts[text] = self.emit(text)
@@ -196,18 +196,18 @@ class Text:
         return len(self.failures)
 
     def hand_up(self, status: str) -> None:
-        """Emit code that returns the status of a called kernel unless it is 0."""
+        """Emit code that returns from the function with the status of a called kernel if that status is not 0."""
         self.handed.append((status, self.block))
         self.go_on_if(self.emit(f"icmp eq i64 {status}, 0"), "handed")
 
     def go_on_if(self, good: str, other: str) -> None:
-        """Emit a jump to another block unless `good` is true; the jump is marked as unlikely."""
+        """Emit a jump to the block `other` if `good` is false; the jump is marked as unlikely."""
         after = self.label()
         self.lines.append(f"  br i1 {good}, label %{after}, label %{other}, !prof !0")
         self.begin(after)
 
     def end_with(self, failure: str) -> None:
-        """Emit the end of the function with the status of an error."""
+        """Emit a return from the function with the status of an error."""
         self.failed.append((failure, self.block))
         self.jump("fail")
 
@@ -299,7 +299,10 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"extractvalue {{ i64, i1 }} {both}, 0"))
 
     def floor_division(self, left_over: bool, left: Value, right: Value, node: ast.AST) -> Value:
-        """Emit integer `//` or `%`: processors round towards zero, Python rounds down; division by -1 may trap."""
+        """Emit integer `//` or `%`, rounded down as in Python.
+
+        Processor instructions round towards zero, and their division by -1 may trap.
+        """
         a, b = left.text, right.text
         self.check(self.value(f"icmp ne i64 {b}, 0"), ZeroDivisionError, "division by zero", node)
         # -2⁶³ by -1 overflows, which is undefined in LLVM: divide by 1, and change the sign below
@@ -323,7 +326,7 @@ class Arithmetic(Text):
         return Value(INT, self.value(f"select i1 {negated}, i64 {opposite}, i64 {floor}"))
 
     def check_exact(self, value: Value, node: ast.AST) -> None:
-        """Check that an integer is exact as a float, since Python rounds a quotient of integers only once."""
+        """Emit a check that an integer is exact as a float: Python rounds a quotient of integers only once."""
         if value.literal is not None and abs(value.literal) <= 2**53:
             return
         # shifted by 2⁵³, one unsigned comparison tests both bounds
@@ -340,7 +343,7 @@ class Arithmetic(Text):
         return self.value(f"sitofp i64 {value.text} to double")
 
     def compared(self, op: ast.cmpop, left: Value, right: Value, node: ast.Compare) -> str:
-        """Emit one comparison, which is exact even between an integer and a float."""
+        """Emit one comparison; it is exact even if an integer is compared with a float."""
         kind = type(op)
         if kind not in _ORDER:
             remedy = REMEDIES.get(kind) or REMEDIES[ast.Is if kind is ast.IsNot else ast.In]
@@ -361,7 +364,7 @@ class Arithmetic(Text):
         return self.mixed(kind, left, right)
 
     def mixed(self, kind: type[ast.cmpop], whole: Value, real: Value) -> str:
-        """Compare an integer with a float: as floats and, if these are equal, as integers."""
+        """Compare an integer with a float: first as floats and, if these are equal, as integers."""
         rounded = self.as_float(whole)
         order = self.value(f"fcmp {_FLOAT_ORDER[kind]} double {rounded}, {real.text}")
         if whole.literal is not None and abs(whole.literal) <= 2**53:
@@ -380,7 +383,7 @@ class Arithmetic(Text):
     def best(self, values: Sequence[Value], kind: type[ast.cmpop]) -> Value:
         """Emit the minimum or maximum of numbers, as Python computes it.
 
-        A later number is taken only if it is strictly smaller or larger, which matters for NaN and -0.0.
+        A later number replaces an earlier one only if it is strictly smaller or larger; this matters for NaN and -0.0.
         """
         one = values[0].type
         order = _ORDER if one == INT else _FLOAT_ORDER
