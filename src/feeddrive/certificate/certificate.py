@@ -94,7 +94,7 @@ class LoopResponse:
         return abs(self.pole)
 
     def images(self, frequency: np.ndarray) -> np.ndarray:
-        """Return Hl at frequencies in Hz, shape (lines, N)."""
+        """Return the closed-loop forces Hl, defined above, at frequencies f in Hz, shape (lines, N)."""
         A, B, C, D = self.closed.stacked(["cut"], ["force"])
         N, n, T = len(self.samples), A.shape[0], self.control.sample_time
         turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
@@ -231,7 +231,10 @@ def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
 
 
 def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
-    """Return, for each measured line of a reading, the radius that contains it: (|G - P| + sure √variance) / |P|."""
+    """Return, for each line G measured with a reading, the radius of the disc around the model P that contains it.
+
+    The radius is (|G - P| + sure √variance) / |P|.
+    """
     lines = plant.lines[reading]
     model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
     return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
@@ -240,7 +243,9 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """Return, for each reading, steps of r whose discs contain every line: |G - P| + `sure` √variance <= r|P|.
+    """Return, for each reading, steps of r whose discs around the model P contain every measured line G.
+
+    The condition is |G - P| + `sure` √variance <= r|P|.
 
     Between two lines, r is the larger one of their radii.  Below the first line r is the maximum over the first octave;
     above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than `least`.

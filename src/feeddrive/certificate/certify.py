@@ -163,8 +163,8 @@ def certify_loop(
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured separately: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
-        for a multirate controller: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f, with a
-        period of N samples
+        for a multirate controller with a period of N samples: r Σ|Hl| < 1, where Hl is the closed-loop force at
+        f + l/(NT) due to a sine of 1 N at f
 
     The proof is that of `check.py`: in exact integer arithmetic or, for a multirate controller, in floating point with
     a bound on every rounding error. Every certificate that is returned has passed it.

@@ -16,7 +16,7 @@ By Rouché's theorem the loop is then stable for every plant in the discs, P (1 
 A multirate controller has a period of N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
 
     x(k+N) = A x(k) + B u,   y = C x(k) + D u       u: all N samples at the plant's input, y: those of the force
-    Hl(f) = closed-loop response of the force, at f + l/(NT), l = 0 .. N-1, to a sine of 1 N at f added to it
+    Hl(f) = closed-loop force at f + l/(NT), l = 0 .. N-1, due to a sine of 1 N at f added at the plant's input
     r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
 
 A, B, C, D are computed without rounding and then rounded once.  On an interval |θ - θ0| <= h the states are
@@ -205,7 +205,7 @@ def ratio(a: int, b: int) -> float:
 
 
 class Bands:
-    """The disc radii as a function of u; band edges are widened by more than the floating-point error of sin²."""
+    """The disc radii as a function of u = sin²(πfT); bands overlap by more than the floating-point error of u."""
 
     def __init__(self, entries: Any, discs: int, T: float) -> None:
         self.edges, self.radii, low = [], [], 0.0
@@ -583,7 +583,10 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Raise RefusedError unless |G - P| + sure √variance <= r|P| at all measured lines; return the number of lines."""
+    """Raise RefusedError unless all measured lines G lie in the discs around the model P; return their number.
+
+    The condition is |G - P| + sure √variance <= r|P|.
+    """
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")

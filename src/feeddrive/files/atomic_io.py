@@ -194,7 +194,7 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
 
 
 def files_of(directory: Path) -> list[str]:
-    """Return the sorted relative paths of all files in a directory tree, excluding the marker file of feeddrive."""
+    """Return the sorted relative paths of all files in a directory tree, except the marker file of feeddrive."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)

@@ -75,7 +75,7 @@ class Column:
             ) from None
 
     def text(self) -> str:
-        """Return the short form of the column, which `of` parses if the name contains neither * nor a colon."""
+        """Return the short form of the column; `of` can parse it unless the name contains * or a colon."""
         factor = "" if self.factor is None else f"*{float(self.factor)!r}"
         return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
 
@@ -208,7 +208,7 @@ def unit_of(text: str) -> str | None:
 
 
 def factor_of(path: str, role: str, column: Column, unit: str) -> float:
-    """Return the factor from the column's unit to that of its role.
+    """Return the conversion factor from the unit of a column to that of its role.
 
     The unit is that of `column`, else that of the file, else the suffix of the column's name, where `_in` means input
     and not inch.

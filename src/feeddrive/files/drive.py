@@ -86,7 +86,7 @@ class Drive:
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
         """Return the table travel per motor angle, m/rad. Raise ParameterError if the lead is unknown.
 
-        It is needed if one of the two, motion or force, is measured at the shaft and the other at the table.
+        It converts between motion and force if one of them is measured at the shaft and the other at the table.
         """
         if self.lever is None:
             other = "N" if "rad" in unit else "N m"
@@ -109,7 +109,7 @@ def drive_with(
 ) -> Drive:
     """Return the drive given by the options.
 
-    Without a lead, the lead and, unless it is given, the gear are those of the loop's screw.
+    If no lead is given, the lead is that of the loop's screw, and so is the gear unless it is given.
     """
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:

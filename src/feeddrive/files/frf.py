@@ -275,7 +275,10 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """Read all frequency responses in a file into a dict by name; an FRF in place of a path is listed by its output."""
+    """Read all frequency responses in a file, and return them by name.
+
+    An FRF is also accepted in place of a path; it is returned under the name of its output.
+    """
     if isinstance(path, FRF):
         return {path.output: path}
     try:
@@ -291,8 +294,7 @@ def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float
 
     The result maps the path of each controller in the file to its members, such as m_Kp, m_Tn, m_Kv, which are numbers
     or strings.  The path "" collects all other numbers and strings, so that members renamed in another version of the
-    tool are still available.  Raises FileError or LogError
-    (damaged, or unsupported format).
+    tool are still available.  Raises FileError or LogError (damaged, or unsupported format).
     """
     file = _opened(path)
     if not ast_xml.is_xml(file.unpacked):
@@ -570,8 +572,8 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
     responses   the responses by name, as returned by `read_frfs`
 
-    "motor" or "load" in the name or in the output's name decides; a single response without such a name counts as the
-    motor's.  Roles without a response are omitted.
+    The word "motor" or "load" in the name of a response or of its output identifies the encoder; a single response
+    without such a name counts as that of the motor.  An encoder without a response is omitted.
     """
     by_role = {
         role: frf

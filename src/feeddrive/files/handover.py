@@ -122,7 +122,7 @@ _MOST_BYTES = 1_000_000
 
 
 def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int = 0) -> str:
-    """Return the text of a compensation file; each row gives nominal, forward and reverse value in machine units.
+    """Return the text of a compensation file; each row gives nominal, forward and reverse values in machine units.
 
     units      machine units per meter: 1000 for mm
     file_type  COMP_FILE_TYPE of the joint. 0: positions actually reached in forward and in reverse motion;

@@ -172,7 +172,7 @@ def job_of(
 
     values  values by key that replace those of the machine file
 
-    Raises the errors of `read_job`.
+    Raises the same errors as `read_job`.
     """
     root = file.root()
     root.refuse_unknown(declarations(JobSection))
@@ -304,7 +304,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return the loop of the axis, or the given machine, with the present control and with that of each row."""
+    """Return, by row, the loop or the given machine with the present control and with each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -332,7 +332,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """Return the loop with another control; without a guard or force limit, it takes over the present one."""
+    """Return the loop with another control; a missing guard or force limit is taken from the present control."""
     # Safety functions and force limit belong to the drive: a law to be compared must not run without them by omission.
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit

@@ -167,7 +167,7 @@ class MachineFile(Result):
     def machine(self, *couplings: Coupling) -> Machine:
         """Return all axes as one machine, with the couplings of the file and additional ones.
 
-        Raises the ParameterError and StructureError of `Machine`.
+        Raises ParameterError or StructureError, like `Machine`.
         """
         return Machine.of(self.loops, (*self.couplings, *couplings), self.geometry)
 

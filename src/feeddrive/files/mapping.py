@@ -513,7 +513,7 @@ class Mapping(abc.Mapping[str, Column]):
     def read(text: str, name: str = "mapping") -> Mapping:
         """Parse the text of a mapping.
 
-        name  file name in errors
+        name  file name for error messages
 
         Raises FileError or ParameterError with file, line, key and remedy.
         """

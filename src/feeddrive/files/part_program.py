@@ -31,7 +31,7 @@ teeth = 4
 
 A comment in the program sets the engagement, in mm, of the lines from there to the next such comment:
 
-(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down; a slot without ae
+(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed, with up or down; no ae for a slot
 (cut off)                          no cut
 
 or the job sets it for a range of lines, where it overrides any comment:
@@ -557,7 +557,7 @@ MOST = 4_000_000
 
 
 class ProgramSection(Section):
-    """A planned part program as the reference of all axes that it moves, or recorded setpoints."""
+    """The reference of several axes of a job: a planned part program, or recorded setpoints."""
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:

@@ -385,7 +385,7 @@ def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bo
 def _values(
     path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
-    """Return the values of a column and their unit: that of the role, else that of the file. Raise LogError for NaN."""
+    """Return the values of a column, and their unit: that of the role, else of the file. Raise LogError if invalid."""
     numbers = columns.values.get(column.name)
     if numbers is None:
         if column.name in columns.left_out:
@@ -420,7 +420,7 @@ def _values(
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Convert stamps without a unit to s by the sampling rate in the file; also return how the unit was determined."""
+    """Convert stamps without a unit to s with the sampling rate stated in the file; also return a note on the unit."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}

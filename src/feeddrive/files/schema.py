@@ -41,7 +41,7 @@ class _Definitions:
         self.by_name: dict[str, Schema] = {}
 
     def part(self, hint: Hint) -> Schema:
-        """Return the schema of a part: that of the matching block or section; among several, `kind` decides."""
+        """Return the schema of a part: that of the only matching class, or a choice among several classes."""
         first = hint.classes[0]
         if issubclass(first, Section):
             fitting = [self.reference(member) for member in members(hint).values()]

@@ -120,8 +120,8 @@ class Section(Declared):
     """Base of all sections. Subclasses become frozen, keyword-only dataclasses that check themselves.
 
     kind       name of the section in schema and documentation
-    exactly    alternatives, of which exactly one must be present; an alternative is a tuple of fields, any one suffices
-    needs      error message for a section with none or several of the alternatives
+    exactly    tuples of fields; fields of exactly one of these tuples must be present
+    needs      error message for a section with fields of none or several of these tuples
     shorthand  field that receives the string if a plain string is given in place of the section
     wanted     accepted values of a section with a shorthand, for messages
     needs_kind True if the key `kind` is required, since another class of the family is the default
@@ -162,7 +162,7 @@ class Section(Declared):
 
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
-        """Return the error message unless `names` contains exactly one alternative, else an empty string."""
+        """Return the error message if `names` does not meet the condition `exactly`, else an empty string."""
         first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
         there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
@@ -286,7 +286,7 @@ Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[..
 
 @dataclass(frozen=True)
 class Hint:
-    """The type of a part: a block or section of one of these families or classes.
+    """The type of a part: a block or section of one of `classes`, which may be families of classes.
 
     many      True for a list
     optional  True if it may be absent
@@ -450,7 +450,7 @@ def read_block(family: type[B], table: TomlTable) -> B:
     """Read the block of a family from a table.
 
     Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
-    StructureError (parts that do not fit each other), both with file and line.
+    StructureError (incompatible parts), both with file and line.
     """
     return _read(Hint((family,)), table, _Around())
 
@@ -463,13 +463,13 @@ def read_section(
     besides   keys that are read elsewhere
     unit_of   function that returns, for a table, the unit of fields declared in `VARIED`
 
-    Raises the errors of `read_block`.
+    Raises the same errors as `read_block`.
     """
     return _read(Hint((section,)), table, _Around(frozenset(besides), unit_of))
 
 
 def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
-    """Read a single field of a section before the rest of it is read. Raises the errors of `read_section`."""
+    """Read one field of a section before the rest is read. Raises the same errors as `read_section`."""
     if name not in table.values:
         if name not in defaults(section):
             _refuse_missing(section, table, [name])
@@ -593,7 +593,7 @@ def _prefix(table: TomlTable) -> str:
 
 
 def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
-    """Return the class named by `kind`, or the only matching one; families of sections choose it themselves."""
+    """Return the class named by `kind`, or the only matching one; a family of sections selects its own class."""
     first = hint.classes[0]
     if issubclass(first, Section):
         return first.choose(table)

@@ -89,7 +89,7 @@ def _kind(control: Control, name: str) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure compared with its limit, at the operating point and frequency that come closest to the limit.
+    """A figure compared with its limit, at the operating point and frequency where it is closest to the limit.
 
     frequency  Hz; None for a figure without a frequency, such as the force noise
     used       utilization of the limit: above 1 the limit is exceeded
@@ -135,8 +135,8 @@ class Look:
     def leading(self) -> Figures:
         """The figures at the critical operating point.
 
-        It is an unstable point if there is one, else the point with the highest utilization of a limit, or, without
-        limits, the point with the largest Ms.
+        The critical point is an unstable one if there is any, else the point with the highest utilization of a limit
+        or, without limits, the point with the largest Ms.
         """
         worst = self.judged[0].point if self.judged and self.stable else ""
         return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))

@@ -72,7 +72,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A law that cannot control this axis, and the reason."""
+    """A law, or its combination with another block, that is refused for an axis, and the reason."""
 
     name: str
     reason: str

@@ -24,7 +24,7 @@ _DEEPEST, _LINES = 1e-3, 40
 
 
 class Recovery(NamedTuple):
-    """Frequency lines, compliance and its derivatives by the tunables, from which the rope-snap error is computed."""
+    """Frequency lines, compliance and the derivatives of the compliance, for computing the rope-snap error."""
 
     frequency: np.ndarray
     compliance: np.ndarray
@@ -144,7 +144,7 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """Return the variance of Σ factor·X over both readings; X is the response to a source.
+    """Return the variance of Σ factor·X over both readings, where X is the response of a reading to a source.
 
     source   0: the command, 1: a force on the table
     factors  one factor per reading and line
@@ -243,16 +243,16 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 def encircles(answer: Answer) -> bool:
     """Return True if the encirclements of -1 by L show that the closed loop is unstable.
 
-    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from Nyquist, where
-    it lies within ±180°, down to the lowest lines. The loop is stable if
+    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from the Nyquist
+    frequency, where it lies within ±180°, down to the lowest lines. The loop is stable if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
-    n is the number of integrators at low frequencies: 2 for a free mass, and 1 for each integrator. P is the number of
-    unstable poles of the controller alone that are faster than these lines. Each pair of unstable closed-loop poles
-    adds 360°, a single pole or a response of the wrong sign 180°. The slope shows a resonance of the
-    controller near the lowest lines only in part. Such a resonance is therefore counted as integrators: 1 + L is
-    multiplied by (z - p)/(z - 1), which replaces each of its poles p by 1.
+    n is the number of integrators at low frequencies: 2 for a free mass plus 1 for each integrator of the controller.
+    P is the number of unstable poles of the controller alone that are faster than these lines. Each pair of unstable
+    closed-loop poles adds 360° to φ, a single pole or a response of the wrong sign adds 180°. The slope shows a
+    resonance of the controller near the lowest lines only in part. Such a resonance is therefore counted as
+    integrators: 1 + L is multiplied by (z - p)/(z - 1), which replaces each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
     slow = answer.response.slow

@@ -105,7 +105,8 @@ class Limits:
 class Judged(NamedTuple):
     """A figure of a loop compared with its limit.
 
-    value  in SI; None if the figure does not exist, such as a margin without a crossover; it then satisfies every limit
+    value  in SI; None if the loop has no such figure, for example no margin because L has no crossover; a missing
+           figure satisfies every limit
     """
 
     limit: Limit
@@ -293,7 +294,7 @@ class Criteria:
         ]
 
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
-        """Yield the evaluations for many sets of tunables without derivatives, or None for a set that fails.
+        """Evaluate many sets of tunables without derivatives; yield None for a set whose evaluation fails.
 
         x holds the logarithms of the tunables, shape (sets, tunables). The models of a single-rate controller are
         computed for all sets at once, so that a set costs a fraction of a search step. A multirate controller is
@@ -367,7 +368,7 @@ class Criteria:
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
-    """Return the response with derivatives with respect to the logarithms of the tunables."""
+    """Convert the derivatives of a response to derivatives with respect to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
 
 

@@ -90,7 +90,10 @@ def read_block(family: type[B], text: str) -> B:
 
 
 def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return the complex gain of a filter on lines in Hz, from its code: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
+    """Return the complex gain of a filter on lines in Hz, obtained by linearizing one step of its code.
+
+    The gain is H = c (z - A)⁻¹ b + d with z = e^(j2πfT).
+    """
     prepared = block.prepare(sample_time)
     rest = block.start(prepared, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
@@ -375,7 +378,11 @@ def filter_dragged(
 def filter_stepped(
     control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """Return the parameters after arrow-key steps: `across` of 2 % in frequency or width, `up` of 0.5 dB."""
+    """Return the parameters of a filter after its handle is moved with the arrow keys.
+
+    across  number of steps of 2 % in frequency or width
+    up      number of steps of 0.5 dB in |L|; for a width, of 2 % too
+    """
     _, part, block = _held(control, name)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]

@@ -160,7 +160,7 @@ class OperatingPoint:
     by_load      responses of motor and load reading to a force on the table, shape (2, lines)
     moved        responses of the table itself to the command and to a force on it, shape (2, lines)
     variance     variance of by_force after smoothing, shape (2, lines); None for a model
-    load_variance  variance of by_load, likewise
+    load_variance  variance of by_load in the same form
     coherence    measured coherence of by_force, shape (lines,), the smaller of the two readings; None if unknown
     at_drive     True if no response to a force on the table is known; the stiffness then refers to a force at the drive
     ratio        ratio of motor to load reading in by_force and by_load, shape (2, lines), on lines where the errors of

@@ -322,9 +322,9 @@ def pole_moved(
 ) -> tuple[np.ndarray, complex]:
     """Return the gains that move the pole at s (1/s) as close to `wanted` as possible, and the resulting pole.
 
-    Newton's method in the logarithms of the gains, with minimum-norm steps. No step changes a gain by more than a
-    quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the real axis
-    until it meets another one.
+    The gains are found by Newton's method in their logarithms, with minimum-norm steps. No step changes a gain by more
+    than a quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the
+    real axis until it meets another one.
     """
     # `loop_poles` returns the upper half plane only
     wanted = complex(wanted.real, max(wanted.imag, 0.0))

@@ -65,7 +65,7 @@ class Recipe(Result):
 
 
 class _Axis:
-    """The axis data for the tuning rules, from an operating point and the velocity loop with Kp = 1 and no integral."""
+    """The data of an axis for the tuning rules, identified at an operating point from its velocity loop with Kp = 1."""
 
     def __init__(self, point: OperatingPoint | Loop, control: Control | None) -> None:
         if isinstance(point, Loop):
@@ -214,7 +214,7 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     """Return gains with the velocity crossover at half of the first antiresonance, Tn = 4/ωv and Kv = ωv/4.
 
     Below the antiresonance, motor and table move together, so that the spring does not affect the velocity loop. The
-    crossover is at most 1/(2τ) with the lag τ.
+    crossover is limited to 1/(2τ), where τ is the lag.
     Raises NotIdentifiableError if the axis shows no antiresonance.
     Source: a rule of thumb for drives with an elastic coupling.
     """

@@ -20,14 +20,13 @@ _INSIDE = 1e-9  # relative distance to an open bound
 
 
 def speed_powers(control: Control) -> Mapping[str, float]:
-    """Return, by tunable of law, observers and compensations, the exponent with which it scales; 0 is omitted.
+    """Return the nonzero exponents of the tunables, by name, when the bandwidth is scaled by a factor w.
 
-    The bandwidth is scaled by a factor w.
-
-    A rate in 1/s, rad/s or Hz scales with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
-    time in s with 1/w. For a free mass the loop gain is then stretched in frequency, L(jω; w) = L(jω/w; 1): every
-    crossover is scaled by w and every margin is unchanged, as long as dead time and sampling are negligible. Filters,
-    axis models and feedforward depend on the axis and are not scaled.
+    The tunables are those of law, observers and compensations. A rate in 1/s, rad/s or Hz scales with w, a velocity
+    gain in N s/m with w, a stiffness in N/m with w², an integral time in s with 1/w. For a free mass the loop gain is
+    then stretched in frequency, L(jω; w) = L(jω/w; 1): every crossover is scaled by w and every margin is unchanged, as
+    long as dead time and sampling are negligible. Filters, axis models and feedforward depend on the axis and are not
+    scaled.
     """
     names = own_tunables(control)
     powers = zip(names, speeds(control, names), strict=True)

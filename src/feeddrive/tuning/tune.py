@@ -571,9 +571,9 @@ class Tuner:
 def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
     """Return the line indices of the resonances above the crossover at which |L| = `size` exceeds 0.15.
 
-    The crossover is where |L| first falls below 1. Above its last crossover the largest resonances, at which |L| rises
-    above 1 again, would be missed. On the bundled ball screw, machining center and mill, notches at these resonances
-    improve the goal.
+    The crossover is where |L| first falls below 1. A search above the last crossover would miss the largest
+    resonances, at which |L| rises above 1 again. On the bundled ball screw, machining center and mill, notches at these
+    resonances improve the goal.
     """
     falls = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     crossover = frequency[falls[0]] if falls.size else frequency[0]
@@ -992,7 +992,7 @@ def tune_control(
                 y is the compliance of the closed loop
     limits      `Limits`, or `Limit` objects for figures of the catalogue (`figures.limitable`)
     control     the controller from which the search starts; of a loop, its controller and, without `points`, its axis
-    points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
+    points      operating points, measured (`measured_point`) or modelled, or loops, whose axes are used
     tunables    dotted names within the controller, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
                 added where they improve the goal
@@ -1044,7 +1044,7 @@ def assess(
 
     rule  name of the rule that gave the controller; the other arguments are those of `tune_control`
 
-    Raises the errors of `tune_control`, and UnstableError if the loop is unstable at a point.
+    Raises the same errors as `tune_control`, and UnstableError if the loop is unstable at a point.
     """
     tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
     names = law_tunables(control)

@@ -153,7 +153,10 @@ def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[
 
 
 def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
-    """Return the line of the first of two consecutive regular rows, or of the partly numeric rows just above them."""
+    """Return the index of the line at which the numbers begin.
+
+    It is the first of two consecutive rows that match the mask, or the first of the partly numeric rows above them.
+    """
     fits = [_mask(line, separator, decimal) == mask for _, line in rows]
     start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
     while start > 0:
