@@ -1,4 +1,4 @@
-"""The certificate of a controller: its document, and the figures, uncertainty discs and plots based on it alone."""
+"""The certificate of a controller: its document, and the figures and uncertainty discs computed from it alone."""
 
 import json
 import math
@@ -24,7 +24,7 @@ _REFINED = 6
 
 
 def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
-    """Return the controller of a certificate, with the sample time T in s."""
+    """Return the controller in the certificate entry `entry`; T is the sample time in s."""
     rates = entry.get("samples", [entry])
     systems = tuple(
         matrices({"states": entry["states"], **sample}, entry["readings"], ["force"], T) for sample in rates
@@ -33,7 +33,7 @@ def control_of(entry: Mapping[str, Any], T: float) -> StateSpace | Lifted:
 
 
 def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str], T: float) -> StateSpace:
-    """Return a linear system of a certificate."""
+    """Return the linear system in the certificate entry `entry`; T is the sample time in s."""
     A, B, C, D = (
         np.array([[float.fromhex(x) for x in row] for row in entry[name]], dtype=float) for name in ("A", "B", "C", "D")
     )
@@ -54,10 +54,10 @@ def matrices(entry: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[
 class LoopResponse:
     """The frequency response of a loop in a certificate.
 
-    `bands` are the steps of the disc radius r over frequency, with one radius for all readings or one for each.
+    `bands` lists the frequency bands with their disc radius r, either one radius for all readings or one for each.
 
     A multirate controller has a period of N samples.  A sine of 1 N at f, added at the plant's input, causes
-    closed-loop forces Hl at the frequencies f + l/(NT), l = 0 .. N-1: with discs of radius r the loop is stable if
+    closed-loop forces Hl at the frequencies f + l/(NT), l = 0 .. N-1. With discs of radius r the loop is stable if
     r Σ|Hl| < 1 at all f.  For N = 1 that is r |L| < |1 + L|.
     """
 
@@ -67,7 +67,7 @@ class LoopResponse:
 
     @property
     def samples(self) -> tuple[StateSpace, ...]:
-        """The model of the controller at each sample of its period; one if it is not multirate."""
+        """The model of the controller at each sample of its period; a single one if it is not multirate."""
         return self.control.samples if isinstance(self.control, Lifted) else (self.control,)
 
     @cached_property
@@ -85,7 +85,7 @@ class LoopResponse:
 
     @cached_property
     def pole(self) -> complex:
-        """The dominant (largest |z|) pole of the closed loop over a period."""
+        """The pole of the closed loop over a period with the largest |z|."""
         return complex(self.closed.poles()[0])
 
     @property
@@ -94,7 +94,7 @@ class LoopResponse:
         return abs(self.pole)
 
     def images(self, frequency: np.ndarray) -> np.ndarray:
-        """Return Hl at frequencies in Hz, shape (lines, N)."""
+        """Return the closed-loop forces Hl, defined above, at frequencies f in Hz, shape (lines, N)."""
         A, B, C, D = self.closed.stacked(["cut"], ["force"])
         N, n, T = len(self.samples), A.shape[0], self.control.sample_time
         turn = np.exp(2j * np.pi * T * np.outer(frequency, np.arange(N)))
@@ -118,7 +118,7 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the radius r of each disc, shape (discs, lines); at a band edge the larger of the two."""
+        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger one of the two bands."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         # a line within rounding of an edge belongs to both bands, and the larger radius of the two counts
@@ -129,7 +129,7 @@ class LoopResponse:
     def room(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return |1 + L|, the distance of L from -1, and the part of this distance that the discs take up.
 
-        That part is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate controller.
+        The second value is Σ ri |Li|, or r |L| with one disc, or r |1 + L| Σ|Hl| for a multirate controller.
         """
         if isinstance(self.control, Lifted):
             images = self.images(frequency)
@@ -148,9 +148,9 @@ class LoopResponse:
         return np.abs(self.gains(frequency).sum(axis=0))
 
     def lines(self) -> np.ndarray:
-        """Return frequencies up to Nyquist, Hz, uniformly spaced in ln f, denser around resonances.
+        """Return frequencies up to the Nyquist frequency, Hz, uniformly spaced in ln f and denser around resonances.
 
-        Every edge of the radius bands is included.
+        Every edge of the bands is included.
         """
         T = self.control.sample_time
         nyquist = 0.5 / T
@@ -167,9 +167,9 @@ class LoopResponse:
         return every[np.append(np.diff(every) > 1e-13 * every[:-1], True)]
 
     def reserve(self, also: Sequence[float] = ()) -> tuple[float, float]:
-        """Return the factor by which all discs could be widened, and the limiting frequency in Hz.
+        """Return the largest factor by which all discs could be widened, and the frequency, Hz, that limits it.
 
-        also  frequencies in Hz around which more lines are evaluated
+        also  frequencies in Hz around which additional lines are evaluated
         """
         f = self.lines()
         if also:
@@ -203,18 +203,18 @@ _ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """Return the disc radius, in multiples of √variance, that contains all lines jointly with a given confidence.
+    """Return the radius, in multiples of √variance, of discs that jointly contain all lines with a given confidence.
 
-    For a complex normal error P(|dG|² > q var) = e^-q; q = ln(lines/(1 - confidence)) covers all lines (Bonferroni),
-    for any correlation of their errors.
+    For a complex normal error, P(|dG|² > q var) = e^-q. By Bonferroni's inequality q = ln(lines/(1 - confidence))
+    covers all lines, however their errors are correlated.
     """
     return math.sqrt(math.log(max(lines, 1) / (1.0 - confidence)))
 
 
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
-    """Return steps (upper frequency in Hz, r) from a number, or from points (Hz, r) interpolated linearly in ln f.
+    """Convert a number, or points (Hz, r) that are linear in ln f in between, to steps (upper frequency in Hz, r).
 
-    A step has the larger of the radii at its two ends.
+    The radius of a step is the larger one of those at its two ends.
     Raises ParameterError for negative radii and for frequencies that do not increase.
     """
     if isinstance(radius, (int, float)):
@@ -231,7 +231,10 @@ def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
 
 
 def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
-    """Return the radius that contains each measured line of a reading: (|G - P| + sure √variance) / |P|."""
+    """Return, for each line G measured with a reading, the radius of the disc around the model P that contains it.
+
+    The radius is (|G - P| + sure √variance) / |P|.
+    """
     lines = plant.lines[reading]
     model = plant.model.response(lines.frequency, output=plant.model.outputs[reading]).response
     return (np.abs(lines.response - model) + sure * np.sqrt(lines.variance)) / np.abs(model)
@@ -240,10 +243,12 @@ def needed(plant: NominalPlant, reading: int, sure: float) -> np.ndarray:
 def measured(
     plant: NominalPlant, sure: float, least: float, beyond: float, nyquist: float
 ) -> list[list[tuple[float, float]]]:
-    """Return the steps of r for each reading whose discs contain every line: |G - P| + `sure` √variance <= r|P|.
+    """Return, for each reading, steps of r whose discs around the model P contain every measured line G.
 
-    Between two lines r is the larger of the two.  Below the first line it is the maximum over the first octave, above
-    the last line the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
+    The condition is |G - P| + `sure` √variance <= r|P|.
+
+    Between two lines, r is the larger one of their radii.  Below the first line r is the maximum over the first octave;
+    above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
@@ -256,7 +261,7 @@ def measured(
 def _steps(
     f: np.ndarray, r: np.ndarray, low: float, high: float, nyquist: float, alike: float
 ) -> list[tuple[float, float]]:
-    """Merge lines into steps: neighbors whose radii differ by at most the factor `alike` become one step."""
+    """Convert lines to steps of the radius; neighbors whose radii differ by at most the factor `alike` are merged."""
     inside = f < nyquist
     f, r = f[inside], r[inside]
     raw = [(float(f[0]), low), *zip(f[1:].tolist(), np.maximum(r[:-1], r[1:]).tolist(), strict=True), (nyquist, high)]
@@ -274,7 +279,7 @@ def _steps(
 
 
 def _up(radius: float) -> float:
-    """Round upward, to four significant digits."""
+    """Round a radius up to four significant digits."""
     if radius == 0.0:
         return 0.0
     unit = 10.0 ** (math.floor(math.log10(radius)) - 3)
@@ -283,7 +288,7 @@ def _up(radius: float) -> float:
 
 
 def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str, Any]]:
-    """Return the steps of all readings with common band edges, in the form of a certificate."""
+    """Combine the steps of all readings into bands with common edges, in the format of a certificate."""
     edges = sorted({to for steps in readings for to, _ in steps})
     bands: list[dict[str, Any]] = []
     low = 0.0
@@ -301,14 +306,14 @@ def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str
 class Certificate(Result):
     """A proof that a controller robustly stabilizes a list of plants; `document` contains the proof as plain values.
 
-    It is created by `certify_loop` or read from a file; both run the checker first.
+    It is created by `certify_loop` or read from a file; in both cases the checker has accepted it.
     """
 
     document: Mapping[str, Any]
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
-        """Return the certificate of a document, with the digest of its content."""
+        """Create a certificate from the content of a document, to which the digest is added."""
         # as a reader of the file gets it: the digest of tuples and numpy numbers would be another one
         plain = json.loads(json.dumps(content))
         return cls({**plain, "sha256": check.digest(plain)})
@@ -331,7 +336,7 @@ class Certificate(Result):
 
     @property
     def two_rates(self) -> bool:
-        """True for a multirate law, whose period is several samples."""
+        """True for a multirate law, whose period has several samples."""
         return "samples" in self.document["control"]
 
     @property
@@ -346,7 +351,7 @@ class Certificate(Result):
 
     @cached_property
     def loops(self) -> dict[str, LoopResponse]:
-        """The loop response (controller and plant) by plant name, for figures and plots."""
+        """The response of controller and plant in a loop, by plant name."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
         control_model = control_of(control, T)
@@ -357,7 +362,7 @@ class Certificate(Result):
 
     @property
     def reserve(self) -> float | None:
-        """The smallest factor, over the plants, by which the discs could be wider, or None if all radii are 0."""
+        """The factor by which the discs of every plant could be widened, or None if no disc limits it."""
         return min(
             (plant["reserve"] for plant in self.document["plants"] if plant["reserve"] is not None), default=None
         )
@@ -380,7 +385,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """Return a table with one row per plant, smallest margin first."""
+        """Tabulate radii, margins and poles, one row per plant, smallest margin first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

@@ -71,7 +71,10 @@ OUTSIDE = [
 
 
 def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """Return the refusal message: frequency, amount and remedy. `place` is in Hz, or None for an unstable loop."""
+    """Return the message of a refusal, with the amount and a remedy.
+
+    `place` is the frequency in Hz at which a disc is too wide, or None if the nominal loop is unstable.
+    """
     lost = ""
     if controller.coarse:
         name = max(controller.coarse, key=lambda coefficient: controller.coarse[coefficient])
@@ -104,7 +107,7 @@ def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place
 
 
 def _remedy(plant: NominalPlant, place: float) -> str:
-    """Return the remedy for a disc that is too wide, according to its cause."""
+    """Return a remedy for a disc that is too wide at `place` in Hz, depending on the cause."""
     T = plant.model.sample_time
     if plant.lines:
         lines = plant.lines[0]
@@ -160,23 +163,23 @@ def certify_loop(
 
         nominal stability, and |1 + L| > r|L| at all frequencies up to half the sample rate;
         with two encoders measured separately: |1 + L| > r₁|C₁P₁| + r₂|C₂P₂|
-        for a multirate controller: r Σ|Hl| < 1, Hl the closed-loop force at f + l/(NT) per sine of 1 N at f, with a
-        period of N samples
+        for a multirate controller with a period of N samples: r Σ|Hl| < 1, where Hl is the closed-loop force at
+        f + l/(NT) due to a sine of 1 N at f
 
-    The proof is that of `check.py`, in exact integer arithmetic; for a multirate controller in floats with a bound
-    on every rounding error. A returned certificate has passed this proof.
+    The proof is that of `check.py`: in exact integer arithmetic or, for a multirate controller, in floating point with
+    a bound on every rounding error. Every certificate that is returned has passed it.
 
     loop         the loop whose controller is certified, or a `Control` with `sample_time` in s
-    plants       by name: a loop or an axis (a model), a response in m/N (a model is fitted to its lines), or a tuple:
-                 (axis, response), (response of the load, of the motor), (axis, load, motor).
-                 None: the axis of the loop
-    radius       r of models: a number, or points (Hz, r); default 0.2. For measured plants r follows from lines and
-                 variances, and this is the minimum; default 0.05
-    beyond       minimum r above the last measured line
+    plants       plants by name: a loop or an axis, which is a model; a response in m/N, to whose lines a model is
+                 fitted; or a tuple (axis, response), (load response, motor response) or (axis, load response, motor
+                 response). None: the axis of the loop
+    radius       for models, r as a number or as points (Hz, r); default 0.2. For measured plants r follows from the
+                 lines and their variances, and `radius` is its minimum; default 0.05
+    beyond       minimum of r above the last measured line
     arithmetic   arithmetic of the coefficients: float64, float32, or fixedN with N binary places
-    confidence   probability that the responses at all measured lines together lie in their discs
+    confidence   joint probability that the true responses at all measured lines lie in their discs
     velocity     velocity of the axes at which friction is linearized, m/s
-    machine      the source named in the certificate: name, file, sha256
+    machine      the machine to name in the certificate: name, file, sha256
 
     Raises NotCertifiedError, with frequency and amount, if the proof fails; ParameterError for wrong arguments and for
     a multirate law with two encoders measured separately; NotIdentifiableError for a response that no model fits.
@@ -274,7 +277,7 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """Return a plant in the form of a certificate; its margin is also searched near the frequencies `also`, Hz.
+    """Return the certificate entry of a plant; near the frequencies `also` (Hz), the margin is searched more finely.
 
     Raises NotCertifiedError if the nominal loop is unstable or a disc is too wide, and ParameterError for a radius or
     responses that do not fit the plant.
@@ -326,7 +329,7 @@ def _same(model: StateSpace) -> bool:
 
 
 def _held(model: StateSpace) -> dict[str, Any]:
-    """Return the matrices as hexadecimal numbers, which are exact, with the names of the states."""
+    """Return the certificate entry of a model: state names, and matrices as hexadecimal numbers, which are exact."""
     entry: dict[str, Any] = {"states": list(model.states)}
     for name in ("A", "B", "C", "D"):
         entry[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
@@ -334,7 +337,7 @@ def _held(model: StateSpace) -> dict[str, Any]:
 
 
 def _control(model: StateSpace | Lifted) -> dict[str, Any]:
-    """Return the matrices of a controller in certificate form; for a multirate one, those of each sample."""
+    """Return the certificate entry of a controller; for a multirate controller, with the matrices of each sample."""
     if isinstance(model, StateSpace):
         return _held(model)
     samples = [_held(sample) for sample in model.samples]
@@ -342,7 +345,7 @@ def _control(model: StateSpace | Lifted) -> dict[str, Any]:
 
 
 def point_plants(points: Sequence[OperatingPoint | Loop]) -> dict[str, PlantLike]:
-    """Return plants by name: loops of models, and lines of measurements with their variance after smoothing."""
+    """Convert operating points to plants by name: a model to its loop, a measurement to its smoothed response."""
     plants: dict[str, PlantLike] = {}
     for point in points:
         name = point.name if isinstance(point, OperatingPoint) else "model"

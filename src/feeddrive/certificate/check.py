@@ -2,21 +2,21 @@
 
     python check.py CERTIFICATE.json        exit code 0: proven; 1: refused, with one line that gives the reason
 
-This file works on its own, in any folder.  It recomputes figures, instead of reading them, wherever this is possible.
-With C = Nc/Dc of the controller (from readings to force) and P = Np/Dp of a plant:
+This file works on its own, in any folder.  Wherever possible, it recomputes figures instead of reading them.
+With the controller C = Nc/Dc (from readings to force) and a plant P = Np/Dp:
 
-    F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop, of degree n: all states of both
+    F = Dc Dp - Σ Nci Npi           characteristic polynomial of the closed loop; its degree n counts all states
     |F(z)| > Σ ri |Nci Npi|         for every |z| = 1; with one disc for all readings: r |Σ Nci Npi|
 
 Nominal stability: the fraction-free Routh array of F((1 + s)/(1 - s)) has a positive first column.
 All frequencies: with u = sin²(πfT), |F|² and |N|² on the unit circle are polynomials in u.  On an interval of u the
-difference is positive if all its Bernstein coefficients are; an interval where they are not is bisected exactly.
+difference is positive if all its Bernstein coefficients are positive; otherwise the interval is bisected exactly.
 By Rouché's theorem the loop is then stable for every plant in the discs, P (1 + Δ).
 
 A multirate controller has a period of N samples.  Its loop is lifted (Meyer 1990), with θ = 2πfNT:
 
-    x(k+N) = A x(k) + B u,   y = C x(k) + D u       u, y: all N samples at the plant's input and of the force
-    Hl(f) = closed-loop response of the force, at f + l/(NT), l = 0 .. N-1, to a sine of 1 N at f added to it
+    x(k+N) = A x(k) + B u,   y = C x(k) + D u       u: all N samples at the plant's input, y: those of the force
+    Hl(f) = closed-loop force at f + l/(NT), l = 0 .. N-1, due to a sine of 1 N at f added at the plant's input
     r(f) Σl |Hl(f)| < 1 at all f from 0 to half the sample rate
 
 A, B, C, D are computed without rounding and then rounded once.  On an interval |θ - θ0| <= h the states are
@@ -25,8 +25,8 @@ approximated by x0 + t x1, t = θ - θ0, with a bound on the remainder that incl
 
     (I - E + (ζ - ζ0) R) (x - x0 - t x1) = rest,   |x - x0 - t x1| <= (I - |E| - h W)⁻¹ |rest|,   E = I - R (ζ0 - A)
 
-An interval that is too wide for its bound is bisected.  The bound also implies that no pole lies on the unit circle,
-for the matrices before and after rounding and everywhere between them; so both have the same number of poles outside.
+An interval on which the bound is too weak is bisected.  The bound also implies that no pole lies on the unit circle,
+for the matrices before rounding, after rounding and everywhere in between; so rounding moves no pole across the circle.
 """
 
 import bisect
@@ -60,7 +60,7 @@ HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """The refusal of a certificate: its reason in one line, and a `frequency` in Hz if the reason concerns one."""
+    """The refusal of a certificate: the reason in one line, and the `frequency` in Hz to which it applies, if any."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -74,7 +74,7 @@ def need(condition: Any, reason: str, frequency: float | None = None) -> None:
 
 
 def exact(text: Any, what: str) -> float:
-    """Read a hexadecimal number, which denotes exactly one float; decimal conversion may differ between readers."""
+    """Read a hexadecimal number, which is exact; the conversion of decimal numbers may differ between programs."""
     need(isinstance(text, str) and HEX.fullmatch(text), f"{what} is not a hexadecimal number")
     need(abs(int(text.partition("p")[2])) <= 300, f"{what} is out of range")
     return float.fromhex(text)
@@ -109,7 +109,7 @@ def system(entry: Any, what: str) -> System:
 
 
 def whole(values: Matrix) -> tuple[list[Poly], int]:
-    """Return a matrix of floats as integers over a common power of two, which is exact, and the exponent."""
+    """Convert a matrix of floats exactly to integers over a common power of two; return them and the exponent."""
     bits = max([x.as_integer_ratio()[1].bit_length() - 1 for line in values for x in line], default=0)
     return [[int(Fraction(x) * 2**bits) for x in line] for line in values], bits
 
@@ -150,9 +150,9 @@ def times(p: Poly, q: Poly) -> Poly:
 
 
 def stable(F: Poly) -> bool:
-    """Return True if all zeros lie inside the unit circle.
+    """Return True if all zeros of F lie inside the unit circle.
 
-    The first column of the Routh array of F((1 + s)/(1 - s)) (1 - s)^n then has one sign (Jeltsch 1979).
+    In this case the first column of the Routh array of F((1 + s)/(1 - s)) (1 - s)^n has one sign (Jeltsch 1979).
     """
     n, out = len(F) - 1, [F[-1]]
     powers = [1]
@@ -173,7 +173,7 @@ def stable(F: Poly) -> bool:
 
 
 def squared(p: Poly, n: int) -> Poly:
-    """Return Bernstein coefficients on u = 0..1 of |p|² on the unit circle, times the lcm of all binomials (n, k)."""
+    """Return the Bernstein coefficients, over u = 0..1, of |p|² on the unit circle, times the lcm of all C(n, k)."""
     p = p + [0] * (n + 1 - len(p))
     power, last, now = [0] * (n + 1), [0] * (n + 1), [1] + [0] * n
     for m in range(n + 1):  # cos(m w) = T_m(1 - 2u)
@@ -187,7 +187,7 @@ def squared(p: Poly, n: int) -> Poly:
 
 
 def halved(b: Poly) -> tuple[Poly, Poly]:
-    """Return the Bernstein coefficients of both halves, times 2^n (de Casteljau, without a division)."""
+    """Return the Bernstein coefficients on both halves of the interval, times 2^n (de Casteljau without divisions)."""
     n, left, right, now = len(b) - 1, [], [], b
     for k in range(n + 1):
         left.append(now[0] << (n - k))
@@ -205,7 +205,7 @@ def ratio(a: int, b: int) -> float:
 
 
 class Bands:
-    """The disc radii as a function of u; band edges are widened by more than the floating-point error of sin²."""
+    """The disc radii as a function of u = sin²(πfT); bands overlap by more than the floating-point error of u."""
 
     def __init__(self, entries: Any, discs: int, T: float) -> None:
         self.edges, self.radii, low = [], [], 0.0
@@ -224,18 +224,18 @@ class Bands:
         self.ends = [*(u * (1.0 + 1e-12) for u in self.u[:-1]), 1.0]
 
     def most(self, low: float, high: float) -> list[float]:
-        """Return the largest radii on a closed interval of u."""
+        """Return the largest radius of each disc on a closed interval of u."""
         first, last = bisect.bisect_left(self.ends, low), bisect.bisect_right(self.starts, high)
         return [max(radii) for radii in zip(*self.radii[first:last], strict=True)]
 
     def at(self, f: float) -> list[float]:
-        """Return the radii at a frequency in Hz; at a band edge the larger ones."""
+        """Return the radius of each disc at a frequency in Hz; at a band edge, the larger one of both bands."""
         u = min(1.0, math.sin(math.pi * f * self.T) ** 2)
         return self.most(u, u)
 
 
 def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
-    """Raise RefusedError unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals."""
+    """Raise RefusedError unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals used."""
     n, nodes = len(F) - 1, 0
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
@@ -285,7 +285,13 @@ NEAR = 0.75  # largest spectral radius of |E| + h W for which an interval is tri
 
 
 class Lifted(NamedTuple):
-    """The lifted loop: A (n rows), B (N columns of n), C (N rows of n), D (row a: gains of the a samples before it)."""
+    """The lifted loop of N samples and n states.
+
+    A  n rows of length n
+    B  list of N columns of length n
+    C  N rows of length n
+    D  N rows; row a has the gains from the a input samples before it to force sample a
+    """
 
     A: Matrix
     B: Matrix
@@ -294,7 +300,7 @@ class Lifted(NamedTuple):
 
 
 def lifted(samples: Sequence[System], plant: System) -> Lifted:
-    """Lift the closed loop of a plant and the samples of a controller, from the plant's input to the force."""
+    """Lift the closed loop from the plant's input to the force; `samples` are the controller at each sample."""
     steps = [_closed(sample, plant) for sample in samples]
     n, bits = len(steps[0]) - 1, max(x.denominator.bit_length() for rows in steps for line in rows for x in line) - 1
     into = [0] * len(samples[0]["A"]) + [int(Fraction(x) * 2**bits) for (x,) in plant["B"]]
@@ -313,7 +319,7 @@ def lifted(samples: Sequence[System], plant: System) -> Lifted:
 
 
 def _closed(control: System, plant: System) -> list[list[Fraction]]:
-    """Return A of the closed loop for one sample, with the force output as an additional last row."""
+    """Return the state matrix of the closed loop for one sample; an additional last row gives the force."""
     Ac, Bc, Cc, Dc, Ap, Bp, Cp = (
         [[Fraction(x) for x in line] for line in matrix]
         for matrix in (*(control[name] for name in "ABCD"), *(plant[name] for name in "ABC"))
@@ -363,7 +369,7 @@ def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[A
 
 
 class Stretch:
-    """The resolvent (ζ - A)⁻¹ for |θ - θ0| <= h, with bounds for every input; `fits` is False if h is too wide."""
+    """Bounds on the resolvent (ζ - A)⁻¹ for |θ - θ0| <= h; `fits` is False if h is too wide for a bound."""
 
     def __init__(self, loop: Lifted, center: float, h: float) -> None:
         self.loop, self.center, self.h, self.zeta = loop, center, h, cmath.exp(1j * center)
@@ -385,7 +391,7 @@ class Stretch:
         self.fits = self.q <= NEAR
 
     def bounded(self, rest: list[float]) -> list[float]:
-        """Return an upper bound of (I - M)⁻¹ rest: v + c p with (I - M)(v + c p) >= rest."""
+        """Return an upper bound of (I - M)⁻¹ rest: a vector v + c p for which (I - M)(v + c p) >= rest."""
         v = rest
         for _ in range(2):
             v = [x + y for x, y in zip(rest, sums(self.M, v), strict=True)]
@@ -394,9 +400,9 @@ class Stretch:
         return [(x + c * y) * (1.0 + ROUND) for x, y in zip(v, self.p, strict=True)]
 
     def forces(self, k: int) -> tuple[Complexes, Complexes, float]:
-        """Return y0, y1 and √Σ(remainder²) for a sine at (θ + 2πk)/(2πNT).
+        """Return y0, y1 and √Σ(remainder²) for a sine at the frequency (θ + 2πk)/(2πNT) as the input.
 
-        All samples of the force, divided by that sine, are y0 + (θ - θ0) y1 within the remainder.
+        Each sample of the force, divided by this sine, is y0 + (θ - θ0) y1 up to a bounded remainder.
         """
         (_, B, C, D), h, N = self.loop, self.h, len(self.loop.C)
         turn = [cmath.exp(1j * (self.center + 2.0 * math.pi * k) * b / N) for b in range(N)]
@@ -429,7 +435,7 @@ class Stretch:
 
 
 def most_of(stretch: Stretch, k: int, enough: float) -> float:
-    """Return an upper bound of Σl |Hl| on the interval, or a less tight one if that is already below `enough`."""
+    """Return an upper bound of Σl |Hl| on the interval; a rough bound is returned if it is already below `enough`."""
     y0, y1, rest = stretch.forces(k)
     N, h = len(y0), stretch.h
     # Parseval: the images have the mean square of all samples, and Σ|Hl| <= √N √Σ|Hl|²
@@ -445,7 +451,7 @@ def most_of(stretch: Stretch, k: int, enough: float) -> float:
 
 
 def image_sum(loop: Lifted, f: float, T: float) -> float:
-    """Return an upper bound of Σl |Hl| at a frequency in Hz from 0 to half the sample rate, tight to ten digits."""
+    """Return an upper bound, tight to ten digits, of Σl |Hl| at a frequency from 0 to half the sample rate, in Hz."""
     N = len(loop.C)
     turns = round(f * T * N)
     theta = 2.0 * math.pi * (f * T * N - turns)
@@ -455,7 +461,7 @@ def image_sum(loop: Lifted, f: float, T: float) -> float:
 
 
 def widest(bands: Bands, low: float, high: float) -> float:
-    """Return the largest radius between two frequencies in Hz; above half the sample rate the radii are mirrored."""
+    """Return the largest radius between two frequencies in Hz; radii are mirrored about half the sample rate."""
     u = sorted(math.sin(math.pi * f * bands.T) ** 2 for f in (low, high))
     return bands.most(u[0] if low > 0.0 else 0.0, 1.0 if low <= 0.5 / bands.T <= high else u[1])[0]
 
@@ -492,7 +498,7 @@ def proven_over_period(
 ) -> tuple[int, int, float]:
     """Raise RefusedError unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
 
-    Returns the number of poles, the number of intervals, and r Σl |Hl| at f.
+    Returns the number of closed-loop poles, the number of intervals, and r Σl |Hl| at f.
     """
     need(len(bands.radii[0]) == 1, "with two rates there must be one disc for all readings")
     loop = lifted(samples, plant)
@@ -536,7 +542,7 @@ def represented(x: float, arithmetic: str) -> bool:
 
 
 def prepared(control: Any) -> Polynomials | list[Any]:
-    """Return the controller of a certificate as polynomials, or a multirate one as its systems over a period."""
+    """Return the controller of a certificate as polynomials or, if multirate, as a list of one system per sample."""
     samples = [system(entry, "control") for entry in control.get("samples", [control])]
     need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
     need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")
@@ -546,7 +552,7 @@ def prepared(control: Any) -> Polynomials | list[Any]:
 def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly, Numerators, Bands, int, int]:
     """Prove stability and margin for a plant.
 
-    Returns its det(z - A), its numerators and bands, the number of poles and the number of intervals.
+    Returns the plant's det(z - A), numerators and bands, the number of closed-loop poles and the number of intervals.
     """
     model = system(plant["model"], "model")
     readings = len(control[1]) if isinstance(control, tuple) else len(control[0]["D"][0])
@@ -577,7 +583,10 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
-    """Raise RefusedError unless |G - P| + sure √variance <= r|P| at every measured line; return their number."""
+    """Raise RefusedError unless all measured lines G lie in the discs around the model P; return their number.
+
+    The condition is |G - P| + sure √variance <= r|P|.
+    """
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")
@@ -627,7 +636,7 @@ def verified(document: Mapping[str, Any]) -> list[str]:
 
 
 def checked(path: str) -> tuple[list[str], bool]:
-    """Return the sentences about a file, with the verdict last, and True if the certificate is proven."""
+    """Check a file; return the sentences on it, the last one being the verdict, and True if it is proven."""
     proven = False
     try:
         with open(path, "rb") as file:

@@ -1,7 +1,7 @@
 """The linear systems of a certificate: the deployed controller and its plants.
 
-Each number that the controller stores is rounded to the controller's arithmetic.  A plant is a sampled model, fitted or
-specified, with its measured frequency lines.
+Each number that the controller stores is rounded to the controller's arithmetic.  A plant is a sampled model, given or
+fitted, with the measured frequency lines, if any.
 """
 
 import re
@@ -35,11 +35,11 @@ _KEPT = 2.0**-300, 2.0**300  # smallest and largest magnitude of a number in a c
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """The linear controller from readings to force, with the numbers that it stores.
+    """The linear controller as deployed, with the rounded numbers that it stores.
 
-    model    from `readings` to the force, in the states of the controller; for a multirate law, one model per sample
+    model    model from `readings` to the force; for a multirate law, one model per sample
     numbers  parameters and prepared numbers by name, after rounding
-    coarse   numbers that rounding changes by more than 1 %, with the relative change
+    coarse   relative change by name, for numbers that rounding changes by more than 1 %
     """
 
     model: StateSpace | Lifted
@@ -169,13 +169,13 @@ _USELESS = 0.5  # largest median relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
-    """Fit a sampled model; return it with its dead time in s and its number of modes.
+    """Fit a sampled plant model to measured lines; return it, its dead time in s and its number of modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
-    The outputs are in the order of `measured`. ω, ζ, corner and dead time are common to all outputs and fitted by
-    nonlinear least squares with all a and b eliminated (variable projection); then the modes are sampled exactly, and a
-    and b are solved for again.
+    The outputs are in the order of `measured`. ω, ζ, corner and dead time are common to all outputs. They are
+    fitted by nonlinear least squares, from which all a and b are eliminated (variable projection). Then the modes are
+    sampled exactly, and a and b are fitted again.
     Raises NotIdentifiableError if the median misfit exceeds half of the response.
     """
     f = measured[0].frequency
@@ -215,9 +215,9 @@ def _modes(values: np.ndarray) -> int:
 
 
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
-    """Return the responses of rigid-body motion and modes, in position and velocity, with hold and delay.
+    """Return the basis functions of the fit at s = jω, shape (lines, columns).
 
-    The shape is (lines, columns).
+    They are the responses of rigid-body motion and modes, first in position, then in velocity, with hold and delay.
     """
     k = _modes(values)
     omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
@@ -230,7 +230,7 @@ def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
 
 
 def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the real coefficients of the columns for each response, and the weighted residuals."""
+    """Fit each response G as a linear combination of the columns; return real coefficients and weighted residuals."""
     factors: list[np.ndarray] = []
     left: list[np.ndarray] = []
     for response, w in zip(G, weight, strict=True):
@@ -246,7 +246,10 @@ def _solved(columns: np.ndarray, G: np.ndarray, weight: np.ndarray) -> tuple[np.
 
 
 def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> tuple[float, np.ndarray]:
-    """Minimize the misfit, starting from the best vector fit over several dead times."""
+    """Fit modes and dead time by nonlinear least squares; return the RMS residual and the parameters.
+
+    The start is the best of several, which combine the poles of a vector fit with different dead times.
+    """
     from scipy.optimize import least_squares  # imported late: commands that only read do not need it
 
     s = 2j * np.pi * f
@@ -287,7 +290,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
 def _sampled(
     values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
 ) -> StateSpace:
-    """Sample the modes exactly, and fit the output combination of positions and velocities to the lines."""
+    """Sample the modes exactly; fit the outputs, as combinations of positions and velocities, to the measured lines."""
     k = _modes(values)
     modes = [
         Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
@@ -326,7 +329,7 @@ class Lines(NamedTuple):
 class NominalPlant:
     """A plant at one position and load.
 
-    model   from the command to the readings, sampled, including dead time
+    model   sampled model from the command to the readings, including dead time
     lines   the measured lines, by reading; empty for a plant without measurement
     source  the origin of the plant, as a string
     """
@@ -341,10 +344,10 @@ class NominalPlant:
 def modelled_plant(
     name: str, axis: Axis, control: Control, sample_time: float, readings: Sequence[str], velocity: float
 ) -> NominalPlant:
-    """Return the exactly sampled model of an axis moving at `velocity` (m/s).
+    """Return the plant of an axis model, linearized at `velocity` (m/s) and sampled exactly.
 
-    It includes dead time, current loop and the friction slope. The rigid-body motion is a separate state, so that its
-    integrator remains exactly 1 after rounding.
+    It includes dead time, current loop and the slope of the friction. The rigid-body motion has a state of its own, so
+    that its pole remains exactly at z = 1 after rounding.
     Raises ParameterError if a command causes no motion, for example because the axis sticks.
     """
     loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
@@ -361,7 +364,7 @@ def modelled_plant(
 
 
 def _free(model: StateSpace, along: Sequence[float]) -> StateSpace:
-    """Transform the states to q₁ and qᵢ - (eᵢ/e₁) q₁, where e is the rigid-body motion, which then changes q₁ alone."""
+    """Transform the positions to q₁ and qᵢ - (eᵢ/e₁) q₁; then the rigid-body motion e changes q₁ alone."""
     places = [i for i, name in enumerate(model.states) if name.startswith("axis.position.")]
     e = np.array([along[int(model.states[i].rsplit(".", 1)[1])] for i in places])
     if not places or not np.any(e != 0.0):
@@ -391,7 +394,7 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """Return a plant with its measured lines, based on a known axis or on a model fitted to the lines.
+    """Return a plant with measured lines; its model is that of a known axis, or is fitted to the lines.
 
     `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
     is used for all readings.
@@ -429,7 +432,7 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Return the lines below half the sample rate; the variance is computed from the coherence if it is not known."""
+    """Return the lines below half the sample rate; an unknown variance is computed from the coherence, else it is 0."""
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

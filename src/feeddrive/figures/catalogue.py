@@ -1,8 +1,8 @@
 """All figures by key, and those that a tuning can optimize or limit.
 
-The figures of feeddrive are entries of `of_loops.py` and `of_runs.py`. An installed package adds its own by an entry
-point of the group `feeddrive.figures`, and `--allow MODULE` adds those of a module: a `Figure`, or a list of them.
-A study file itself never triggers an import.
+The figures of feeddrive are entries of `of_loops.py` and `of_runs.py`. An installed package adds its own figures by
+entry points of the group `feeddrive.figures`, and `--allow MODULE` adds those of a module. An entry point or
+MODULE:NAME names a `Figure` or a list of them. A study file itself never triggers an import.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
 
 
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
-    """Return the figure that a study measures under a name. Raises ParameterError, suggesting similar names."""
+    """Return the figure that a study measures under a name. Raise ParameterError, with similar names, if unknown."""
     candidates = measurable(allow)
     figure_ = candidates.get(name) or at_frequency(name)
     if figure_ is None:
@@ -82,7 +82,7 @@ def _allowed(places: Iterable[str]) -> Iterator[tuple[str, Figure]]:
 
 
 def _held(origin: str, place: str) -> list[Figure]:
-    """Return the figures in a module or in FILE.py, or the figure or list of figures named by MODULE:NAME."""
+    """Import and return the figures in a module or FILE.py, or the figure or list of figures named by MODULE:NAME."""
     try:
         held, name = module_at(place)
         members = getattr(held, name) if name else [value for value in vars(held).values() if isinstance(value, Figure)]

@@ -2,8 +2,8 @@
 
     RIPPLE = Figure("force_ripple_rms_N", "force ripple", "N", "run", lambda run: float(np.std(run["force"])))
 
-A study measures it and a comparison ranks by it; a tuning can optimize it if it has a `Goal`, and keep it within a
-limit if it has a `Limitable`. The entries are in `of_loops.py` and `of_runs.py`; packages add their own
+A study can measure a figure, and a comparison can rank by it. A tuning can optimize it if it has a `Goal`, and keep it
+within a limit if it has a `Limitable`. The entries are in `of_loops.py` and `of_runs.py`; packages add their own
 (`catalogue.py`).
 """
 
@@ -37,13 +37,13 @@ BETTER = (LOWER, HIGHER, NEUTRAL)
 class Goal:
     """The declaration of a figure as the goal of a tuning.
 
-    name      the goal on the command line
+    name      name of the goal on the command line
     what      the quantity in words, such as `dynamic stiffness`
-    of        the quantity that is minimized, as a function of a loop and a band (Hz)
-    slope     its logarithm with derivatives, as a function of a loop with derivatives and a band
-    banded    True if it depends on the band
+    of        function of (loop, band in Hz) that returns the quantity to minimize
+    slope     function of (loop with derivatives, band in Hz) that returns its logarithm with derivatives
+    banded    True if the quantity depends on the band
     on_table  True if it refers to a force on the table, so that a response to such a force should be known
-    returns   True if it measures the recovery time of the axis, so that it needs integral action
+    returns   True if it measures how fast the axis recovers from a disturbance, so that it needs integral action
     """
 
     name: str
@@ -63,9 +63,9 @@ class Limitable:
     places    function of (loop, limit, noise of both readings in m) that yields the places near the limit
     where     function that returns the critical frequency of a loop in Hz, if there is one
     usual     the default limit
-    above, below  range of a limit; a limit is relaxed by scaling its distance from `origin`
-    order     order of the bounds in a search; bounds of the same order are sorted by frequency
-    noise     True if it needs the noise of the readings
+    above, below  range of admissible limits; a limit is relaxed by scaling its distance from `origin`
+    order     sort key of the bounds in a search; bounds of the same order are sorted by frequency
+    noise     True if the figure depends on the noise of the readings
     """
 
     option: str
@@ -85,22 +85,22 @@ class Limitable:
 class Figure:
     """A figure of merit; two figures with the same key are equal.
 
-    key      its name in files, with its SI unit at the end: following_error_rms_m
-    title    its name in words
-    unit     SI
-    needs    the argument of `of`: "statistics", "model" or "run"; "duty" if a comparison computes it from its runs
-    of       for `Statistics`, returns the values of all variants, shape (n,); for a `LinearLoop` or a Run, a number or
-             None
+    key      name in files, with the SI unit at the end: following_error_rms_m
+    title    name in words
+    unit     SI unit
+    needs    argument of `of`: "statistics", "model" or "run"; "duty" if a comparison computes the figure itself
+    of       function that returns the figure: for `Statistics` the values of all variants, shape (n,); for a
+             `LinearLoop` or a Run, a number or None
     better   "lower", "higher", or empty if neither is better
     meaning  a longer title
     short    a shorter title, for a column of numbers
     label    the title in the table of a tuned loop
     form     digits in a comparison, and the unit if it is not the usual one
-    absent   the value if a model lacks this figure, such as an infinite margin of a loop without a crossover
-    signals  the signals whose statistics are gathered, by their names on a single axis
+    absent   value for a model without this figure, such as an infinite margin for a loop without a crossover
+    signals  signals whose statistics it needs, by their names on a single axis
     tuned    True if a tuning reports it
-    compared  True if a tuning also reports when it has become worse
-    judges_laws  True if a comparison and the benchmark judge every law by it, from its linear model
+    compared  True if a tuning also reports when it gets worse
+    judges_laws  True if a comparison and the benchmark judge every law by it, from the linear model
     goal     how a tuning optimizes it
     limit    how a tuning keeps it within a limit
     """
@@ -172,7 +172,7 @@ class Figure:
         return Quantity(value, self.unit, form=self.form)
 
     def bare(self, value: float) -> str:
-        """Return a value without its unit, as marked text; "never" for a time that does not end."""
+        """Return a value without its unit, as `Text` markup; "never" for an infinite time."""
         if math.isinf(value):
             return "never" if self.unit == "s" else "∞"
         return f"{replace(self.shown(value), bare=True)}"
@@ -189,7 +189,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of a figure in SI: an upper limit if lower is better, otherwise a lower limit."""
+    """A limit of a figure in SI: a lower limit if a larger value is better, otherwise an upper limit."""
 
     figure: Figure
     bound: float
@@ -229,7 +229,7 @@ class Limit:
         return size >= (1.0 - room) * self.bound if self.figure.higher else size <= (1.0 + room) * self.bound
 
     def used(self, value: float | None) -> float:
-        """Return the utilization of the limit by a value, above 1 if the limit is violated; 0 for an absent value."""
+        """Return the utilization of the limit at a value: above 1 if the limit is violated; 0 for an absent value."""
         if value is None:
             return 0.0
         # a stiffness of 0 exceeds every limit; it must not divide by zero on the way
@@ -246,7 +246,7 @@ class Limit:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """The statistics of a batch for one axis: `rms("force")` is an array over the variants.
+    """The statistics of one axis in a batch: `rms("force")` is an array over the variants.
 
     `port` is the prefix of the axis's signals, such as `x.` in a machine.
     """

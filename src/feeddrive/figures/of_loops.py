@@ -1,8 +1,8 @@
 """The figures of a loop, from its linear model or its measured response.
 
-A new goal or limit is declared by one entry here: it automatically becomes an option of `tune`, a field of the studio's
-Goal, a figure of studies and, with `judges_laws`, of `compare` and the benchmark. Write its derivatives above the
-entry, with the tools in `slopes.py`.
+A new goal or limit is declared by one entry in this module. It automatically becomes an option of `tune`, a field of
+the Goal in the studio, a figure of studies and, with `judges_laws`, of `compare` and the benchmark. Define its
+derivatives above the entry, with the tools in `slopes.py`.
 """
 
 import math
@@ -42,11 +42,11 @@ _LINES = 60
 class LinearLoop:
     """A loop with its linear model, which is computed once for all figures.
 
-    velocity       m/s, sliding velocity of the axis
+    velocity       sliding velocity of the axis, m/s
     known          linear model of the loop, if already computed; the loop must be stable
     density        frequency lines per decade
-    lowest         Hz, lowest frequency for the minimum stiffness
-    reading_noise  white noise of the two readings, m RMS; None: counts and noise of the encoders
+    lowest         lowest frequency for the minimum stiffness, Hz
+    reading_noise  white noise of the two readings, m RMS; None: quantization and noise of the encoders
 
     Raises UnstableError if a figure of an unstable loop is requested.
     """
@@ -60,7 +60,7 @@ class LinearLoop:
 
     @cached_property
     def model(self) -> LoopModel:
-        """The linear model of the loop, both opened at the actuator and closed."""
+        """The linear model of the loop: open at the actuator, and closed."""
         if self.known is not None:
             return self.known
         model = loop_model(self.loop, velocity=self.velocity)
@@ -95,7 +95,7 @@ class LinearLoop:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness at the lines that count for its minimum."""
+        """The dynamic stiffness on the lines over which its minimum is taken."""
         return self._stiffness_on_lines
 
     @cached_property
@@ -132,7 +132,7 @@ class LinearLoop:
 
     @property
     def bandwidth(self) -> float | None:
-        """The frequency up to which disturbances are rejected, Hz."""
+        """The bandwidth of the disturbance rejection, where |S| rises to -3 dB, Hz; None if there is none."""
         return bandwidth(self.lines, self.model.loop_gain(self.lines).response)
 
     @property
@@ -191,7 +191,7 @@ def _nearest_gain(loop: JudgedLoop) -> float | None:
 
 
 def _sizes(loop: JudgedLoop, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequency (Hz) and compliance magnitude (m/N) of the lines in a band."""
+    """Return the frequencies (Hz) of the lines in a band, and the magnitude (m/N) of the compliance there."""
     f = loop.compliance.frequency
     inside = (f >= band[0]) & (f <= band[1])
     return f[inside], loop.compliance.magnitude[inside]
@@ -246,7 +246,7 @@ class StiffnessAt:
     frequency: float
 
     def __call__(self, loop: JudgedLoop) -> float | None:
-        """Return the dynamic stiffness in N/m; None outside the known frequencies."""
+        """Return the dynamic stiffness in N/m; None outside the frequency range of the loop."""
         return loop.stiffness_at(self.frequency)
 
 

@@ -1,4 +1,4 @@
-"""The figures of runs, from statistics gathered during a batch, from whole runs, or from the duty in a comparison."""
+"""The figures of runs: from statistics gathered during a batch, from a recorded run, or from runs of a comparison."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Of:
     what: str
 
     def __call__(self, statistics: Statistics) -> np.ndarray:
-        """Return the statistic of all variants."""
+        """Return the statistic, shape (n,), of all variants."""
         return statistics.rms(self.signal) if self.what == "rms" else statistics.peak(self.signal)
 
 

@@ -1,4 +1,4 @@
-"""The figures by which laws are ranked, including those computed from the linear model."""
+"""The figures by which laws are ranked, and the ranking."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ _WRONG = ({"kg": 1.0, "kg m2": 1.0}, {"N/m": 1.0, "Hz": 0.5})
 
 
 def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
-    """Return the rank of each law, 1 for the best; ties share a rank, and a law without the figure has none.
+    """Return the rank of each law by one figure; 1 is the best, ties share a rank, and a missing figure has rank None.
 
     An infinite figure, such as the settling time of a law that never settles, is ranked last.
     """
@@ -53,7 +53,7 @@ def ranks(criterion: Figure, figures: Sequence[Values]) -> list[int | None]:
 
 
 def beats(criterion: Figure, a: float, b: float) -> bool:
-    """Return True if a is better than b by more than the tie tolerance; two infinite values are equal."""
+    """Return True if a is better than b by more than the tolerance for ties; two infinite values are a tie."""
     better, worse = (b, a) if criterion.higher else (a, b)
     if math.isinf(better) or math.isinf(worse):
         return better < worse
@@ -61,7 +61,7 @@ def beats(criterion: Figure, a: float, b: float) -> bool:
 
 
 def losses(ours: Values, theirs: Values) -> list[tuple[Figure, float, float]]:
-    """Return the criteria by which a law is worse than another one, with the values of both."""
+    """Return each criterion by which our law is worse than the other one, with the values of both."""
     both = ((criterion, ours.get(criterion.key), theirs.get(criterion.key)) for criterion in CRITERIA)
     return [(c, a, b) for c, a, b in both if a is not None and b is not None and beats(c, b, a)]
 
@@ -73,7 +73,7 @@ def linear(loop: Loop, both: LoopModel) -> dict[str, float | None]:
 
 
 def _below(figure: Figure, nyquist: float) -> bool:
-    """Return True for a figure whose frequencies lie below the Nyquist frequency."""
+    """Return True unless the figure needs frequencies above the Nyquist frequency."""
     of: Any = figure.of
     if isinstance(of, of_loops.StiffnessAt):
         return of.frequency < nyquist
@@ -81,12 +81,12 @@ def _below(figure: Figure, nyquist: float) -> bool:
 
 
 def effort_of(loop: Loop) -> dict[str, float | None]:
-    """Return the number of operations per sample."""
+    """Return, by key, the figure for the computing effort: the number of operations per sample."""
     return {of_loops.EFFORT.key: of_loops.EFFORT.read(LinearLoop(loop))}
 
 
 def worst(figures: Sequence[Values]) -> dict[str, float | None]:
-    """Return the worst value of each figure by key; None if any row lacks the figure."""
+    """Return the worst value of each figure over all rows, by key; None if any row lacks the figure."""
     known, worst_values = catalogue(), dict[str, float | None]()
     for key in figures[0]:
         values = [value for row in figures if (value := row.get(key)) is not None]
@@ -97,8 +97,9 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
 
 
 def robust_peak(loop: Loop, velocity: float, share: float) -> float:
-    """Return the largest Ms with all masses, or all stiffnesses, of the plant perturbed by ±`share`; infinite if
-    unstable.
+    """Return the largest Ms if all masses, or all stiffnesses, of the plant differ by ±`share` from the model.
+
+    The result is infinite if the loop is unstable with any of these plants.
     """
     peaks: list[float] = []
     for powers, factor in product(_WRONG, (1.0 - share, 1.0 + share)):

@@ -1,6 +1,6 @@
-"""Figures of a closed loop with their derivatives with respect to the tunables, for the goals and limits of a search.
+"""Figures of a closed loop and their derivatives with respect to the tunables, for the goals and limits of a search.
 
-The slack of a limit is its distance from violation, as a logarithm or a relative difference: 0.01 is about one percent.
+The slack of a limit is the distance to its violation, as a logarithm or a relative difference: 0.01 is about 1 %.
 A limit is satisfied if its slack is >= 0.
 """
 
@@ -35,8 +35,8 @@ Band = tuple[float, float]
 class JudgedLoop(Protocol):
     """A closed loop whose figures can be computed, from a model or a measurement.
 
-    To compute a figure only once, a class defines it as a property that returns a cached property, because a type
-    checker does not accept a `cached_property` for the property of a protocol.
+    A class that computes a figure only once must define it as a property that returns a cached property, because type
+    checkers do not accept a `cached_property` in place of a property of a protocol.
     """
 
     @property
@@ -51,7 +51,7 @@ class JudgedLoop(Protocol):
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness at the lines that count for its minimum."""
+        """The dynamic stiffness on the lines over which its minimum is taken."""
         ...
 
     @property
@@ -61,7 +61,7 @@ class JudgedLoop(Protocol):
 
     @property
     def bandwidth(self) -> float | None:
-        """The frequency up to which disturbances are rejected, Hz."""
+        """The bandwidth of the disturbance rejection, where |S| rises to -3 dB, Hz; None if there is none."""
         ...
 
     @property
@@ -70,12 +70,12 @@ class JudgedLoop(Protocol):
         ...
 
     def stiffness_at(self, frequency: float) -> float | None:
-        """Return the dynamic stiffness at a frequency (Hz) in N/m; None outside the known frequencies."""
+        """Return the dynamic stiffness at a frequency (Hz) in N/m; None outside the frequency range of the loop."""
         ...
 
 
 class Reading(NamedTuple):
-    """The response of the control to a reading (N/m), its derivatives, and the white noise of the reading, m RMS."""
+    """The response of the controller to a reading (N/m), its derivatives, and the white noise of the reading, m RMS."""
 
     response: np.ndarray
     slope: np.ndarray
@@ -131,11 +131,11 @@ class SlopedLoop(Protocol):
         ...
 
     def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return frequency, compliance and its derivatives, extended to frequencies far below the first line."""
+        """Return frequency lines, compliance and its derivatives, extended far below the first line of the loop."""
         ...
 
     def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
-        """Return the response of the control to each reading; `noise` is that of both readings, m RMS."""
+        """Return the response of the controller to each reading; `noise` is the noise of both readings, m RMS."""
         ...
 
 
@@ -148,9 +148,10 @@ class Slope(NamedTuple):
 
 
 class Place(NamedTuple):
-    """A place at which a loop is near a limit: frequency (0: none), slack, its derivatives and standard deviation.
+    """A frequency at which a loop is near a limit, with the slack, its derivatives and its standard deviation.
 
-    line  index of its frequency line, which distinguishes it from other places of the same limit
+    frequency  Hz; 0 for a limit without a frequency
+    line       index of the frequency line, which distinguishes several places of one limit
     """
 
     frequency: float
@@ -170,7 +171,7 @@ _STRETCH = 0.08  # of ln f: interval on both sides of a crossover for its deriva
 
 
 def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
-    """Return the logarithm of the rope-snap error with its derivatives."""
+    """Return the logarithm of the rope-snap error, with its derivatives."""
     lines, y, dy = loop.recovery()
     return _mean_square(y, dy, rope_snap_weights(lines, loop.sample_time))
 
@@ -183,12 +184,12 @@ def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
 
 
 def compliance_peak_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the logarithm of the largest compliance in a band with its derivatives."""
+    """Return the logarithm of the largest compliance in a band, with its derivatives."""
     return largest(loop, band)
 
 
 def integral_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the logarithm of the largest ratio of compliance to angular frequency in a band with its derivatives."""
+    """Return the logarithm of the largest |y|/ω in a band, with its derivatives; y is the compliance."""
     return largest(loop, band, 1.0 / (2.0 * np.pi * loop.frequency))
 
 
@@ -215,7 +216,7 @@ def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
 
 
 def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> Slope:
-    """Return the logarithm of the largest compliance in a band with its derivatives; lines may be weighted."""
+    """Return the logarithm of the largest compliance in a band, times `weight`, with its derivatives."""
     size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
     k = int(np.argmax(size))
     slope = (loop.compliance_slope[k] / loop.compliance[k]).real
@@ -223,7 +224,7 @@ def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> S
 
 
 def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
-    """Return ½ ln Σ w |y|² with its derivatives."""
+    """Return ½ ln Σ w |y|², with weights w on the lines, and its derivatives."""
     total = float(np.sum(weight * np.abs(y) ** 2))
     slope = np.real(dy.T @ (weight * np.conj(y))) / total
     # Gauss-Newton: the second derivatives of y are left out, so the first term cannot become indefinite
@@ -233,7 +234,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
 
 
 def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines at which |S| is near the limit of its maximum Ms."""
+    """Yield the lines at which |S| is near the limit of Ms, the largest |S|."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -245,7 +246,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines that nearly violate the small-gain theorem for an additional dead time of `limit` samples."""
+    """Yield the lines that nearly violate the small-gain condition for an added dead time of `limit` samples."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
@@ -277,12 +278,13 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
 
 
 class _Crossing(NamedTuple):
-    """A gain crossover with the derivatives of its phase and frequency.
+    """A gain crossover, with the derivatives of its phase and frequency.
 
-    line, margin  index of the frequency line, and frequency and margins of the crossover
-    turned        derivatives of the phase with respect to the tunables
-    along         derivatives of ln f with respect to the tunables
-    tilt, bend    d ln|L|/d ln f and d phase/d ln f
+    line        index of the frequency line below the crossover
+    margin      frequency and margins of the crossover
+    turned      derivatives of the phase at the crossover with respect to the tunables
+    along       derivatives of ln f of the crossover with respect to the tunables
+    tilt, bend  d ln|L|/d ln f and d phase/d ln f at the crossover
     """
 
     line: int
@@ -305,7 +307,7 @@ def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
 
 
 def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers with the distance of |phase margin| from a limit in deg."""
+    """Yield the gain crossovers, with the distance of |phase margin| from a limit in deg as the slack."""
     spread = _spread(loop)
     for k, margin, turned, _along, tilt, bend in _gain_crossings(loop):
         sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
@@ -316,7 +318,7 @@ def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Pla
 
 
 def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers with their distance from a delay margin limit in samples."""
+    """Yield the gain crossovers, with the distance of the delay margin from a limit in samples as the slack."""
     spread, T = _spread(loop), loop.sample_time
     for k, margin, turned, along, tilt, bend in _gain_crossings(loop):
         f = margin.frequency
@@ -328,7 +330,7 @@ def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Pla
 
 
 def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the phase crossovers with their distance from a gain margin limit in dB."""
+    """Yield the phase crossovers, with the distance of the gain margin from a limit in dB as the slack."""
     spread = _spread(loop)
     pushed = loop.gain_slope / loop.gain[:, None]
     x, level, _lead, turn = loop.logarithms
@@ -348,11 +350,11 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Iterator[Place]:
-    """Yield the force noise σ_u with its derivatives, as a single place.
+    """Yield a single place, for the limit of the RMS force noise σ_u.
 
         d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u
 
-    The sum is over the readings, with control response C and noise σ, and over the lines, with weight w; S is the
+    The sum is over the readings, with controller response C and noise σ, and over the lines, with weight w; S is the
     sensitivity.
     """
     value = force_noise_of(loop, noise)
@@ -379,17 +381,17 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
 
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
-    """Return the lines at which the limit is nearly violated; without derivatives, only the most critical of them."""
+    """Return the indices of lines at which a limit is violated or nearly so; without slopes, only the worst line."""
     # without slopes nothing is searched: only the critical line is of interest
     near = np.flatnonzero(slack < _NEAR)
     return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Return the slacks; each local minimum is refined by the smallest |w| between the neighboring lines.
+    """Return the slacks, with each local minimum corrected for the smallest |w| between the neighboring lines.
 
     w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a circle in the
-    complex plane, and its point closest to 0 may lie far from any line.
+    complex plane, and the point of this circle that is closest to 0 may lie far from any line.
     """
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
@@ -406,7 +408,7 @@ def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarra
 
 
 def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Return the slacks; each local minimum is replaced by that of the parabola through the line and its neighbors."""
+    """Return the slacks; each local minimum is replaced by that of a parabola through it and its two neighbors."""
     out = slack.copy()
     for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
         if slack[k] < _NEAR:
@@ -415,9 +417,9 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 
 
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
-    """Return d ln|L|/d ln f and dφ/d ln f around a line.
+    """Return d ln|L|/d ln f and dφ/d ln f at line k; φ is the phase of L.
 
-    They are fitted over an interval, because the difference between two lines would be mostly noise.
+    Both are fitted over an interval, because the difference between two lines would be mostly noise.
     """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     # at least the two lines of the crossing, where lines are sparse

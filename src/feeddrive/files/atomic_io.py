@@ -1,6 +1,6 @@
 """Atomic file access: files and result directories are read or written completely or not at all.
 
-A file is written under a temporary name in the same directory, flushed to the disk and renamed; a directory of results
+A file is written under a temporary name in the same directory, flushed to disk and renamed; a directory of results
 is built under a temporary name and renamed when it is complete.  Any failure before that, including Ctrl-C, leaves no
 new file behind and the old one unchanged.  (A killed process or a power cut may leave the hidden temporary file, but
 never a partial result under the final name.)
@@ -38,7 +38,7 @@ _WHAT_TO_DO = {
 
 
 def refusal(path: str | Path, what: str, error: OSError) -> FileError:
-    """Return a FileError that states file, reason and remedy for an operating system error."""
+    """Convert an operating system error to a FileError that states the file, the reason and a remedy."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     advice = _WHAT_TO_DO.get(error.errno or 0)
     return FileError(f"{path}: cannot be {what}: {reason}" + (f"; {advice}" if advice else ""))
@@ -118,13 +118,13 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 
 
 def _beside(target: Path, suffix: str) -> Path:
-    """Return an unused hidden name in the same directory, shortened to stay within the length limit of file names."""
+    """Return an unused hidden path next to `target`; long names are shortened to the length that file systems allow."""
     # In the same directory, hence the same file system, since a rename across two is not atomic.
     return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
 
 
 def _flush(path: Path, how: int) -> None:
-    """Flush a file or a directory to the disk."""
+    """Flush a file or a directory to disk."""
     handle = os.open(path, how)
     try:
         os.fsync(handle)
@@ -134,7 +134,7 @@ def _flush(path: Path, how: int) -> None:
 
 @contextlib.contextmanager
 def new_directory(path: str | Path) -> Generator[Path]:
-    """Yield a directory to write results into; it appears as `path` at the end of the block, or not at all.
+    """Yield a temporary directory for results; it appears as `path` at the end of the block, or not at all.
 
     An existing `path` is replaced only if it is empty, or if feeddrive wrote it and it contains no other files. Raises
     FileError on entry if `path` cannot be replaced or written.
@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the path in an error, with the temporary path replaced by the final one; None if it names no file."""
+    """Return the path to show in an error: under the final directory, not the temporary one; None without a path."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)
@@ -194,7 +194,7 @@ def _seen(name: object, temporary: Path, target: Path) -> Path | None:
 
 
 def files_of(directory: Path) -> list[str]:
-    """Return the sorted relative paths of all files in a directory tree, excluding the marker file of feeddrive."""
+    """Return the sorted relative paths of all files in a directory tree, except the marker file of feeddrive."""
     return sorted(
         str((Path(folder) / name).relative_to(directory))
         for folder, _, names in os.walk(directory)
@@ -231,7 +231,7 @@ def _check_replaceable(path: str | Path, target: Path) -> None:
 
 
 def _exchange(new: Path, target: Path) -> None:
-    """Replace `target` by `new`; the old directory is moved aside first and restored on failure."""
+    """Replace the directory `target` by `new`; the old directory is moved aside first and restored on failure."""
     old = _beside(target, "old")
     try:
         if target.exists():

@@ -41,12 +41,12 @@ OWN_UNIT = frozenset({"command", "excitation"})
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """A column of a file: its name, and the conversion of its numbers to the values of its role.
+    """A column of a file: its name, and the conversion of its numbers to the unit of its role.
 
         value = number · factor, in `unit`
 
-    A factor without a unit converts to the SI unit of the role.  Without either, the unit is that of the file, or SI if
-    the file states none.
+    A factor without a unit converts to the SI unit of the role.  Without a factor and a unit, the numbers are in the
+    unit stated in the file, or in SI if the file states none.
 
     Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", unit="mm", factor=-1.0)
     """
@@ -75,7 +75,7 @@ class Column:
             ) from None
 
     def text(self) -> str:
-        """Return the short form of the column, which `of` parses if the name contains neither * nor a colon."""
+        """Return the short form of the column; `of` can parse it unless the name contains * or a colon."""
         factor = "" if self.factor is None else f"*{float(self.factor)!r}"
         return f"{self.name}{factor}{f':{self.unit}' if self.unit else ''}"
 
@@ -98,7 +98,7 @@ class Column:
         return replace(self, unit=unit, factor=None if self.factor is None else float(self.factor))
 
     def scale(self, role: str) -> float | None:
-        """Return the factor from the file's numbers to the unit of the role; None without a stated factor or unit."""
+        """Return the factor from the file's numbers to the role's unit; None if neither factor nor unit is stated."""
         if role in OWN_UNIT or not self.unit:
             return self.factor
         size = units.factor(self.unit, ROLES[role])
@@ -151,7 +151,7 @@ class Columns:
     """The columns of a file by name, float64 of shape (n,), possibly of different lengths.
 
     `unread` lists the columns that were not requested; `left_out` gives the reason for each other omitted column;
-    `place` is a function that describes where a row is in the file.
+    `place` is a function that returns the location of a row in the file, such as `row 3` or `line 12`.
     """
 
     format: str
@@ -208,7 +208,7 @@ def unit_of(text: str) -> str | None:
 
 
 def factor_of(path: str, role: str, column: Column, unit: str) -> float:
-    """Return the factor from the column's unit to that of its role.
+    """Return the conversion factor from the unit of a column to that of its role.
 
     The unit is that of `column`, else that of the file, else the suffix of the column's name, where `_in` means input
     and not inch.
@@ -262,7 +262,7 @@ def unit_at_the_end(name: str, role: str) -> str:
 
 
 def check_size(name: str, columns: int, rows: int) -> None:
-    """Raise LogError if a table of this size has more numbers than can be read."""
+    """Raise LogError if a table of this size exceeds the largest count of numbers that a reader accepts."""
     if columns * rows > MOST_NUMBERS:
         raise LogError(
             f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "
@@ -271,12 +271,12 @@ def check_size(name: str, columns: int, rows: int) -> None:
 
 
 def most_unpacked(packed: int) -> int:
-    """Return the limit of the decompressed size in bytes: 100 times the compressed size, but at least 100 MB."""
+    """Return the allowed decompressed size in bytes: 100 MB plus 100 times the compressed size, but at most 2 GB."""
     return min(FREE_BYTES + MOST_TIMES * packed, MOST_BYTES)
 
 
 def check_unpacked(name: str, numbers: int, packed: int) -> None:
-    """Raise LogError if a file of `packed` bytes claims implausibly many numbers for its size."""
+    """Raise LogError if a file of `packed` bytes claims to contain implausibly many numbers for its size."""
     if 8 * numbers > most_unpacked(packed):
         raise LogError(
             f"{name}: has {packed:,} bytes and states {numbers:,} numbers, more than {MOST_TIMES} times its size and "
@@ -288,8 +288,8 @@ def check_unpacked(name: str, numbers: int, packed: int) -> None:
 def arrow_numbers(column: Any) -> np.ndarray:
     """Return the numbers of a column of a pyarrow table, with NaN for empty cells.
 
-    It avoids pyarrow's `to_numpy`, which imports pandas if it is installed; this import takes longer than reading a log
-    of 4,000 rows.
+    pyarrow's `to_numpy` is not used, because it imports pandas if pandas is installed, and this import takes longer
+    than reading a log of 4,000 rows.
     """
     # DLPack has neither missing values nor bits, in which Arrow stores booleans.
     if column.null_count or not column.num_chunks or str(column.type) == "bool":

@@ -56,7 +56,7 @@ class Drive:
         return None if motor is None else (float(motor.force_per_unit()), self.turns)
 
     def force_per_unit(self, unit: str) -> float | None:
-        """Return the force on the axis per `unit` of command in N (N m for a rotary axis); None if it is unknown."""
+        """Return the force on the axis in N (N m for a rotary axis) per `unit` of the command; None if unknown."""
         size, is_torque = self.per_unit(unit) or (None, False)
         if size is None or is_torque == self.turns:
             return size
@@ -64,7 +64,7 @@ class Drive:
         return size / self.lever if is_torque and self.lever is not None else None
 
     def acting(self, path: Path | OpenedFile, log: Log, role: str) -> tuple[np.ndarray, bool]:
-        """Return a channel as the force (N) at the table and False, or as the shaft torque (N m) and True.
+        """Convert a channel to force; return the force (N) at the table and False, or the shaft torque (N m) and True.
 
         Raises ParameterError, which names the missing option, for a command or current in the drive's own unit.
         """
@@ -86,7 +86,7 @@ class Drive:
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
         """Return the table travel per motor angle, m/rad. Raise ParameterError if the lead is unknown.
 
-        It is needed if only one of motion and force is measured at the shaft.
+        It converts between motion and force if one of them is measured at the shaft and the other at the table.
         """
         if self.lever is None:
             other = "N" if "rad" in unit else "N m"
@@ -107,7 +107,10 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive given by the options; a missing lead, and then a missing gear, are those of the loop's screw."""
+    """Return the drive given by the options.
+
+    If no lead is given, the lead is that of the loop's screw, and so is the gear unless it is given.
+    """
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:
         lead, gear = float(motor.lead), float(motor.gear) if gear is None else gear

@@ -2,7 +2,7 @@
 
     f_Hz, re, im [, coherence] [, variance]        one response
     f_Hz, re_Gm, im_Gm, re_Gl, im_Gl               several, named by the rest of the header
-    f_Hz, magnitude_dB, phase_deg [, coherence]    a magnitude in dB or as plain ratio, a phase in deg or rad
+    f_Hz, magnitude_dB, phase_deg [, coherence]    magnitude in dB or as a plain ratio, phase in deg or rad
 
 A unit may be given in brackets or as a suffix of the name; the unit of a response is output over input
 (`re_rad_per_A`).
@@ -219,7 +219,7 @@ def in_si(name: str, column: str, unit: str) -> tuple[str, float]:
 
 
 def _share(responses: dict[str, Response]) -> None:
-    """Assign a coherence or variance without a response name to the only response."""
+    """Assign a coherence or variance column whose name contains no response name to the only response."""
     nameless = responses.get("")
     others: Iterable[Response] = [
         response for key, response in responses.items() if key and "coherence" not in response.places
@@ -275,7 +275,10 @@ def read_frf(
 
 
 def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = None) -> dict[str, FRF]:
-    """Read all frequency responses in a file by name, like `read_frf`; an FRF is returned under its output's name."""
+    """Read all frequency responses in a file, and return them by name.
+
+    An FRF is also accepted in place of a path; it is returned under the name of its output.
+    """
     if isinstance(path, FRF):
         return {path.output: path}
     try:
@@ -289,9 +292,9 @@ def read_frfs(path: FrfLike | OpenedFile, *, columns: Sequence[str] | None = Non
 def read_controllers(path: str | Path | OpenedFile) -> dict[str, dict[str, float | str]]:
     """Read controllers, filters and mechanical models from the XML of a SINUMERIK tuning tool (AST).
 
-    Returns numbers and strings by path in the file and by member, such as m_Kp, m_Tn, m_Kv.  The path "" holds all
-    others, so that members renamed in another version of the tool are still available.  Raises FileError or LogError
-    (damaged, or unsupported format).
+    The result maps the path of each controller in the file to its members, such as m_Kp, m_Tn, m_Kv, which are numbers
+    or strings.  The path "" collects all other numbers and strings, so that members renamed in another version of the
+    tool are still available.  Raises FileError or LogError (damaged, or unsupported format).
     """
     file = _opened(path)
     if not ast_xml.is_xml(file.unpacked):
@@ -331,7 +334,7 @@ def _read_frfs(path: str | Path | OpenedFile, columns: Sequence[str] | None) -> 
 
 
 def _tables(file: OpenedFile, columns: Sequence[str] | None) -> Iterable[tuple[Columns, Mapping[str, str]]]:
-    """Return a table for each frequency vector in the file, with the metadata that the file states for it."""
+    """Return a table for each frequency vector in the file, with the metadata stated for it in the file."""
     where, content = str(file), file.unpacked
     if content.startswith(uff.STARTS):
         return uff.uff_tables(where, content)
@@ -431,7 +434,7 @@ def _complex(where: str, response: Response, table: Columns) -> np.ndarray:
 
 
 def _from_parts(where: str, response: Response, table: Columns) -> np.ndarray:
-    """Return the complex values of a response, from its real and imaginary parts or its magnitude and phase."""
+    """Compute the complex values of a response from its real and imaginary parts or its magnitude and phase."""
     places = response.places
     if {"re", "im"} <= set(places):
         return _finite(where, table, places["re"]) + 1j * _finite(where, table, places["im"])
@@ -569,8 +572,8 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
     responses   the responses by name, as returned by `read_frfs`
 
-    "motor" or "load" in the name or in the output's name decides; a single response without such a name counts as the
-    motor's.  Roles without a response are omitted.
+    The word "motor" or "load" in the name of a response or of its output identifies the encoder; a single response
+    without such a name counts as that of the motor.  An encoder without a response is omitted.
     """
     by_role = {
         role: frf
@@ -582,5 +585,5 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
 
 def digest(path: str | Path) -> str:
-    """Return the SHA-256 of a file, by which a report identifies the file as its input. Raises FileError."""
+    """Return the SHA-256 digest by which a report identifies an input file. Raises FileError."""
     return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()

@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return a status message as long as there is no content, else an empty string."""
+        """Return a status message as long as the stream is empty, else an empty string."""
         ...
 
 
@@ -145,9 +145,9 @@ class GrowingFile:
 
 
 class Pipe:
-    """The rows received through a pipe, as in `halsampler -t | feeddrive studio --follow -`.
+    """The bytes received through a pipe, as in `halsampler -t | feeddrive studio --follow -`.
 
-    A thread reads them once and keeps the last `_MOST` bytes for all followers.
+    One thread reads the pipe and keeps at least its last `_MOST` bytes for all followers.
     """
 
     def __init__(self, stream: BinaryIO, name: str = "-") -> None:
@@ -178,7 +178,7 @@ class Pipe:
         self.ended = True
 
     def since(self, at: int) -> tuple[bytes, int, bool]:
-        """Return the bytes from offset `at` onward, their end offset, and True if some were already discarded."""
+        """Return the bytes from offset `at` on, the offset of their end, and True if some were already discarded."""
         with self._lock:
             begin = max(at, self._begin)
             # A copy, since the thread goes on changing the buffer.
@@ -204,7 +204,7 @@ class PipeFollower:
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:
-        """Read the new bytes, from the start of a line if older bytes were discarded."""
+        """Read the new bytes; if unread bytes were already discarded, start at the next complete line."""
         ended, begins = self._pipe.ended, self._at == 0
         content, self._at, lost = self._pipe.since(self._at)
         return Grown(content.partition(b"\n")[2] if lost else content, begins and not lost, False, ended)
@@ -401,6 +401,6 @@ def _number(cell: str, layout: CsvLayout) -> float:
 
 
 def _filled(counter: np.ndarray) -> np.ndarray:
-    """Fill each NaN in the sample numbers with the next valid number; the last one must be valid."""
+    """Replace each NaN among the sample numbers by the next valid number; the last number must be valid."""
     good = np.flatnonzero(np.isfinite(counter))
     return counter[good[np.searchsorted(good, np.arange(counter.size))]]

@@ -1,4 +1,4 @@
-"""Files for other tools: an FRF, a linear model, a run or a log for MATLAB and as CSV; compensation tables of LinuxCNC.
+"""Files for other tools: an FRF, a linear model, a run or a log as a MATLAB or CSV file; LinuxCNC compensation tables.
 
     fd.files.write_mat("model.mat", fd.linearize(loop, ["set_position"], ["position_load"]))
     >> m = load("model.mat");  sys = ss(m.A, m.B, m.C, m.D, m.sample_time_s);
@@ -101,7 +101,7 @@ def _variables(source: Any) -> dict[str, Any]:
 
 
 def _free(column: str, taken: dict[str, Any]) -> str:
-    """Return a unique name that is valid in MATLAB."""
+    """Return a unique variable name that is valid in MATLAB."""
     name = re.sub(r"\W", "_", column, flags=re.ASCII)
     # A name in MATLAB must begin with a letter.
     name = (name if name[:1].isalpha() else f"x{name}")[:_NAME]
@@ -122,12 +122,12 @@ _MOST_BYTES = 1_000_000
 
 
 def comp_text(block: PitchCompensation, *, units: float = 1000.0, file_type: int = 0) -> str:
-    """Return the rows of a compensation file: nominal, forward, reverse in machine units.
+    """Return the text of a compensation file; each row gives nominal, forward and reverse values in machine units.
 
     units      machine units per meter: 1000 for mm
     file_type  COMP_FILE_TYPE of the joint. 0: positions actually reached in forward and in reverse motion;
                1: corrections to be added
-    Raises ParameterError for any other type and for more rows than LinuxCNC reads.
+    Raises ParameterError for any other `file_type` and for more rows than LinuxCNC reads.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")
@@ -151,11 +151,11 @@ def write_comp_file(block: PitchCompensation, path: str | Path, *, units: float 
 
 
 def read_comp_file(path: str | Path, *, units: float = 1000.0, file_type: int = 0) -> PitchCompensation:
-    """Read a compensation file in machine units; `units` is their number per meter.
+    """Read a compensation file in machine units; `units` is the number of machine units per meter.
 
     LinuxCNC accepts any increasing positions; this function requires evenly spaced ones, as written by
     `write_comp_file`. Raises FileError, with the line, for a row without three numbers, for positions that do not
-    increase by a constant spacing and for fewer than two rows; raises ParameterError for any other type.
+    increase by a constant spacing and for fewer than two rows; raises ParameterError for any other `file_type`.
     """
     if file_type not in (0, 1):
         raise ParameterError(f"file_type = {file_type} must be 0 (positions reached) or 1 (what is added)")

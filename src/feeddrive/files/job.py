@@ -44,20 +44,20 @@ from feeddrive.loop.machine import Machine, System
 
 
 class Other(Section):
-    """The motion and load of an axis that is not compared; without a reference this axis is at rest."""
+    """The motion and load of an axis other than the compared one; without a reference this axis is at rest."""
 
     reference: Reference | None = part("its motion", default=None)
     load: Load | None = part("a force on its table", default=None)
 
 
 class ControlOfAxis(Section):
-    """The control of another axis in a row of the comparison."""
+    """The control that a row of the comparison specifies for another axis."""
 
     control: Control = part("all that runs on the controller")
 
 
 class LawSection(Section):
-    """A row of the comparison."""
+    """A row of the comparison: a name, and the control that it compares with the present one."""
 
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("set",), ("control", "axis"))
     needs: ClassVar[str] = (
@@ -98,7 +98,7 @@ class JobSection(Section):
     law: tuple[LawSection, ...] = part("rows of the comparison after today's control", default=())
 
     def check(self) -> None:
-        """Raise ParameterError for a process without a part program."""
+        """Raise ParameterError if the job has a section [process] but no part program."""
         if self.process is not None and self.program is None:
             raise self.error("[process] says what a part program cuts, and there is no [program]", "process")
 
@@ -147,7 +147,9 @@ JobLike: TypeAlias = str | Path | Job
 
 
 def read_job(path: JobLike, log: str | Path | None = None) -> Job:
-    """Read a job file, given by path or as the name of a bundled one; accept a Job, too. `log` replaces the log file.
+    """Read a job file, given by path or by the name of a bundled job; a Job is also accepted.
+
+    `log` replaces the log file.
 
     Raises FileError, ParameterError or StructureError with file, line, key and remedy.
     """
@@ -170,7 +172,7 @@ def job_of(
 
     values  values by key that replace those of the machine file
 
-    Raises the errors of `read_job`.
+    Raises the same errors as `read_job`.
     """
     root = file.root()
     root.refuse_unknown(declarations(JobSection))
@@ -230,7 +232,7 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """Return flags by key prefix, True for sections that concern a rotary axis."""
+    """Return, for each section of the job by key prefix, True if its axis is rotary."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
     # A job contains no axis of its own: which of its values are angles follows from the machine.
     turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])
@@ -262,7 +264,7 @@ def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineF
 
 
 def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -> Reference | None:
-    """Return the reference of the compared axis; None if it comes from a log."""
+    """Return the reference of the compared axis; None if the reference is replayed from a log."""
     if program is None:
         return section.reference
     if axis not in program.references:
@@ -275,7 +277,7 @@ def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -
 def _program(
     section: JobSection, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
 ) -> tuple[PlannedProgram | None, dict[str, Other]]:
-    """Return the planned program of a job, if any, and the other axes with their motions from the program."""
+    """Return the planned program of a job, if any, and the other axes with the motions that the program gives them."""
     if section.program is None:
         return None, others
     for name, other in others.items():
@@ -302,7 +304,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return the rows: the axis, or all axes of a given machine, under the present control and each law to compare."""
+    """Return, by row, the loop or the given machine with the present control and with each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -330,7 +332,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """Return the loop with another control, whose guard and force limit default to the present ones."""
+    """Return the loop with another control; a missing guard or force limit is taken from the present control."""
     # Safety functions and force limit belong to the drive: a law to be compared must not run without them by omission.
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
@@ -341,7 +343,7 @@ def _replaced(section: Section, place: str, control: Control, today: Loop) -> Lo
 
 
 def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
-    """Return the axes of a row that changes parameters of the present control."""
+    """Return the loop or machine of a row that changes parameters of the present control."""
     places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
         places += [f"couplings.{i}" for i, coupling in enumerate(whole.couplings) if coupling.controls]

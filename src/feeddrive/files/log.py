@@ -147,7 +147,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def _clipped(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal repeatedly hits its extreme value at full slope and stays there, else ""."""
+    """Return a remark if the signal repeatedly reaches its extreme value at full slope and stays there, else ""."""
     if np.unique(values).size < _LEVELS:
         return ""
     steps = np.abs(np.diff(values))

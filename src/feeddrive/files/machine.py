@@ -104,7 +104,7 @@ class MachineFile(Result):
 
     @property
     def instead(self) -> str:
-        """The hint for the error raised when a machine file is passed where a loop is needed."""
+        """A hint for the error that is raised if a machine file is passed in place of a loop."""
         first = next(iter(self.loops))
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
@@ -131,7 +131,7 @@ class MachineFile(Result):
     def loop(self, axis: str | None) -> Loop:
         """Return the loop of an axis, by default that of the only axis.
 
-        Raises ParameterError for an unknown axis, and for a coupled one, which moves differently without its couplings.
+        Raises ParameterError for an unknown axis, and for a coupled axis, which would move differently on its own.
         """
         name = self.named(axis)
         if self.coupled(name):
@@ -153,7 +153,7 @@ class MachineFile(Result):
         return axis
 
     def coupled(self, axis: str) -> str:
-        """Return a clause that describes the coupling of an axis, or an empty string."""
+        """Return a clause that names the first coupling of an axis, or an empty string if the axis is not coupled."""
         for i, coupling in enumerate(self.couplings):
             if axis in coupling.axes():
                 others = ", ".join(name for name in coupling.axes() if name != axis) or "the structure"
@@ -161,13 +161,13 @@ class MachineFile(Result):
         return ""
 
     def followers(self) -> dict[str, str]:
-        """Return the leader of each follower axis, such as the second drive of a gantry."""
+        """Return a dict from each follower axis, such as the second drive of a gantry, to its leader."""
         return {name: leader for coupling in self.couplings for name, leader in coupling.follows().items()}
 
     def machine(self, *couplings: Coupling) -> Machine:
         """Return all axes as one machine, with the couplings of the file and additional ones.
 
-        Raises the ParameterError and StructureError of `Machine`.
+        Raises ParameterError or StructureError, like `Machine`.
         """
         return Machine.of(self.loops, (*self.couplings, *couplings), self.geometry)
 
@@ -235,7 +235,7 @@ def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
 
 
 def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
-    """Raise an error, with its line, if a coupling or the geometry is incompatible with the axes."""
+    """Raise an error, with the line, if a coupling or the geometry is incompatible with the axes."""
     for k in range(len(section.couplings)):
         try:
             # one coupling more each time: the error names the first that does not fit
@@ -252,7 +252,7 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:
-    """Return the path if it exists or has a suffix, else the bundled file of that name, or raise FileError."""
+    """Return the path if it exists or has a suffix, else the path of the bundled file of that name. Raise FileError."""
     file = Path(path)
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
@@ -265,7 +265,7 @@ def find_bundled(path: str | Path, folder: str) -> Path:
 
 
 def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> MachineLimits:
-    """Return, by axis letter, the limits for planning a part program from a machine, a limits file, or both.
+    """Return the limits for planning a part program, by axis letter, taken from a machine, a limits file or both.
 
     A limits file has sections [axis.x.limits] like a machine file; they replace those of the machine.  Machine axes
     whose name is not an axis letter of part programs (x y z u v w, and a b c for rotary axes) are omitted.  Raises

@@ -7,9 +7,9 @@
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-A name may state the quantity, whether it is a set or a measured value, whether it belongs to motor or load, and the
-axis.  It is split into words at punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd.
-A known unit determines the quantity; otherwise the words do.  A guess is used only on the user's request.
+A name may state the quantity, whether the value is set or measured, whether it belongs to the motor or the load, and
+the axis.  It is split into words at punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos,
+cmd.  A known unit determines the quantity; otherwise the words do.  A guess is used only on the user's request.
 
 `Mapping` assigns roles to a log's columns, in the same form for the studio, a channels file, the command line and
 Python:
@@ -135,12 +135,12 @@ class NameReading:
 
     @property
     def is_weak(self) -> bool:
-        """True for a command that may be only a set value; a channel named `output` takes precedence over it."""
+        """True for a command whose name marks it as a set value; others, such as `output`, are preferred to it."""
         return self.quantity == "command" and self.is_set
 
     @property
     def role_like(self) -> bool:
-        """True if a channel of this name may have a role."""
+        """True if the name suggests a role for its channel."""
         return bool(self.quantity or self.exact)
 
 
@@ -279,9 +279,9 @@ _OTHER = {
 class Guess(Result):
     """The guessed roles of a log's channels as a `mapping` for `read_log`, with reasons, and the unresolved channels.
 
-    `needs` lists channels whose role is clear but whose unit needs a factor (percent of a rated torque, counts), with
-    the factor's meaning; `unused` lists channels without a role, with the reason; `lost` gives, by role, a column that
-    would have the role if its cells were numbers, with their actual content.
+    `needs` lists, by role, a channel whose role is clear but whose unit (percent of a rated torque, counts) requires a
+    factor, and the meaning of this factor; `unused` lists channels without a role, with the reason; `lost` lists, by
+    role, a column that would have the role if it contained numbers, and what it contains instead.
     """
 
     name: str
@@ -366,7 +366,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
 
 
 def _role(reading: NameReading) -> str:
-    """Return the role of a quantity that is set, or measured at the motor, at the load or at an unspecified place."""
+    """Return the role of a channel, from its quantity and from whether it is set or measured at motor or load."""
     if reading.quantity not in _ROLES:
         return ""
     place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)
@@ -381,7 +381,7 @@ def _take(
     reasons: dict[str, str],
     needs: dict[str, tuple[str, str]],
 ) -> None:
-    """Assign a role to a channel, or record the factor that it needs."""
+    """Assign a role to a channel, or record the factor that its unit requires."""
     if role in OWN_UNIT:
         mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
     elif not reading.unit:
@@ -494,7 +494,7 @@ class Mapping(abc.Mapping[str, Column]):
     def text(self, file: str | Path = "") -> str:
         """Return the TOML sections [log], [log.channels] and [log.optional], as in a job.
 
-        file  name of the log to include, so that it need not be given when the text is read
+        file  name of the log; if it is included, it need not be given when the text is read
         """
         lines = ["[log]"]
         if str(file):
@@ -513,7 +513,7 @@ class Mapping(abc.Mapping[str, Column]):
     def read(text: str, name: str = "mapping") -> Mapping:
         """Parse the text of a mapping.
 
-        name  file name in errors
+        name  file name for error messages
 
         Raises FileError or ParameterError with file, line, key and remedy.
         """
@@ -525,7 +525,7 @@ MappingLike: TypeAlias = Path | Mapping
 
 
 def entry(role: str, column: Column, reason: str = "") -> str:
-    """Return the line for a column in [log.channels]."""
+    """Return the line of a column in the section [log.channels]."""
     words = [f"column = {quoted(column.name)}"]
     if column.unit:
         words.append(f"unit = {quoted(column.unit)}")
@@ -537,7 +537,7 @@ def entry(role: str, column: Column, reason: str = "") -> str:
 
 
 class ColumnSection(Section):
-    """A column of a log, and the conversion of its numbers to those of its role."""
+    """A column of a log, and the conversion of its numbers to the unit of its role."""
 
     shorthand: ClassVar[str] = "column"
     wanted: ClassVar[str] = (

@@ -8,7 +8,7 @@ streamer.hal        HAL commands that load it
 plan.json           cycle time, limits and their utilization, stops, proof
 stops.parquet       all stops, if there are more than 1,000
 
-The section [program] of a job, whose planned part program is the reference of all axes that it moves:
+The section [program] of a job.  The planned part program is the reference of all axes that it moves:
 
 [program]
 file = "part.ngc"                  # beside the job, or a bundled one: circle_diamond_square.ngc
@@ -29,12 +29,12 @@ The cutting process: tools, depths and widths of cut and spindle speed.
 kind = "mechanistic_cutter"
 teeth = 4
 
-Comments in the program set the engagement of the following lines, in mm, until the next such comment:
+A comment in the program sets the engagement, in mm, of the lines from there to the next such comment:
 
-(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed with up or down; a slot without ae
+(finishing: ap=4 ae=0.3 down)      ap along the spindle; ae across the feed, with up or down; no ae for a slot
 (cut off)                          no cut
 
-or the job sets it for a range of lines, overriding any comment:
+or the job sets it for a range of lines, where it overrides any comment:
 
 [[process.section]]
 first_line = 12
@@ -163,7 +163,7 @@ _AIR = (0.0, None, "up")
 class Process:
     """The cutting process, defined by the section [process] and the comments of the program.
 
-    comments  first line of each engagement with its depth, width and side, in order
+    comments  for each engagement set by a comment, in order: line of the comment, and depth, width and side of the cut
     """
 
     program: str
@@ -173,9 +173,10 @@ class Process:
     spindle: SpindleOfLines
 
     def cuts(self, times: np.ndarray, line: np.ndarray, traverse: np.ndarray) -> tuple[Cut, ...]:
-        """Return the cuts over time, given the program line of each sample and a flag for traverses.
+        """Return the cuts in time order, from the program line of each sample and a flag that is True in traverses.
 
-        Raises ProgramError at a line that cuts with a stopped spindle, an unknown tool or an impossible engagement.
+        Raises ProgramError at a line that cuts with a stopped or counterclockwise spindle, an unknown tool or an
+        impossible engagement.
         """
         changes = np.flatnonzero((np.diff(line) != 0) | (np.diff(traverse.astype(np.int8)) != 0)) + 1
         cuts: list[Cut] = []
@@ -234,7 +235,7 @@ class Process:
             )
 
     def couplings(self, cuts: Sequence[Cut], axes: Sequence[str], substep: float) -> tuple[MillingCut, ...]:
-        """Return a milling cut between the axes for each active tool, with its cutting conditions as sections in time.
+        """Return a milling cut that acts on the axes for each tool that cuts, with its cutting conditions over time.
 
         substep  substep of the machine, s
 
@@ -279,7 +280,7 @@ class Process:
         )
 
     def _by_comment(self, line: int) -> tuple[float, float | None, str]:
-        """Return depth, width and side from the last comment before a line."""
+        """Return the depth, width and side set by the last comment before a line."""
         place = bisect_right(self.comments, line, key=lambda comment: comment[0])
         return self.comments[place - 1][1] if place else _AIR
 
@@ -315,7 +316,7 @@ class SpindleOfLines:
 
 
 def process_of(section: ProcessSection, program: Path) -> Process:
-    """Return the cutting process of a section and its program. Raise ProgramError at a malformed comment."""
+    """Build the cutting process from its section and the program. Raise ProgramError at a malformed comment."""
     tools = {int(name): cutter for name, cutter in section.tool.items()}
     return Process(program.name, tools, section.section, tuple(_comments(program)), SpindleOfLines())
 
@@ -442,7 +443,7 @@ class SetpointWriter:
 
 @contextlib.contextmanager
 def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, program: str) -> Generator[SetpointWriter]:
-    """Yield a writer of setpoint and stop files in a folder; they appear at the end, or not at all."""
+    """Yield a writer of setpoint and stop files in a folder; the files appear at the end, or not at all."""
     letters = [letter.lower() for letter in limits.letters]
     base = {letter.lower(): "rad" if letter in ROTARY else "m" for letter in limits.letters}
     units = {
@@ -476,7 +477,7 @@ def _lines(file: Any, rows: np.ndarray) -> None:
 
 
 def _hal(letters: Sequence[str], sample_time: float, program: str) -> str:
-    """Return the HAL commands that load the setpoints."""
+    """Return the HAL commands by which LinuxCNC loads the setpoints."""
     pins = [f"# net {letter}-set streamer.0.pin.{i} => pid.{letter}.command" for i, letter in enumerate(letters)]
     lines = [
         f"# Setpoints of {program}: positions of {', '.join(letters)} in mm, a line every {1e3 * sample_time:.12g} ms.",
@@ -556,11 +557,11 @@ MOST = 4_000_000
 
 
 class ProgramSection(Section):
-    """A planned part program as the reference of all axes that it moves, or recorded setpoints."""
+    """The reference of several axes of a job: a planned part program, or recorded setpoints."""
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the section class of a table, by the key that names the file."""
+        """Return the section class for a table: recorded setpoints if it has a key `recorded`, else part program."""
         return RecordedSection if "recorded" in table.values else PartProgramSection
 
 
@@ -600,11 +601,11 @@ class PlannedProgram:
     """A part program as the references of its axes, by their names in the machine file.
 
     description  text for reports
-    file         file of the program; this and the following fields are not set for recorded setpoints
+    file         file of the program; this field and those below are not set for recorded setpoints
     planned      the result of the planner
     line         line of the program by sample, shape (samples,)
-    counted      True for each sample in cut or, without a [process], at feed rate, shape (samples,)
-    cuts         cutting conditions over time, by the section [process]
+    counted      mask of the samples in cut or, without a [process], at feed rate, shape (samples,)
+    cuts         cutting conditions over time, from the section [process]
     process      the cutting process of the section [process]
     """
 
@@ -628,7 +629,7 @@ def planned_program(
     """Plan the program of a section within the limits of the machine, prove it, and return it with its cuts.
 
     Raises ParameterError or FileError for an invalid section or file, ProgramError at a line of the program,
-    NotPlannedError if it is too long or its proof fails.
+    NotPlannedError if the program is too long or the proof of the plan fails.
     """
     if isinstance(section, RecordedSection):
         if process is not None:
@@ -702,7 +703,7 @@ def planned_program(
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
-    """Return a mask that is True at the times at which the tool is in cut."""
+    """Return a mask that is True at the times when the tool is cutting."""
     begins = np.array([cut.begin for cut in cuts])
     depths = np.array([cut.axial_depth for cut in cuts])
     # rounding of k T must not put a sample before the begin of its cut
@@ -710,7 +711,7 @@ def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:
 
 
 def _reference(rows: np.ndarray, T: float) -> Recorded:
-    """Return a recorded reference from the columns of position, velocity, acceleration, jerk and snap."""
+    """Return a reference that replays `rows`, with columns of position, velocity, acceleration, jerk and snap."""
     position, velocity, acceleration, jerk, snap = (np.ascontiguousarray(column) for column in rows.T)
     return Recorded(
         position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T
@@ -718,7 +719,7 @@ def _reference(rows: np.ndarray, T: float) -> Recorded:
 
 
 def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
-    """Read and smooth the setpoints recorded from another planner, for the axes that have a column."""
+    """Read the setpoints recorded from another planner, and smooth those of each axis that has a column."""
     path = _path(section, place, "recorded")
     file = OpenedFile(path)
     unknown = next((name for name in section.columns if name not in machine.loops), None)
@@ -750,7 +751,7 @@ def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> Pl
 
 
 def _path(section: ProgramSection, place: Path, name: str) -> Path:
-    """Return the file named by a key, in the folder of the job or bundled. Raise the section's error if missing."""
+    """Return the path of the file named by a key, next to the job or bundled. Raise ParameterError if it is missing."""
     value = str(getattr(section, name))
     beside, bundled = place.parent / value, BUNDLED / "programs" / value
     if beside.exists():

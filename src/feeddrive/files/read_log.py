@@ -1,6 +1,6 @@
-"""Reading of measured logs: the format is detected from the content; channels are in SI on one clock.
+"""Reading of measured logs: the format is detected from the content; all channels share one clock.
 
-The time stamps must have one sample time, no gap and no backward step. Every error states its place and the remedy.
+The time stamps must have a uniform sample time, no gap and no backward step. Every error states place and remedy.
 """
 
 import hashlib
@@ -150,7 +150,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """Return the reader of a text file: that of the recorder whose header it has, else the CSV reader."""
+    """Return the reader of a text file: that of the recorder whose header the file has, else the CSV reader."""
     for fits, reader in text_files.RECORDERS:
         if fits(content):
             return reader
@@ -158,7 +158,7 @@ def _text_reader(content: bytes) -> Reader:
 
 
 def refuse_others(name: str, content: bytes, readable: str) -> None:
-    """Raise LogError, naming the kind, for a TOML file or a file that is not text."""
+    """Raise LogError, naming the kind of file, for a TOML file or a file that is not text."""
     for start, what, advice in _OTHERS:
         if content.startswith(start):
             raise LogError(f"{name}: is {what}, not a log that can be read ({readable}); {advice}")
@@ -170,7 +170,7 @@ def refuse_others(name: str, content: bytes, readable: str) -> None:
 
 
 def _is_toml(content: bytes) -> bool:
-    """Return True for a TOML text such as a machine file, job or column mapping; a table of numbers is never TOML."""
+    """Return True for a TOML text, such as a machine file, a job or a column mapping; no table of numbers is TOML."""
     # no TOML file of ours is larger; a table of numbers of that size need not be parsed as TOML first
     if not _PAIR.match(content[:65536]) or len(content) > MOST_TOML_BYTES:
         return False
@@ -354,7 +354,7 @@ def _read_log(
 
 
 def _column(path: str, role: str, named: Named) -> Column:
-    """Return the Column for any of its short forms. Raise ParameterError as `Column.checked` does."""
+    """Convert any short form of a column to a checked Column. Raise ParameterError as `Column.checked` does."""
     match named:
         case Column():
             column = named
@@ -371,7 +371,7 @@ def _column(path: str, role: str, named: Named) -> Column:
 
 
 def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bool) -> dict[str, Column]:
-    """Return the mapped columns, an unmapped time column by its name, and with `everything` all other columns."""
+    """Return the mapped columns, a time column recognized by its name, and with `everything` all other columns."""
     chosen = dict(asked)
     time = next((name for name in columns.values if is_time(name)), None)
     if "time" not in chosen and time is not None:
@@ -385,7 +385,7 @@ def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bo
 def _values(
     path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
-    """Return the values of a column, all finite, and their unit: that of the role, else that of the file."""
+    """Return the values of a column, and their unit: that of the role, else of the file. Raise LogError if invalid."""
     numbers = columns.values.get(column.name)
     if numbers is None:
         if column.name in columns.left_out:
@@ -420,7 +420,7 @@ def _values(
 
 
 def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Convert stamps without a unit to s using a sampling rate in the file; also return how the unit was determined."""
+    """Convert stamps without a unit to s with the sampling rate stated in the file; also return a note on the unit."""
     if column.unit or column.factor is not None or columns.units.get(column.name) or "_" in column.name:
         return time, ""
     rates = {name: value for name, value in columns.constants.items() if name.lower() in _RATES and value > 0.0}
@@ -439,7 +439,7 @@ def _scaled_by_rate(columns: Columns, column: Column, time: np.ndarray) -> tuple
 def _stamps(
     path: str, columns: Columns, channels: abc.Mapping[str, np.ndarray], sample_time: float | None
 ) -> np.ndarray:
-    """Return uniform stamps, s, for a file without a time column. Raise LogError without a sample time or any rows."""
+    """Return uniform stamps, s, for a file without a time column. Raise LogError if sample time or rows are missing."""
     rows = max((numbers.size for numbers in channels.values()), default=0)
     left = "".join(f"; '{name[:40]}' is {why}" for name, why in list(columns.left_out.items())[:5])
     if rows == 0:
@@ -472,7 +472,7 @@ _SLOWEST, _FASTEST = 0.5, 1e-7  # s; a servo log outside is one in another unit
 
 @dataclass(frozen=True)
 class Clock:
-    """The sample time (s), and the largest relative deviation of a step from it."""
+    """The sample time (s), and the largest deviation of a step from it as a fraction of the sample time."""
 
     sample_time: float
     jitter: float
@@ -568,7 +568,7 @@ def _check_plausible(name: str, sample_time: float) -> None:
 
 
 def time_units(step: float) -> list[tuple[str, float]]:
-    """Return up to two pairs (unit, step in s) that make the step a plausible servo sample time, likeliest first.
+    """Return up to two units in which the step is a plausible servo sample time, with the step in s, likeliest first.
 
     A step near 1 ms is the likeliest, since whole milliseconds are the most common sample times.
     """
@@ -626,7 +626,7 @@ class LogRequest:
 def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
     """Read the roles of a log's columns from the section [log] of a job or of the output of `Guess.toml`.
 
-    `log` replaces the log's file.  Raises FileError or ParameterError with file, line, key and remedy.
+    `log` replaces the log file named there.  Raises FileError or ParameterError with file, line, key and remedy.
     """
     root = read_toml(path).root()
     if root.optional("log") is None:
@@ -635,7 +635,7 @@ def read_request(path: str | Path, log: str | Path | None = None) -> LogRequest:
 
 
 def log_request(section: LogSection, place: Path, log: str | Path | None) -> LogRequest:
-    """Return the log request from a section of the file `place`; `log` replaces the log's file."""
+    """Return the log request from a section of the file `place`; `log` replaces the log file named there."""
     if log is None and section.file is None:
         raise section.error('log.file is missing: file = "run.csv", or give the log on the command line')
     path = Path(log) if log is not None else place.parent / str(section.file)

@@ -52,12 +52,12 @@ def _in_units(value: Any, units: Units, quoted: frozenset[str]) -> Any:
 
 
 def figure_key(key: str, units: Units) -> str:
-    """Return the key of a figure with its SI unit as suffix: force_peak_N becomes force_peak_N_m on a rotary axis."""
+    """Return a figure key with the unit suffix in the given units: force_peak_N is force_peak_N_m on a rotary axis."""
     return turning_key(key) if units.rotary else key
 
 
 def plain(value: float | None) -> float | str | None:
-    """Return a figure in its JSON form: infinity becomes the string "infinite"."""
+    """Return a figure as a JSON value: infinity becomes the string "infinite"."""
     # JSON has no infinity.
     return "infinite" if value is not None and math.isinf(value) else value
 
@@ -65,7 +65,7 @@ def plain(value: float | None) -> float | str | None:
 def figures_text(
     labels: Mapping[str, Sequence[str]], figures: Sequence[Mapping[str, float | None]], units: Units
 ) -> str:
-    """Return columns of labels and all figures by name as CSV; missing figures are empty cells."""
+    """Return a CSV table of label columns and one column per figure; a missing figure is an empty cell."""
     keys, text = list(dict.fromkeys(key for row in figures for key in row)), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*labels, *(figure_key(key, units) for key in keys)])

@@ -23,7 +23,7 @@ _NUMBERS = "numbers_by_path"
 
 
 def schema_of(section: type[Section], name: str) -> Schema:
-    """Return the schema of a file that holds a section; `name` is the title of the kind of file."""
+    """Return the schema of a file whose content is a section; `name` is the kind of file, for the title."""
     definitions = _Definitions()
     content = definitions.fields(section)
     return {
@@ -41,7 +41,7 @@ class _Definitions:
         self.by_name: dict[str, Schema] = {}
 
     def part(self, hint: Hint) -> Schema:
-        """Return the schema of a part: any matching block or section, distinguished by `kind` if there are several."""
+        """Return the schema of a part: that of the only matching class, or a choice among several classes."""
         first = hint.classes[0]
         if issubclass(first, Section):
             fitting = [self.reference(member) for member in members(hint).values()]
@@ -119,7 +119,7 @@ class _Definitions:
         return self._with_inlined(kind, schema) if issubclass(kind, Section) and kind.inlined else schema
 
     def _of_section(self, section: type[Section]) -> list[Schema]:
-        """Return the requirements of a section beyond its required fields."""
+        """Return the requirements of a section other than its required fields: `kind`, and exactly one alternative."""
         needed: list[Schema] = [{"required": ["kind"]}] if section.needs_kind else []
         if section.exactly:
             alternatives = [{"anyOf": [{"required": [name]} for name in names]} for names in section.exactly]
@@ -127,7 +127,7 @@ class _Definitions:
         return needed
 
     def _with_inlined(self, section: type[Section], own: Schema) -> Schema:
-        """Return the schema of a section that holds the keys of another section if one of its own fields is absent.
+        """Return the schema of a section that contains the keys of another one inline if one of its fields is absent.
 
         These keys are not required here, since a study may set them through its choices.
         """
@@ -194,7 +194,7 @@ class _Definitions:
 
 
 def _needed(name: str, declared: Declaration) -> Schema:
-    """Return the schema that requires a field; a number may be given under its name with any unit suffix."""
+    """Return a schema that requires a field; the key of a number may carry any unit suffix."""
     if declared.role not in ("parameter", "table"):
         return {"required": [name]}
     # JSON Schema has no `required` for a pattern: not all names fail to match it.
@@ -231,7 +231,7 @@ def _choice_type(annotation: Any) -> Schema:
 
 
 def _number_elsewhere(declared: Declaration) -> Schema:
-    """Return the schema of a parameter in another unit; its bounds are checked only when it is read."""
+    """Return the schema of a parameter in another unit; the bounds are checked only when the file is read."""
     described = {"description": f"{declared.meaning}, in the unit that the key names"}
     if declared.role == "table":
         return {"type": "array", "items": {"type": "number"}, "minItems": declared.shortest, **described}

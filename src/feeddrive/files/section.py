@@ -6,7 +6,7 @@
         skip_samples: int = choice("samples to skip at the start", least=0, default=0)
         sample_time: Number | None = parameter("s", "sample time of a log without a time column", above=0, default=None)
 
-The reader below, the JSON Schema (`schema.py`) and the reference pages of the keys use the declarations.
+The reader below, the JSON Schema (`schema.py`) and the reference pages of the keys all use these declarations.
 Sections have the fields of blocks (`language/block.py`): `parameter`, `choice`, `table`, `part`, and in addition
     text()      a free text
     file_name() the name of a file
@@ -120,12 +120,12 @@ class Section(Declared):
     """Base of all sections. Subclasses become frozen, keyword-only dataclasses that check themselves.
 
     kind       name of the section in schema and documentation
-    exactly    mutually exclusive alternatives, one of which is required; each is a tuple of fields, any of which counts
-    needs      error sentence for a section with none or several of the alternatives
-    shorthand  field that is set if the section is given as a plain string
+    exactly    tuples of fields; fields of exactly one of these tuples must be present
+    needs      error message for a section with fields of none or several of these tuples
+    shorthand  field that receives the string if a plain string is given in place of the section
     wanted     accepted values of a section with a shorthand, for messages
     needs_kind True if the key `kind` is required, since another class of the family is the default
-    inlined    field, and the section whose keys appear directly in this one if the field is absent
+    inlined    field name -> section whose keys appear directly in this section if the field is absent
     is_open    True if undeclared keys belong to other readers and are ignored
     read_from  the table from which the section was read
     """
@@ -162,7 +162,7 @@ class Section(Declared):
 
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
-        """Return the error sentence unless exactly one alternative is among `names`, else an empty string."""
+        """Return the error message if `names` does not meet the condition `exactly`, else an empty string."""
         first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
         there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
@@ -192,7 +192,7 @@ _ROW = 6  # numbers of a table on one line
 def to_toml(block: Block, key: str = "", *, listed: bool = False, rotary: bool = False) -> str:
     """Return a block as the section `[key]`, as an entry `[[key]]` of a list or, without a key, as a whole file.
 
-    rotary   True for a block of a rotary axis: comments name rad, N m and kg m2
+    rotary   True for a block of a rotary axis: comments state rad, N m and kg m2
 
     An absent parameter is written as a comment.  Raises StructureError for a block whose parameters are arrays of
     variants.
@@ -286,7 +286,7 @@ Choice: TypeAlias = Any  # the type of a choice: int, str, bool, float, tuple[..
 
 @dataclass(frozen=True)
 class Hint:
-    """The type of a part: a block or section of one of these families or classes.
+    """The type of a part: a block or section of one of `classes`, which may be families of classes.
 
     many      True for a list
     optional  True if it may be absent
@@ -303,7 +303,7 @@ class Hint:
 
 @cache
 def hints(kind: type[Declared]) -> Mapping[str, Any]:
-    """Return by field name the Hint of each part, the type of each choice, and the value type of each `named` field."""
+    """Return, by field name, the Hint of a part, the type of a choice, or the value type of a `named` field."""
     resolved = typing.get_type_hints(kind)
     by_name: dict[str, Any] = {}
     for name, declared in declarations(kind).items():
@@ -390,7 +390,7 @@ def _as_text(option: Any) -> str:
 
 
 def _in_type(annotation: Choice, value: Any) -> Any:
-    """Return the value if it has the given type, with lists as tuples; otherwise None."""
+    """Return the value if it has the given type, lists converted to tuples; otherwise None."""
     if _is_union(annotation):
         tried = (_in_type(option, value) for option in options_of_type(annotation))
         return next((converted for converted in tried if converted is not None), None)
@@ -416,7 +416,7 @@ _TYPES = {int: "a whole number", str: 'text in quotes ("...")', bool: "true or f
 
 
 def type_as_text(annotation: Choice) -> str:
-    """Return a description of a type: `a whole number`."""
+    """Return a description of a type for error messages, such as `a whole number`."""
     if _is_union(annotation):
         return " or ".join(map(type_as_text, options_of_type(annotation)))
     if typing.get_origin(annotation) is tuple:
@@ -450,7 +450,7 @@ def read_block(family: type[B], table: TomlTable) -> B:
     """Read the block of a family from a table.
 
     Raises ParameterError (a key is unknown, missing, given twice, of another type, not finite or out of bounds) or
-    StructureError (parts that do not fit each other), both with file and line.
+    StructureError (incompatible parts), both with file and line.
     """
     return _read(Hint((family,)), table, _Around())
 
@@ -463,13 +463,13 @@ def read_section(
     besides   keys that are read elsewhere
     unit_of   function that returns, for a table, the unit of fields declared in `VARIED`
 
-    Raises the errors of `read_block`.
+    Raises the same errors as `read_block`.
     """
     return _read(Hint((section,)), table, _Around(frozenset(besides), unit_of))
 
 
 def read_field(section: type[Section], table: TomlTable, name: str) -> Any:
-    """Read a single field of a section before the rest of it is read. Raises the errors of `read_section`."""
+    """Read one field of a section before the rest is read. Raises the same errors as `read_section`."""
     if name not in table.values:
         if name not in defaults(section):
             _refuse_missing(section, table, [name])
@@ -512,7 +512,7 @@ def _read(hint: Hint, table: TomlTable, around: _Around) -> Any:
 
 
 def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[str, Declaration]:
-    """Return the declarations for this table, with the units of a rotary axis and of `VARIED` fields resolved."""
+    """Return the declarations of a class for this table: in rotary units if needed, with `VARIED` units resolved."""
     declared = {name: declaration.of_axis(table.rotary) for name, declaration in declarations(kind).items()}
     if all(declaration.unit != VARIED for declaration in declared.values()):
         return declared
@@ -525,7 +525,7 @@ def _declared(kind: type[Declared], table: TomlTable, around: _Around) -> dict[s
 
 
 def _inline(kind: type[Declared]) -> str:
-    """Return the name of the section's inline part, whose keys are mixed with its own; it is empty if there is none."""
+    """Return the name of the section's inline part, whose keys are mixed with the section's; empty if there is none."""
     if not issubclass(kind, Section):
         return ""
     return next((name for name, declaration in declarations(kind).items() if declaration.inline), "")
@@ -541,7 +541,7 @@ def _is_of(key: str, declared: Mapping[str, Declaration], inline: str) -> bool:
 
 
 def _names_kind(kind: type[Declared], value: Any) -> bool:
-    """Return True if the key `kind` selects the class and is not a field of its own."""
+    """Return True if the key `kind` selects the class, rather than being one of its fields."""
     return issubclass(kind, Block) or ("kind" not in declarations(kind) and value == getattr(kind, "kind", ""))
 
 
@@ -568,7 +568,7 @@ def _value(
 
 
 def _built(kind: type[Declared], table: TomlTable, fields: dict[str, Any]) -> Any:
-    """Construct the block or section from its fields, adding file and line to errors of its checks."""
+    """Construct the block or section from its fields; errors raised by its checks get file and line."""
     try:
         # A value near 1e308 overflows in a check, which then refuses it.
         with np.errstate(all="ignore"):
@@ -593,7 +593,7 @@ def _prefix(table: TomlTable) -> str:
 
 
 def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
-    """Return the class named by `kind`, or the only matching one; a family of sections chooses by the keys."""
+    """Return the class named by `kind`, or the only matching one; a family of sections selects its own class."""
     first = hint.classes[0]
     if issubclass(first, Section):
         return first.choose(table)

@@ -1,6 +1,6 @@
 """TOML files with the line of every key, so that an error begins with `machine.toml:12: axis.x.plant.mass`.
 
-The standard library reads the values.  A small scanner then finds the lines: it follows keys and brackets and skips the
+The standard library reads the values.  A small scanner then locates the keys: it follows keys and brackets and skips
 values, without validation, since tomllib has already accepted the text.  Text is UTF-8, at most 4 MB.
 
 An edit replaces values and sections and keeps all comments, order and whitespace around them.
@@ -242,8 +242,8 @@ Value: TypeAlias = Any
 class TomlTable:
     """A table in a TOML file, with the lines of its keys.
 
-    turning  flags by key prefix, True if the values below it belong to a rotary axis of another file, as in the
-             motion of a job; the longest matching prefix applies
+    turning  by key prefix, True if the values under this prefix belong to a rotary axis that another file declares, as
+             in the motion of a job; the longest matching prefix applies
     """
 
     file: TomlFile
@@ -281,7 +281,7 @@ class TomlTable:
         return table
 
     def optional(self, name: str) -> TomlTable | None:
-        """Return the table of that name, or None. Raise ParameterError for anything else."""
+        """Return the table of that name, or None if it is absent. Raise ParameterError if it is not a table."""
         value = self.values.get(name)
         if value is None:
             return None
@@ -297,7 +297,7 @@ class TomlTable:
         return {own_name: group.section(own_name) for own_name in group.values}
 
     def listed(self, name: str) -> tuple[TomlTable, ...]:
-        """Return the tables `[[name]]` in their order. Raise ParameterError for anything else."""
+        """Return the tables `[[name]]` in order. Raise ParameterError if the value is not a list of tables."""
         value = self.values.get(name, [])
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
             raise self.error(
@@ -429,7 +429,7 @@ def quoted(text: str) -> str:
 
 
 def with_values(file: TomlFile, values: Mapping[Key, Any]) -> TomlFile:
-    """Return the file with some values replaced, as if they were written in it; line numbers are unchanged.
+    """Return a copy of the file in which some values are replaced or added; line numbers are unchanged.
 
     Raises ParameterError for a key in a missing section.
     """
@@ -532,7 +532,7 @@ class TomlEdit:
         self._check()
 
     def silence(self, key: Key, unit: str = "") -> None:
-        """Comment out the line of a key, whatever unit the key carries; do nothing if the key is absent."""
+        """Comment out the line of a key, in whichever unit it is given; do nothing if the key is absent."""
         spans = spans_of_values(self.text)
         place, _ = self._find(spans, key, unit)
         if place is not None:
@@ -541,7 +541,7 @@ class TomlEdit:
             self._check()
 
     def comment(self, key: Key, words: str) -> None:
-        """Append words to the comment after a value, replacing an earlier remark that starts with the same word."""
+        """Append a remark to the comment after a value; it replaces an earlier one that starts with the same word."""
         _, end = spans_of_values(self.text)[key]
         after = self.text.find("\n", end)
         after = len(self.text) if after < 0 else after
@@ -615,7 +615,7 @@ class TomlEdit:
         return ranges
 
     def _before_comments(self, begin: int, end: int) -> int:
-        """Return the end of a section, excluding the comments that belong to the next header."""
+        """Return the line after a section, excluding the comments that belong to the next header."""
         rows = self.text.splitlines()
         last = min(end, len(rows))
         while last > begin + 1 and (not rows[last - 1].strip() or rows[last - 1].lstrip().startswith("#")):

@@ -1,4 +1,4 @@
-"""Manual tuning: the adjustable parameters of a controller, and its loop at all operating points."""
+"""Manual tuning: adjust the parameters of a controller and evaluate its loop at all operating points."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,10 +34,10 @@ class Knob:
     """An adjustable parameter of a controller.
 
     name         dotted name within the controller, such as law.Kv or filters.0.frequency
-    block        kind of the block that holds it
+    block        kind of the block to which the parameter belongs
     value        present value, SI
     low, high    range of adjustment, within the bounds of the parameter
-    logarithmic  True if equal steps are equal factors
+    logarithmic  True if the adjustment is logarithmic: equal steps multiply the value by equal factors
     """
 
     name: str
@@ -50,8 +50,9 @@ class Knob:
 
 
 def knobs(control: Control, sample_time: float) -> tuple[Knob, ...]:
-    """Return all adjustable parameters of law, observers, filters, feedforward and compensation, but not those of guard
-    and force limit.
+    """Return all adjustable parameters of a controller.
+
+    They are those of law, observers, filters, feedforward and compensation; guard and force limit are not adjustable.
     """
     return tuple(_knobs(control, sample_time))
 
@@ -78,7 +79,7 @@ def _knobs(control: Control, sample_time: float) -> Iterator[Knob]:
 
 
 def _kind(control: Control, name: str) -> str:
-    """Return the kind of the block that holds a parameter."""
+    """Return the kind of the block to which a parameter belongs."""
     kind, held = control.kind, cast("Any", control)
     for part in name.split(".")[:-1]:
         held = held[int(part)] if isinstance(held, tuple) else getattr(held, part)
@@ -88,7 +89,7 @@ def _kind(control: Control, name: str) -> str:
 
 @dataclass(frozen=True)
 class Verdict:
-    """A figure compared with its limit, at the point and frequency with the smallest margin.
+    """A figure compared with its limit, at the operating point and frequency where it is closest to the limit.
 
     frequency  Hz; None for a figure without a frequency, such as the force noise
     used       utilization of the limit: above 1 the limit is exceeded
@@ -116,10 +117,10 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Look:
-    """The evaluation of a controller at one set of values: its figures at each point, and each limit at its worst
-    point.
+    """The evaluation of a controller at one set of values.
 
-    judged  verdicts, the one with the highest utilization of its limit first
+    figures  figures of the loop at each operating point
+    judged   for each limit the verdict at its worst point, highest utilization first
     """
 
     figures: tuple[Figures, ...]
@@ -132,17 +133,19 @@ class Look:
 
     @cached_property
     def leading(self) -> Figures:
-        """The figures at the critical point: an unstable one, else that with the highest utilization of a limit, else
-        that with the largest Ms.
+        """The figures at the critical operating point.
+
+        The critical point is an unstable one if there is any, else the point with the highest utilization of a limit
+        or, without limits, the point with the largest Ms.
         """
         worst = self.judged[0].point if self.judged and self.stable else ""
         return max(self.figures, key=lambda loop: (not loop.stable, loop.point == worst, loop.margins.sensitivity_peak))
 
 
 class ByHand:
-    """A controller at operating points, traced once, so that an evaluation at other values takes a few milliseconds.
+    """A controller at several operating points; it is traced once, so that each evaluation takes a few milliseconds.
 
-    limits  limits that are judged in every evaluation; they determine the critical point
+    limits  limits that every evaluation checks; they determine the critical point
     """
 
     def __init__(
@@ -170,7 +173,7 @@ class ByHand:
     def control(self, values: Mapping[str, float]) -> Control:
         """Return the controller with these values.
 
-        Raises ParameterError for a parameter that is unknown, out of bounds, or not allowed at a sample time.
+        Raises ParameterError for a parameter that is unknown, out of bounds, or invalid at the sample time of a point.
         """
         varied = tree.vary(self.start, dict(values))
         for sample_time in self._responses:
@@ -197,10 +200,10 @@ class ByHand:
         return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
 
     def model(self, values: Mapping[str, float], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return [A B; c d] of the controller at given values, and its derivatives with respect to the named
-        parameters.
+        """Return the linear model [A B; c d] of the controller at given values, and its derivatives.
 
-        The sample time is that of the first point. For a multirate law the result is None.
+        The derivatives are those with respect to the named parameters; the sample time is that of the first point. For
+        a multirate law the result is None.
         """
         response = self._responses[self.points[0].sample_time]
         if response.period > 1:
@@ -222,6 +225,6 @@ def _drawable(frf: FRF) -> bool:
 
 
 def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
-    """Return the verdict on each limit at one operating point."""
+    """Compare each limited figure with its limit at one operating point."""
     judgments = judged(limits, loop, ROOM)
     return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

@@ -1,7 +1,7 @@
-"""Start values for every law that can control an axis, and the reasons why other laws cannot.
+"""Start values for every law that can control an axis, and the reason for each law that cannot.
 
-The laws are those of the catalogue. Each law computes its own start values (`Law.begin`), and each compensation
-declares with which laws it can be combined (`goes_beside`).
+The laws are those of the catalogue. Each law computes its own start values (`Law.begin`), and each additional
+block declares the laws with which it can be combined (`goes_beside`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,9 +37,9 @@ _TRIALS = 6  # number of trials in which a compensator learns
 class Candidate:
     """A controller that can be tuned for an axis.
 
-    like       the candidate whose tuning it adopts, if the two differ in the setpoint path only
+    like       the candidate whose tuned gains it adopts, if both have the same feedback loop
     then       the step after tuning: "prefilter" (fit the prefilter to the move), "trials" (let the compensator learn
-               in trials of the move), or "stops" (learn the stops from a log of slow oscillations)
+               in repeated trials of the move) or "stops" (learn the stops from a simulated slow oscillation)
     remark     the axis model used for the candidate, and the changes to the present controller
     """
 
@@ -50,15 +50,16 @@ class Candidate:
     then: str = ""
 
     def tuned(self, control: Control) -> Self:
-        """Return the candidate with the gains of a tuned controller, which is its own or that of the candidate
-        `like`.
+        """Return the candidate with tuned gains.
+
+        `control` is the tuned controller of this candidate, or of the candidate `like` if that is set.
         """
         if self.like:
             control = replace(self.loop.control, law=control.law)
         return replace(self, loop=replace(self.loop, control=control))
 
     def adapted(self, move: Reference, seed: int) -> Loop:
-        """Return the loop after the step that follows tuning, in which the controller learns from a move."""
+        """Return the loop after the step `then`, in which the controller is fitted to a move or learns from motion."""
         if self.then == "trials":
             return iterate_trials(self.loop, move, _TRIALS, seed=seed).loop
         if self.then == "stops":
@@ -71,7 +72,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A law that cannot control this axis, and the reason."""
+    """A law, or its combination with another block, that is refused for an axis, and the reason."""
 
     name: str
     reason: str
@@ -103,18 +104,18 @@ def axis_model(loop: Loop) -> AxisModel:
 
 
 def _reading_noise(loop: Loop) -> float:
-    """Return the standard deviation in m of the reading used for the velocity: quantization, q/√12, plus noise."""
+    """Return the standard deviation, m, of the reading from which the velocity is computed: quantization and noise."""
     motor, load = loop.axis.encoder_motor, loop.axis.encoder_load
     first, other = (motor, load) if getattr(loop.control.law, "velocity_encoder", "motor") == "motor" else (load, motor)
     return reading_deviation(other if first is None else first)
 
 
 def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candidate, ...], tuple[Refusal, ...]]:
-    """Return the candidates for the axis of a loop, P-PI first, and the laws that are refused.
+    """Return the candidates for the axis of a loop, P-PI first, and the refused laws with the reasons.
 
     Every law of the catalogue and every user-defined law is tried. Filters, limit, guard, friction feedforward and
-    velocity encoder are those of the present controller. Each law has acceleration and velocity feedforward, either its
-    own, that of the present controller, or one computed from the axis's mass and viscous friction. Every law also
+    velocity encoder are those of the present controller. Each law has acceleration and velocity feedforward: its own,
+    that of the present controller, or one computed from the mass and the viscous friction of the axis. Every law also
     receives this mass and friction as its axis model.
     """
     axis = axis_model(loop)
@@ -143,7 +144,7 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
 
 
 def names_of(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:
-    """Return the row names for a law; a kind or a class selects all forms of this law without additional blocks.
+    """Return the names of the rows of a law; a kind or class selects all forms of the law without additional blocks.
 
     Raises ParameterError for an unknown law, suggesting similar names.
     """
@@ -189,14 +190,16 @@ def control_with(loop: Loop, kind: str) -> Control:
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:
-    """Return the blocks that can be combined with a law, in the order of the report."""
+    """Return the classes of blocks that can be combined with a law, in the order of the report."""
     blocks = (*members(Feedforward).values(), *members(Compensation).values(), *members(Prefilter).values())
     return tuple(block for block in blocks if block.goes_beside(law))
 
 
 def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
-    """Return a loop with another law; filters and friction feedforward remain, except terms that the law itself feeds
-    forward.
+    """Return a loop with another law and its feedforward.
+
+    Filters and friction feedforward remain, except the terms that the law itself feeds forward; compensations and
+    prefilter are removed.
     """
     law, motion = start.law, start.feedforward
     taken = {*law.feeds} if motion is None else {*law.feeds, *_MOTION}
@@ -213,7 +216,7 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
 def _beside(
     base: Candidate, block: type[Feedforward] | type[Compensation] | type[Prefilter], axis: AxisModel
 ) -> Iterator[Candidate | Refusal]:
-    """Yield a candidate for each form of one additional block, or the reason why it is refused."""
+    """Yield a candidate for each form of `base` with one additional block, or a refusal with the reason."""
     control, name = base.loop.control, f"{base.name} + {block.title}"
     try:
         if issubclass(block, Prefilter):
@@ -259,11 +262,11 @@ def _beside(
 
 
 def _learning(loop: Loop, feedforward: Feedforward) -> Loop:
-    """Return the loop with a learning compensator; it includes a basis function for Stribeck friction if `feedforward`
-    does.
+    """Return the loop with a learning compensator.
 
-    Without a basis function for the breakaway friction, which acts at the start of an acceleration, the estimated mass
-    absorbs part of it, which differs from trial to trial.
+    The compensator has a basis function for Stribeck friction if `feedforward` has one. Otherwise the estimated mass
+    would absorb part of the breakaway friction, since both act at the start of an acceleration, and this part differs
+    from trial to trial.
     """
     if not isinstance(feedforward, DisturbanceCompensator) or feedforward.stribeck is None:
         return begin_compensation(loop)
@@ -283,7 +286,7 @@ def _compensated(base: Candidate, block: type[Compensation], axis: AxisModel) ->
 
 
 def _without(block: Feedforward, taken: set[str]) -> Feedforward | None:
-    """Return a feedforward block without the terms that are already fed forward; None if no term remains."""
+    """Return a feedforward block without the terms `taken` by other blocks; None if no term remains."""
     fed = set(block.fed())
     if not fed & taken:
         return block

@@ -1,4 +1,4 @@
-"""Closed-loop responses of a controller at an operating point, with their derivatives and measurement variances."""
+"""Closed-loop responses of a controller at an operating point, with derivatives and measurement variances."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -24,7 +24,7 @@ _DEEPEST, _LINES = 1e-3, 40
 
 
 class Recovery(NamedTuple):
-    """Frequency, compliance and its derivatives with respect to the tunables, for computing the rope-snap error."""
+    """Frequency lines, compliance and the derivatives of the compliance, for computing the rope-snap error."""
 
     frequency: np.ndarray
     compliance: np.ndarray
@@ -38,8 +38,8 @@ class Below:
         y = X_d (1 + C_motor X_u (ρ_d - ρ_u)) / (1 + L),    L = -X_u (C_motor (1 + ρ_u) + C_load)
 
     X is the response of a reading to the command (u) or to a force on the table (d), C the response of the controller
-    to a reading, and y the compliance. With integral action, y is nearly 1/C, regardless of the mass. The extrapolation
-    therefore only serves to reveal a law that recovers slowly from a disturbance.
+    to a reading, and y the compliance. With integral action, y is nearly 1/C, regardless of the mass; a rough
+    extrapolation therefore suffices to reveal a law that recovers slowly from a disturbance.
     """
 
     def __init__(self, point: OperatingPoint) -> None:
@@ -52,7 +52,7 @@ class Below:
         )
 
     def recovery(self, response: Response) -> Recovery:
-        """Return the closed-loop compliance for a controller with this `response` on these lines."""
+        """Return the compliance of the closed loop; `response` is that of the controller on these lines."""
         (C, D), (dC, dD) = response.value, response.slope
         loop = -self.by_force * (C * (1.0 + self.apart_force) + D)
         dloop = -self.by_force[:, None] * (dC * (1.0 + self.apart_force)[:, None] + dD)
@@ -75,7 +75,7 @@ class Answer:
 
     Derivatives have shape (lines, tunables), variances (lines,).
 
-    below   the compliance below the first line, with the axis as a free mass; None if not needed
+    below   the compliance below the first line, where the axis is a free mass; None if not needed
     """
 
     point: OperatingPoint
@@ -108,7 +108,7 @@ class Answer:
         return logarithms(self.point.frequency, self.gain)
 
     def readings(self, noise: tuple[float, float]) -> list[Reading]:
-        """Return the responses from the encoder errors (m RMS) to the force."""
+        """Return the responses from the encoder errors to the force; `noise` is the RMS error of motor and load, m."""
         C, dC = self.response.value, self.response.slope
         # the error of a single encoder enters both readings: the gains add, not their squares
         if self.point.ratio is not None and np.all(self.point.ratio[0] == 1.0):  # a single encoder gives both readings
@@ -116,7 +116,7 @@ class Answer:
         return [Reading(C[k], dC[k], noise[k]) for k in range(2)]
 
     def recovery(self) -> Recovery:
-        """Return frequency, compliance and its derivatives, extended far below the first line."""
+        """Return frequency lines, compliance and its derivatives, extended far below the first measured line."""
         lines = Recovery(self.point.frequency, self.compliance, self.compliance_slope)
         if self.below is None:
             return lines
@@ -124,7 +124,7 @@ class Answer:
 
 
 def answer(point: OperatingPoint, response: Response, below: Recovery | None = None) -> Answer:
-    """Return the closed loop, with derivatives and first-order variances.
+    """Compute the closed loop, with derivatives and first-order variances.
 
     The loop gain is L = -C·X_u, the compliance y = y_d + y_u (C·X_d)/(1 + L). C is the controller; X and y are the
     responses of the two readings and of the table to the command (u) and to a force on the table (d).
@@ -144,7 +144,10 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """Return the variance of Σ factor · response of a reading to one source (0: the command, 1: a force on the table).
+    """Return the variance of Σ factor·X over both readings, where X is the response of a reading to a source.
+
+    source   0: the command, 1: a force on the table
+    factors  one factor per reading and line
 
     On lines where the motor reading is the load reading times a ratio, their errors are fully correlated; on all others
     they are assumed to be independent.
@@ -188,7 +191,7 @@ _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as
 
 
 def unstable(answer: Answer) -> bool:
-    """Return True if the closed loop is unstable: by eigenvalues if the axis is a model, else by encirclement of -1."""
+    """Return True if the closed loop is unstable: by eigenvalues for a model, else by encirclements of -1."""
     axis, samples = answer.point.model, answer.response.samples
     return encircles(answer) if axis is None or samples is None else grows(axis, samples)
 
@@ -196,8 +199,8 @@ def unstable(answer: Answer) -> bool:
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     """Return True if an axis and a controller, given by [A B; c d] of each sample, form an unstable loop.
 
-    The criterion is the eigenvalues of the transition of axis state x and controller state ξ over one period, which is
-    the product over the samples k of
+    The loop is unstable if the transition matrix of axis state x and controller state ξ over one period has an
+    eigenvalue on or outside the unit circle. The transition is the product over the samples k of
 
         x ← A x + B (d_k C x + c_k ξ),    ξ ← A_k ξ + B_k C x
 
@@ -224,7 +227,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
 
 
 def _with_effect(samples: np.ndarray) -> np.ndarray:
-    """Return the matrices of the controller without the states that do not affect the force (the last row)."""
+    """Return the controller matrices without the states that do not affect the force, which is the last row."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)
     reached = through[n]
@@ -238,18 +241,18 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 
 
 def encircles(answer: Answer) -> bool:
-    """Return True if the encirclement of -1 shows an unstable closed loop.
+    """Return True if the encirclements of -1 by L show that the closed loop is unstable.
 
-    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from Nyquist, where
-    it lies within ±180°, down to the lowest lines. The loop is stable if
+    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from the Nyquist
+    frequency, where it lies within ±180°, down to the lowest lines. The loop is stable if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
-    n is the number of integrators at low frequencies: 2 for a free mass, and 1 for each integrator. P is the number of
-    unstable poles of the controller alone that are faster than these lines. Each pair of unstable closed-loop poles
-    adds 360°, a single pole or a response of the wrong sign 180°. A resonance of the controller alone near the lowest
-    lines is only partly visible in the slope, so it is counted as integrators: multiplying 1 + L by (z - p)/(z - 1)
-    replaces each of its poles p by 1.
+    n is the number of integrators at low frequencies: 2 for a free mass plus 1 for each integrator of the controller.
+    P is the number of unstable poles of the controller alone that are faster than these lines. Each pair of unstable
+    closed-loop poles adds 360° to φ, a single pole or a response of the wrong sign adds 180°. The slope shows a
+    resonance of the controller near the lowest lines only in part. Such a resonance is therefore counted as
+    integrators: 1 + L is multiplied by (z - p)/(z - 1), which replaces each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
     slow = answer.response.slow
@@ -275,9 +278,11 @@ def encircles(answer: Answer) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The figures of a controller at an operating point; infinite or 0 where the loop is unstable.
+    """The figures of a controller at an operating point.
 
-    deviation  standard deviation of Ms from the variance of the measurement, 0 for a model
+    rope_snap  rope-snap error; infinite if the loop is unstable
+    bandwidth  disturbance rejection bandwidth; None if the loop is unstable
+    deviation  standard deviation of Ms due to the variance of the measurement, 0 for a model
     """
 
     point: str
@@ -320,7 +325,7 @@ class Figures:
 
 
 def figures(answer: Answer, reading_noise: tuple[float, float]) -> Figures:
-    """Return the figures of a closed loop at all frequency lines of its operating point."""
+    """Compute the figures of a closed loop from all frequency lines of its operating point."""
     point = answer.point
     f, T = point.frequency, point.sample_time
     variance = None if point.variance is None else answer.gain_variance

@@ -1,5 +1,6 @@
-"""The frequency response of a controller and its derivatives with respect to the tunables, by linearizing one traced
-sample.
+"""The frequency response of a controller, with its derivatives with respect to the tunables.
+
+One sample of the controller is traced symbolically and linearized.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ READINGS = ("reading_motor", "reading_load")
 
 @dataclass(frozen=True, eq=False)
 class TracedControl:
-    """The linear model of a controller as graph nodes: all entries that are not constant zeros, by row and column.
+    """The linear model of a controller as nodes of a graph, for all matrix entries that are not always zero.
 
-    Rows are the states after a sample and the force; columns are the states before it and the two readings.
+    The rows of the matrix are the states after a sample and the force; the columns are the states before the sample and
+    the two readings.
     """
 
     graph: Graph
@@ -43,8 +45,9 @@ class TracedControl:
     _walks: dict[tuple[str, ...], Walk] = field(default_factory=dict)
 
     def walk(self, tunables: tuple[str, ...]) -> Walk:
-        """Return the evaluator of the matrix entries and their derivatives with respect to a set of tunables, cached
-        with its machine code.
+        """Return the evaluator of the matrix entries and their derivatives with respect to a set of tunables.
+
+        The evaluator is cached, together with its machine code.
         """
         return self._walks.setdefault(tunables, Walk(self, tunables))
 
@@ -53,7 +56,7 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """Return the linear model of one sample of a controller in the initial state `begun`; it is cached by structure."""
+    """Return the linear model of one controller sample that starts in state `begun`; models are cached by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 
@@ -90,8 +93,8 @@ def _trace(control: Control, begun: Any) -> TracedControl:
 class Walk:
     """The evaluator of the matrix entries of a traced controller and their derivatives with respect to the tunables.
 
-    The first evaluations of a structure run in Python. Later ones run as machine code of the same graph and its
-    symbolic derivatives, which is bit-identical and 100 to 1000 times faster.
+    The first evaluations of a structure run in Python. Later ones run as machine code, compiled from the same graph and
+    its symbolic derivatives; the results are bit-identical, and the evaluation is 100 to 1000 times faster.
     """
 
     def __init__(self, traced: TracedControl, tunables: tuple[str, ...]) -> None:
@@ -103,7 +106,7 @@ class Walk:
         self._native: tuple[Native, list[str]] | None = None
 
     def at(self, leaves: Mapping[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries (points, entries) and, if requested, their derivatives (points, entries, tunables).
+        """Return the matrix entries (points, entries) and, if requested, their derivatives (points, entries, tunables).
 
         leaves  all inputs of the trace by name: one value each, or one value per point
         """
@@ -135,8 +138,9 @@ class Walk:
         return values, slopes
 
     def _compiled(self) -> tuple[Native, list[str]]:
-        """Return the machine code that evaluates the matrix entries of the linear model and their derivatives with
-        respect to each tunable, and the names of its inputs.
+        """Return the machine code of the evaluation and the names of its inputs.
+
+        It evaluates the matrix entries of the linear model and their derivatives with respect to each tunable.
         """
         graph = self.traced.graph
         values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
@@ -158,7 +162,7 @@ class Walk:
 
 
 def needed(traced: TracedControl) -> list[int]:
-    """Return the indices of the states that depend on a reading and affect the force."""
+    """Return the indices of the states that both depend on a reading and affect the force."""
     n = len(traced.states)
     links = {(i, j) for i, j, _ in traced.entries}
     reached = {i for i, j in links if j >= n and i < n}
@@ -177,8 +181,10 @@ Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from c
 
 
 class Response(NamedTuple):
-    """The response from the two readings to the force, N/m, of shape (2, lines), and its derivatives (2, lines,
-    tunables).
+    """The frequency response of a controller from the two readings to the force, N/m, with its derivatives.
+
+    value  the response, shape (2, lines)
+    slope  its derivatives with respect to the tunables, shape (2, lines, tunables)
     """
 
     value: np.ndarray
@@ -197,8 +203,8 @@ class ControlResponse:
         x = (z - A)⁻¹ B,   w = c (z - A)⁻¹,   z = e^(j2πfT)
 
     u is the force, x1 and x2 are the readings of motor and load. A, B, c, d are the derivatives of the step with
-    respect to states and readings, and ∂ denotes their derivatives with respect to the tunables. Both follow from
-    forward differentiation of the law's own code. Guard and force limit are left out, and parts that are blended in
+    respect to states and readings, and ∂ denotes their derivatives with respect to the tunables. Both are obtained by
+    forward differentiation of the code of the law. Guard and force limit are left out, and blocks with a blend-in time
     count as fully active, as in `linearize`.
 
     For a multirate law with a period of N samples, the response at f includes the feedback of the images f + k/(NT)
@@ -242,8 +248,9 @@ class ControlResponse:
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
     def images(self, axis: Axis | None, frequency: np.ndarray) -> np.ndarray | None:
-        """Return the axis response at the images f + k/(NT) of lines in Hz, shape (2, lines, N - 1); None for a
-        single-rate law.
+        """Return the axis response at the images f + k/(NT) of the lines f in Hz, shape (2, lines, N - 1).
+
+        The result is None for a single-rate law.
         """
         if self.period == 1 or axis is None:
             return None
@@ -255,10 +262,10 @@ class ControlResponse:
         return np.where(beyond, np.conj(response), response)
 
     def model(self, values: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return [A B; c d] of shape (n + 1, n + 2) at values of the tunables, and its derivatives (n + 1, n + 2,
-        tunables).
+        """Return the linear model [A B; c d], shape (n + 1, n + 2), for values of the tunables, and its derivatives.
 
-        For a multirate law they are those of the first sample of a period.
+        The derivatives have shape (n + 1, n + 2, tunables). For a multirate law the model is that of the first sample
+        of a period.
         """
         matrices, slopes = self._matrices(self._leaves([*map(np.float64, values)]), 1, with_slopes=True)
         # once: the operating point is the same for all values
@@ -268,7 +275,7 @@ class ControlResponse:
         return matrices[0], slopes[0]
 
     def _matrices(self, leaves: dict[str, Any], points: int, *, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return [A B; c d] at several points and, if requested, its derivatives."""
+        """Return [A B; c d] for several sets of inputs and, if requested, its derivatives."""
         values, changes = self._walk.at(leaves, points, with_slopes=with_slopes)
         n, (rows, columns, _) = len(self._traced.states), zip(*self._traced.entries, strict=True)
         matrices, slopes = np.zeros((points, n + 1, n + 2)), np.zeros((points, n + 1, n + 2, changes.shape[2]))
@@ -277,7 +284,7 @@ class ControlResponse:
         return matrices[:, keep][:, :, wide], slopes[:, keep][:, :, wide]
 
     def _require_slopes(self, values: Sequence[float] | np.ndarray) -> None:
-        """Raise NoSlopeError, citing the line of the law, if a missing derivative makes the model infinite or NaN."""
+        """Raise NoSlopeError, with the line of the law, if an undefined derivative makes the model infinite or NaN."""
         traced, columns = self._traced, [*(f"state.{name}" for name in self._traced.states), *READINGS]
         ends, eye = [*traced.after, traced.force], np.eye(len(columns))
         numbers = node_values(traced.graph, ends, self._leaves([*map(np.float64, values)]))
@@ -286,14 +293,15 @@ class ControlResponse:
         require_slopes(traced.graph, ends, numbers, seeds, seeds, {self.control.law.kind})
 
     def _samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return `model` for all samples of a period in one evaluation, shape (N, n + 1, n + 2), and derivatives if
-        requested.
+        """Return the linear models of all N samples of a period, shape (N, n + 1, n + 2), and requested derivatives.
+
+        All samples are computed in one evaluation.
         """
         leaves = self._leaves([*map(np.float64, values)]) | self._followed()
         return self._matrices(leaves, self.period, with_slopes=with_slopes)
 
     def _followed(self) -> dict[str, np.ndarray]:
-        """Return the states before each sample of a period, which differ only in their position within the period."""
+        """Return, by name, the values of each state before the samples of a period, shape (N,)."""
         if self._states is None:
             traced, leaves = (
                 self._traced,
@@ -310,9 +318,7 @@ class ControlResponse:
         return self._states
 
     def models(self, values: np.ndarray) -> np.ndarray:
-        """Return [A B; c d] at many values of the tunables (points, tunables) in one evaluation, without
-        derivatives.
-        """
+        """Return [A B; c d] for many sets of tunables (points, tunables) in one evaluation, without derivatives."""
         return self._matrices(self._leaves([*values.T]), len(values), with_slopes=False)[0]
 
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
@@ -329,7 +335,7 @@ class ControlResponse:
         }
 
     def _kept(self) -> tuple[list[int], list[int]]:
-        """Return the rows and columns of a model without the states that have no effect."""
+        """Return the rows and columns of the full model that remain: states with an effect, force and readings."""
         n = len(self._traced.states)
         return [*self._live, n], [*self._live, n, n + 1]
 
@@ -351,11 +357,12 @@ class ControlResponse:
         near: bool = False,
         slopes: bool = True,
     ) -> Response:
-        """Return the response and its derivatives on lines in Hz up to Nyquist. Raises ParameterError if it is not
-        finite.
+        """Return the response and its derivatives on lines in Hz up to the Nyquist frequency.
 
-        images  axis response at the images of these lines (`images`), for a multirate law; without it the image loops
-                are open, which makes no difference far below the law's slow rate
+        Raises ParameterError if the response is not finite.
+
+        images  for a multirate law: axis response at the images of these lines (method `images`); without it the loops
+                at the images are left open, which makes no difference far below the slow sample rate of the law
         near    for a multirate law: True to use only the nearest images
         slopes  for a multirate law: False to omit the derivatives
         """
@@ -364,8 +371,9 @@ class ControlResponse:
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
-        """Return the response of one of `models` on lines in Hz, without derivatives. Raises the ParameterError of
-        `at`.
+        """Return the response of a linear model from `models` on lines in Hz, without derivatives.
+
+        Raises ParameterError like `at`.
         """
         return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
 
@@ -377,7 +385,7 @@ class ControlResponse:
         near: bool,
         with_slopes: bool,
     ) -> Response:
-        """Compute `at` for a multirate law, in blocks of lines."""
+        """Compute the result of `at` for a multirate law, in blocks of lines."""
         big, slopes, samples = self._kept_lifted(values, with_slopes)
         N, n = self.period, big.shape[0] - self.period
         if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
@@ -408,9 +416,7 @@ class ControlResponse:
     def _kept_lifted(
         self, values: Sequence[float] | np.ndarray, with_slopes: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the result of `_lifted`, which is cached, since it is requested both for the lines of the goal and for
-        those below them.
-        """
+        """Return the cached result of `_lifted`, which is needed both for the lines of a point and below them."""
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:
             self._last = key, self._lifted(values, with_slopes)
@@ -421,8 +427,9 @@ class ControlResponse:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the lifted model [A B; C D] over one period.
 
-        Its outputs are the states and the forces of all samples, its inputs the states and the readings of all samples.
-        The derivatives follow by the product rule, sample by sample. The third result is the model of each sample.
+        Its outputs are the states at the end of the period and the forces of all samples; its inputs are the states at
+        the start and the readings of all samples. The second result holds its derivatives, computed sample by sample
+        with the product rule; the third result is the model of each sample.
         """
         N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
         through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
@@ -443,9 +450,7 @@ class ControlResponse:
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
-    """Return the response of a linear model [A B; c d] of a controller, and its derivatives, at points z of the unit
-    circle.
-    """
+    """Return the response of a linear controller model [A B; c d] at points z of the unit circle, with derivatives."""
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
     n = matrix.shape[0] - 1
@@ -468,9 +473,9 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
 def _closed_by(
     big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return C(f) and its derivatives with the image loops closed by the axis, and det(1 + L) of the images.
+    """Return C(f), its derivatives and det(1 + L) of the images, with the loops at the images closed by the axis.
 
-    `cycles` is f T of the lines.
+    `cycles` is f T of each line.
     """
     lines, N, many = *turns.shape[:2], slopes.shape[2]
     n, K = big.shape[0] - N, axis.shape[2]

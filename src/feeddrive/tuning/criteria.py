@@ -1,4 +1,4 @@
-"""Goal and limits of a tuning: values, derivatives and uncertainties at every operating point."""
+"""Goal and limits of a tuning: their values, derivatives and uncertainties at every operating point."""
 
 from __future__ import annotations
 
@@ -25,13 +25,12 @@ from feeddrive.tuning.operating_point import OperatingPoint
 class Limits:
     """Limits of a tuned loop, at every operating point: `Limits(sensitivity_peak=1.7, gain_margin_dB=6.0)`.
 
-    limits         in the order of the catalogue of figures
+    limits         the limits in effect, in the order of the catalogue of figures
     reading_noise  white noise of the two readings, m RMS, from which the force noise is computed
-    snap_force     N: in the simulation run of the proof, a force step of this size on the table must not saturate the
-                   command
+    snap_force     a force step on the table, N, that must not saturate the command in the simulation of the proof
 
-    The bounds are given by the keys of figures (`figures.limitable`), in SI, or as `Limit`s. A default limit applies
-    unless it is replaced or, as with `sensitivity_peak=None`, removed.
+    Bounds are given as keyword arguments named by figure (`figures.limitable`), in SI, or as `Limit` objects. A default
+    limit applies unless it is replaced or, as by `sensitivity_peak=None`, removed.
     Raises ParameterError for a figure that no tuning can limit, and for a bound out of range.
     """
 
@@ -79,14 +78,14 @@ class Limits:
         return None if limit is None else limit.bound
 
     def having(self, *limits: Limit, reading_noise: tuple[float, float] | None = None) -> Limits:
-        """Return these limits, in which the given ones replace those of the same figures."""
+        """Return a copy of these limits in which the given ones replace those of the same figures."""
         bounds: dict[str, float | None] = {figure.key: self.bound(figure) for figure in limitable()}
         bounds |= {limit.figure.key: limit.bound for limit in limits}
         noise = self.reading_noise if reading_noise is None else reading_noise
         return Limits((), reading_noise=noise, snap_force=self.snap_force, **bounds)
 
     def eased(self, figure: Figure, factor: float) -> Limits:
-        """Return these limits with the limit of one figure relaxed by a factor."""
+        """Return a copy of these limits in which the limit of one figure is relaxed by a factor."""
         limit = self.limit(figure)
         return self if limit is None else self.having(limit.eased(factor))
 
@@ -106,7 +105,8 @@ class Limits:
 class Judged(NamedTuple):
     """A figure of a loop compared with its limit.
 
-    value  in SI; None if the figure does not exist, such as a margin without a crossover; it then satisfies every limit
+    value  in SI; None if the loop has no such figure, for example no margin because L has no crossover; a missing
+           figure satisfies every limit
     """
 
     limit: Limit
@@ -120,12 +120,12 @@ class Judged(NamedTuple):
 
     @property
     def used(self) -> float:
-        """The utilization of the limit: above 1 the figure exceeds it; 0 if the figure does not exist."""
+        """The utilization of the limit: above 1 the limit is violated; 0 if the figure does not exist."""
         return self.limit.used(self.value)
 
     @property
     def text(self) -> Text:
-        """The figure in words."""
+        """The title of the figure with its value, in words."""
         if self.value is None:
             return Text(f"no {self.figure.title}, there is no crossover")
         return Text(f"{self.figure.title} {Quantity(self.value, self.figure.unit)}")
@@ -135,10 +135,10 @@ class Judged(NamedTuple):
 
 
 def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
-    """Compare the figures of a stable loop with each limit; `room` is the tolerance as a share of the limit.
+    """Compare the figures of a stable loop with the limits; `room` is the tolerance as a fraction of the limit.
 
-    An unknown force noise is not checked. A phase margin counts by its absolute value: in a stable loop a negative one
-    means that L passes -1 on the other side, equally close.
+    An unknown force noise is not checked. The absolute value of a phase margin counts: in a stable loop a negative
+    phase margin means that L passes -1 on the other side at the same distance.
     """
     values = ((limit, limit.figure.read(loop)) for limit in limits.limits)
     return tuple(
@@ -152,10 +152,11 @@ NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
 class Bound(NamedTuple):
-    """A bound at one frequency of one operating point: its slack with derivatives, and the standard deviation due to
-    the measurement.
+    """A limit at one frequency of one operating point, as an inequality of the search: slack >= 0.
 
-    figure  the limited figure; None for the bound that ensures that a notch attenuates
+    figure     the limited figure; None for the bound that ensures that a notch attenuates
+    slope      derivatives of the slack with respect to the tunables
+    deviation  standard deviation of the slack due to the measurement
     """
 
     figure: Figure | None
@@ -168,13 +169,14 @@ class Bound(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The title of the limited figure."""
+        """The title of the limited figure, or `notch` for the bound on a notch."""
         return NOTCH if self.figure is None else self.figure.title
 
 
 def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
-    """Return all bounds of a point that are close to violation; without derivatives, only the closest one of each limit
-    over the lines.
+    """Return the bounds of point `i` that are violated or close to violation.
+
+    For a loop without derivatives, a limit that applies to every line yields only its most critical line.
     """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
@@ -215,12 +217,12 @@ _FEWEST = 50  # least number of lines that remain after decimation
 
 
 def some(lines: np.ndarray, every: int) -> np.ndarray:
-    """Return every `every`-th line and the last one if enough lines remain, else all lines."""
+    """Thin out lines: return every `every`-th line and the last one if enough lines remain, else all lines."""
     return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
 class Evaluation(NamedTuple):
-    """Stability, the goal at each point (lower is better) with its derivatives, and the bounds."""
+    """The evaluation of a controller: stability, goal at each point (lower is better) with derivatives, and bounds."""
 
     stable: bool
     goal: np.ndarray  # (points,)
@@ -233,7 +235,7 @@ class Criteria:
     """The evaluation of goal and limits of a controller at all operating points.
 
     goal  a figure with a `Goal`
-    near  True in all searches of a multirate controller but the last, to use only the nearest images
+    near  True to use only the nearest images of a multirate controller, as in all searches but the last
     """
 
     def __init__(
@@ -259,18 +261,18 @@ class Criteria:
 
     @property
     def count(self) -> int:
-        """The number of evaluated points."""
+        """The number of sets of tunables that were evaluated."""
         return len(self._known)
 
     def answers(self, x: np.ndarray) -> list[Answer]:
-        """Return the closed loops at logarithms of the tunables; derivatives are with respect to the logarithms."""
+        """Return the closed loop at each operating point for tunables exp(x), with derivatives with respect to x."""
         values = np.exp(x)
         if self.control.period > 1:
             return self._of_two_rates(values)
         return self._answers(self.control.at(values, self._lines), values)
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
-        """Return the closed loops of a multirate controller, whose response depends on the axis as well."""
+        """Return the closed loops of a multirate controller, whose response also depends on the axis."""
 
         def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
             over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
@@ -282,7 +284,7 @@ class Criteria:
         ]
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
-        """Return the closed loops for a given response of the controller on all lines."""
+        """Return the closed loops of a single-rate controller from its response on the lines of all points."""
         parts = [
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
@@ -292,10 +294,11 @@ class Criteria:
         ]
 
     def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
-        """Yield the evaluation at many points (points, tunables) without derivatives; None where it fails.
+        """Evaluate many sets of tunables without derivatives; yield None for a set whose evaluation fails.
 
-        A single-rate controller is evaluated once for all of them, so that a point costs a fraction of a search step. A
-        multirate controller is evaluated separately at each point, on every fourth line and with the nearest images.
+        x holds the logarithms of the tunables, shape (sets, tunables). The models of a single-rate controller are
+        computed for all sets at once, so that a set costs a fraction of a search step. A multirate controller is
+        evaluated set by set, on a part of the lines and with the nearest images only.
         """
         if self.control.period > 1:
             every = 2 if self.near else 4
@@ -324,14 +327,14 @@ class Criteria:
                 yield None
 
     def __call__(self, x: np.ndarray) -> Evaluation:
-        """Return the evaluation at a point; results are cached."""
+        """Return the evaluation for logarithms x of the tunables; results are cached."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
             self._known[key] = self.judged(x, self.answers(x))
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Return the evaluation of goal and bounds for the given closed loops."""
+        """Evaluate goal and bounds for the given closed loops."""
         stable = not any(unstable(loop) for loop in answers)
         goals = [self._goal(loop) for loop in answers]
         bounds: list[Bound] = []
@@ -350,8 +353,8 @@ class Criteria:
     def _goal(self, loop: Answer) -> Slope:
         """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.
 
-        With a goal that does not measure the recovery time of the axis, the search would sacrifice the position gain
-        for a negligible benefit. The rope-snap error is therefore added with a weight of 1/50.
+        If the goal does not measure the recovery time of the axis, the search would sacrifice the position gain for a
+        negligible benefit. The logarithm of the rope-snap error is therefore added with a weight of 1/50.
         """
         goal = self._declared.slope(loop, self.band)
         if self._declared.returns:
@@ -365,7 +368,7 @@ class Criteria:
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:
-    """Return the response with derivatives with respect to the logarithms of the tunables."""
+    """Convert the derivatives of a response to derivatives with respect to the logarithms of the tunables."""
     return response._replace(slope=response.slope * values)
 
 
@@ -378,8 +381,9 @@ _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
 def distances(bounds: Sequence[Bound]) -> np.ndarray:
-    """Return the ratio of slack to standard deviation of each independent bound; of neighboring frequencies, only the
-    closest bound counts.
+    """Return the slack of each independent bound in standard deviations, smallest first.
+
+    Bounds at neighboring frequencies of a point are not independent; only the most critical one counts.
     """
     left = sorted((b for b in bounds if b.deviation > 0.0), key=lambda b: b.slack / b.deviation)
     kept: list[Bound] = []
@@ -406,8 +410,9 @@ def _all_below(deviations: np.ndarray) -> float:
 
 
 def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
-    """Return the number of standard deviations that must replace `sure` for all bounds to be satisfied with the given
-    confidence.
+    """Return the margin, in standard deviations, with which all bounds are satisfied at the given confidence.
+
+    `sure` is the margin of the search that gave these bounds.
     """
     # assumes that a larger reserve raises all distances alike; the caller repeats the search with it
     separate = distances(bounds)
@@ -429,9 +434,10 @@ def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
 def require_covered(answers: Sequence[Answer]) -> None:
     """Raise NotIdentifiableError, naming the band, if frequency lines that a tuning needs are missing.
 
-    The lowest crossover must lie above twice the first line. Between half and twice its frequency, neighboring lines
-    may not be further apart than a factor of 1.6. The loop gain must have fallen to 0.3 at the last line, unless the
-    lines extend to three times the highest crossover, or nearly to half the sample rate.
+    The lowest crossover must lie above twice the frequency of the first line. From half of the lowest to twice the
+    highest crossover, the frequency ratio of neighboring lines must not exceed 1.6. The loop gain must have fallen to
+    0.3 at the last line, unless the lines extend to three times the highest crossover, or nearly to half the sample
+    rate.
     """
     for loop in answers:
         f, size, point = loop.point.frequency, np.abs(loop.gain), loop.point
@@ -465,8 +471,8 @@ def require_covered(answers: Sequence[Answer]) -> None:
 def require_good(answers: Sequence[Answer], sure: float) -> None:
     """Raise NotIdentifiableError, naming the band, if the noise is too large for a tuning.
 
-    The check extends to three times the highest crossover: `sure` standard deviations of L toward -1 may not exceed
-    half of |1 + L|.
+    On all lines up to three times the highest crossover, `sure` standard deviations of L in the direction of -1 must
+    not exceed half of |1 + L|.
     """
     for loop in answers:
         f, L, point = loop.point.frequency, loop.gain, loop.point

@@ -1,5 +1,7 @@
-"""Manual filter design: start values for the loop, frequency response, the difference between two filter lists, and
-drag handles.
+"""Manual filter design.
+
+The module computes start values for a filter in a loop, its frequency response, its drag handles in a plot, and the
+difference between two lists of filters.
 """
 
 import dataclasses
@@ -88,7 +90,10 @@ def read_block(family: type[B], text: str) -> B:
 
 
 def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) -> np.ndarray:
-    """Return the complex gain of a filter on lines in Hz, from its own step: H = c (z - A)⁻¹ b + d, z = e^(j2πfT)."""
+    """Return the complex gain of a filter on lines in Hz, obtained by linearizing one step of its code.
+
+    The gain is H = c (z - A)⁻¹ b + d with z = e^(j2πfT).
+    """
     prepared = block.prepare(sample_time)
     rest = block.start(prepared, 0.0)
     count = sum(1 for _ in tree.leaves(rest))
@@ -107,7 +112,7 @@ def filter_response(block: Filter, frequency: np.ndarray, sample_time: float) ->
 
 
 def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None = None) -> Filter:
-    """Return a filter with start values for a loop gain, at a frequency in Hz or where it is likely to be needed.
+    """Return a filter with start values for a loop gain, at frequency `at` (Hz) or where it is probably needed.
 
     A filter that passes high frequencies starts at a resonance beyond the crossover: of the resonances that rise at
     least 3 dB above the loop gain around them, the one that comes closest to -1. Without such a resonance it starts at
@@ -115,7 +120,7 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
     are reduced by a common factor. A low-pass starts at the lowest frequency at which its phase lag is at most 10°. No
     filter starts above 0.45 times the sample rate.
 
-    Raises ParameterError for a filter with a parameter that is neither a frequency nor has a default.
+    Raises ParameterError for a filter with a parameter that has no default and is not a frequency.
     """
     filter_type: type[Any] = find(Filter, kind)  # type: ignore[type-abstract]
     highest = HIGHEST_FILTER / sample_time
@@ -154,8 +159,9 @@ def begun_filter(kind: str, loop: Margins, sample_time: float, at: float | None 
 
 
 def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the smallest admissible value from low to high, or high if none is admissible. All values above an
-    admissible one must be admissible.
+    """Return the smallest admissible value between low and high, or high if none is admissible.
+
+    If a value is admissible, all larger ones must be admissible too.
     """
     if admits(low):
         return low
@@ -166,7 +172,7 @@ def _least(admits: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _resonance(loop: Margins, crossover: float) -> float:
-    """Return the frequency in Hz of the peak of |L| beyond its crossover that comes closest to -1."""
+    """Return the frequency, Hz, of the peak of |L| beyond the crossover at which L comes closest to -1."""
     # imported here: slow to load and not needed by every command
     from scipy.signal import find_peaks
 
@@ -215,7 +221,7 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
 def difference(before: Control, after: Control) -> Difference | None:
     """Return the edits from one controller to another; None if they differ in more than filters and parameters.
 
-    `aligned` decides which filters are kept.
+    `aligned` determines the filters that are kept.
     """
     kept = aligned(before.filters, after.filters)
     removed = tuple(i for i in range(len(before.filters)) if i not in kept)
@@ -233,16 +239,16 @@ def _same_tables(one: Any, other: Any) -> bool:
 
 
 def aligned(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...]:
-    """Return the indices of the old blocks to keep, in order; they become the first of the new blocks.
+    """Return the indices of the old blocks to keep; in this order they become the first new blocks.
 
-    As many as possible are kept, with the fewest changed parameters.
+    As many blocks as possible are kept, with as few changed parameters as possible.
     """
     ways = (_kept(before, after[:count]) for count in range(len(after), 0, -1))
     return next((way for way in ways if way is not None), ())
 
 
 def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | None:
-    """Return the indices of the old blocks that together become the new ones, in order; None if that is impossible."""
+    """Match every new block to an old one of the same type, in order; return the old indices, or None if impossible."""
     best: dict[int, tuple[int, tuple[int, ...]]] = {0: (0, ())}  # cost and indices, by count of matched blocks
     for i, old in enumerate(before):
         # downwards, so that each old block is matched at most once
@@ -264,8 +270,9 @@ _ACROSS, _UP = 1.02, 0.5  # step of an arrow key: a factor of the frequency, and
 
 
 class _Height(NamedTuple):
-    """A damping ratio that determines the gain of its filter at a characteristic frequency, proportionally or
-    inversely.
+    """The damping ratio that sets the gain of a filter at a characteristic frequency.
+
+    rising  True if the gain is proportional to the damping ratio, False if it is inversely proportional
     """
 
     damping: str
@@ -287,8 +294,8 @@ class Grip:
     name   filters.0.frequency, or filters.0.width for the edge of a notch
     x, y   frequency (Hz) and |L| (dB) at the handle; for a width, |L| at the center of the notch
     low, high  range of x, Hz
-    label  what the handle changes
-    text   its value in words
+    label  the parameter that the handle changes
+    text   the value of this parameter in words
     """
 
     name: str
@@ -301,10 +308,10 @@ class Grip:
 
 
 def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
-    """Return all drag handles of the filters on a loop gain: one for each filter frequency, and one for the upper edge
-    of a notch.
+    """Return the drag handles of all filters on a loop gain.
 
-    The edge lies where a deep notch attenuates by 3 dB, at f (ζ + √(1 + ζ²)) with ζ its damping_pole.
+    Each filter frequency has a handle. A notch has another one at its upper edge, f (ζ + √(1 + ζ²)) with its
+    damping_pole ζ, where a deep notch attenuates by 3 dB.
     """
     grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
     for i, block in enumerate(control.filters):
@@ -337,12 +344,11 @@ def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[G
 def filter_dragged(
     control: Control, name: str, x: float, y: float | None, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """Return the parameters of a filter whose handle is dragged to a frequency in Hz and a height on |L| in dB; None
-    keeps the depth.
+    """Return the parameters of a filter after its handle is dragged to x (frequency in Hz) and y (|L| in dB).
 
-    `loop` holds the margins of the controller. With the returned parameters, the loop gain at the handle is y, as far
-    as the damping ratios allow: a notch attenuates by 0 to 60 dB. The width of a notch changes both of its damping
-    ratios, but not its depth.
+    `loop` holds the margins of the loop with this controller. With the returned parameters, |L| at the handle is y, as
+    far as the range of the damping ratio allows: a notch attenuates by 0 to 60 dB. If y is None, the damping ratio is
+    unchanged. Dragging the width of a notch changes both of its damping ratios, but not its depth.
     Raises ParameterError for an unknown handle.
     """
     i, part, block = _held(control, name)
@@ -372,7 +378,11 @@ def filter_dragged(
 def filter_stepped(
     control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
 ) -> dict[str, float]:
-    """Return the parameters after arrow-key steps: 2 % of the frequency or width across, 0.5 dB upwards."""
+    """Return the parameters of a filter after its handle is moved with the arrow keys.
+
+    across  number of steps of 2 % in frequency or width
+    up      number of steps of 0.5 dB in |L|; for a width, of 2 % too
+    """
     _, part, block = _held(control, name)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
@@ -402,7 +412,7 @@ def _frequencies(block: Filter) -> list[str]:
 
 
 def _edge(block: Notch, sample_time: float) -> float:
-    """Return the upper edge of a notch in Hz; the lower edge if the upper one is too close to half the sample rate."""
+    """Return the upper edge of a notch, Hz, or the lower edge if the upper one is too close to half the sample rate."""
     f, ratio = float(block.frequency), float(block.damping_pole)
     apart = ratio + float(np.sqrt(1.0 + ratio * ratio))
     return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
@@ -415,7 +425,7 @@ def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
 
 
 def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
-    """Return both damping ratios of a notch for a new damping ratio of its poles at the same depth."""
+    """Return both damping ratios of a notch if that of its poles changes to `ratio` and the depth is kept."""
     assert isinstance(block, Notch)
     wanted = rounded(min(max(ratio, _NARROWEST), _WIDEST), 4)
     depth = float(block.damping_zero) / float(block.damping_pole)
@@ -423,7 +433,7 @@ def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
 
 
 def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
-    """Return |L| in dB at a frequency in Hz, clipped from below for drawing if `cut`."""
+    """Return |L| in dB at a frequency in Hz; with `cut` it is limited to the lowest level of the plot."""
     f, L = loop.loop_gain.frequency, loop.loop_gain.response
     k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
     x, low, high = np.log(np.array([frequency, f[k - 1], f[k]]))
@@ -436,8 +446,9 @@ _gains: Recent[complex] = Recent(256)
 
 
 def _gain(block: Filter, frequency: float, sample_time: float) -> complex:
-    """Return the complex gain of a filter at a frequency in Hz; cached, since only one of many filters moves at a
-    time.
+    """Return the complex gain of a filter at a frequency in Hz.
+
+    Results are cached, since only one of many filters changes at a time.
     """
     key = tree.structure(block), tuple(value for _, value in tree.leaves(block)), frequency, sample_time
     return _gains.get(key, lambda: complex(filter_response(block, np.array([frequency]), sample_time)[0]))

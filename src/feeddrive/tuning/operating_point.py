@@ -1,4 +1,4 @@
-"""Operating point: the frequency responses of an axis at one position and load, measured or from a model."""
+"""Operating points: the frequency responses of an axis at one position and load, measured or from a model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,18 +30,18 @@ _VARIANCE = 4  # lines on both sides over which the measured variance is average
 def smoothed(
     frequency: np.ndarray, response: np.ndarray, variance: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the response and its remaining variance after smoothing, on the `wanted` lines, given by index.
+    """Smooth a response; return it and its remaining variance on the lines with the indices `wanted`.
 
     Around each line a function with one resonance is fitted, by least squares weighted with the variance:
 
         f² G = (a0 + a1 u + a2 u²)/(1 + b u),   u = ln f - ln f0,   complex a, b
 
-    The window grows as long as the residuals pass a χ² test for noise at 99 %, and the width before the last accepted
-    one is used. The approximation error then stays well below the remaining noise. A line that its neighbors do not
-    improve keeps its measured value. The variance is first averaged over nine lines, because it is itself an estimate.
+    The window is widened as long as the residuals pass a χ² test for noise at 99 %; the last but one accepted width is
+    used. The approximation error then stays well below the remaining noise. A line with fewer than two accepted widths
+    keeps its measured value. The variance is first averaged over nine lines, because it is itself an estimate.
 
     Source: McKelvey & Guérin 2012 (local rational models); Goldenshluger & Nemirovski 1997 (windows as wide as the data
-    allow), with the rule above.
+    allow); the rule for the width is our own.
     """
     from scipy.special import chdtri
 
@@ -88,16 +88,16 @@ def _averaged(variance: np.ndarray) -> np.ndarray:
 def stiff_ratio(
     frequency: np.ndarray, motor: np.ndarray, load: np.ndarray, variances: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ratio of motor to load reading, and its variance, at the lines where both ends move nearly together;
-    NaN at others.
+    """Return the ratio r of motor to load reading and its variance; NaN on lines where both ends do not move together.
 
         r = 1 + a1 s + a2 s² + a3 s³ + a4 s⁴,   s = jω,   real coefficients
 
     At low frequencies both ends of any guided axis move together. The stiffness follows from their small difference,
-    which noise would hide where the responses are large and the spring hardly deflects. The polynomial is fitted to raw
-    lines, from the lowest one up to the highest below the antiresonance at which the residuals still pass a χ² test for
-    noise at 99.9 %. It is used where |r - 1| is at most 1/4, which is up to half of the first antiresonance, and on at
-    most half of the fitted lines, because a fit deviates first at its end.
+    which measurement noise would hide at low frequencies, where the responses are large and the spring hardly deflects.
+    The polynomial is fitted to the raw lines from the lowest one up to a line below the antiresonance: the highest at
+    which the residuals still pass a χ² test for noise at 99.9 %. The fit is used where |r - 1| is at most 1/4, which is
+    up to half of the first antiresonance, and on at most half of the fitted lines, because it deviates first at its
+    end.
     """
     from scipy.special import chdtri
 
@@ -128,7 +128,7 @@ def stiff_ratio(
 
 
 def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a weighted least-squares fit of 1 + a1 s + ... + a4 s⁴ to complex values, and its variance."""
+    """Fit 1 + a1 s + ... + a4 s⁴ to complex values by weighted least squares; return the fit and its variance."""
     # scaled to 1 at the last line: powers of ω in rad/s would make the problem ill-conditioned
     s = 1j * f / f[-1]
     powers = np.stack([s**k for k in (1, 2, 3, 4)], axis=1)
@@ -153,23 +153,22 @@ _WIDTH = 5  # lines over which a noisy curve is averaged before its curvature is
 
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
-    """The frequency responses (m/N) of the motor and load readings of an axis at one position and load; lines are in
-    Hz.
+    """The frequency responses (m/N) of an axis at one position and load.
 
-    by_force     responses to the command, shape (2, lines)
-    by_load      responses to a force on the table, shape (2, lines)
-    moved        responses of the table itself to command and force, shape (2, lines)
+    frequency    frequency lines, Hz
+    by_force     responses of motor and load reading to the command, shape (2, lines)
+    by_load      responses of motor and load reading to a force on the table, shape (2, lines)
+    moved        responses of the table itself to the command and to a force on it, shape (2, lines)
     variance     variance of by_force after smoothing, shape (2, lines); None for a model
-    load_variance  variance of by_load, likewise
+    load_variance  variance of by_load in the same form
     coherence    measured coherence of by_force, shape (lines,), the smaller of the two readings; None if unknown
-    at_drive     True if no response to a force on the table is known: the stiffness then refers to a force at the drive
-    ratio        ratio of motor to load reading, for by_force and by_load, shape (2, lines), where their errors are
-                 correlated: 1 with one encoder; NaN where both were measured separately. With a ratio the motor's row
-                 of a variance is the uncertainty of the ratio
+    at_drive     True if no response to a force on the table is known; the stiffness then refers to a force at the drive
+    ratio        ratio of motor to load reading in by_force and by_load, shape (2, lines), on lines where the errors of
+                 both readings are correlated (1 with one encoder), and NaN where they are independent. Where there is a
+                 ratio, the motor's row of a variance is the uncertainty of this ratio
     loop, model  the loop of a model, and the state-space model of its axis
-    known_as     a loop that agrees with the measurement (`with_table_force`), in which the tuned controller is
-                 simulated
-    by_force_at  by_force at any frequency, for the images of a multirate controller
+    known_as     a loop whose axis agrees with the measurement (`with_table_force`), for simulating the tuned controller
+    by_force_at  function that returns by_force at any frequency, for the images of a multirate controller
     """
 
     name: str
@@ -189,7 +188,7 @@ class OperatingPoint:
     coherence: np.ndarray | None = None
 
     def chosen(self, keep: np.ndarray) -> Self:
-        """Return the operating point restricted to some of its lines, given by index."""
+        """Return the operating point restricted to the lines with the given indices."""
         return replace(
             self,
             frequency=self.frequency[keep],
@@ -203,9 +202,7 @@ class OperatingPoint:
         )
 
     def sparse(self) -> np.ndarray:
-        """Return the indices of the lines that a search needs: dense where the curvature of the response is large,
-        sparse elsewhere.
-        """
+        """Return the indices of the lines for a search: dense where the response changes rapidly, else sparse."""
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
         # the remaining noise must not count as curvature
@@ -225,14 +222,13 @@ def response_on(point: OperatingPoint, control: Control, velocity: float = 0.05)
 
 
 def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FRF:
-    """Return the loop gain of the position loop of a cascade, opened at its velocity command, with the velocity loop
-    closed.
+    """Return the loop gain of a cascade opened at its velocity command, with the velocity loop closed.
 
     whole, inner  the responses of the controller with and without position loop, on the lines of the point
 
-    With L and Lv, the loop gains at the actuator with and without the position loop, the result is (L - Lv)/(1 + Lv)
-    for a single-rate controller. A position loop that runs every N-th sample is a single-rate loop with sample time NT;
-    its gain is exactly det(1 + L)/det(1 + Lv) - 1 by the lifted determinants, up to its own Nyquist frequency.
+    L and Lv are the loop gains at the actuator with and without the position loop. For a single-rate controller the
+    result is (L - Lv)/(1 + Lv). A position loop that runs every N-th sample is a single-rate loop with sample time NT;
+    its gain is exactly det(1 + L)/det(1 + Lv) - 1 with the determinants of the lifted loops, up to 1/(2NT).
     """
     f, step = point.frequency, point.sample_time
     L, Lv = (-np.einsum("kl,kl->l", response.value, point.by_force) for response in (whole, inner))
@@ -245,8 +241,9 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
 
 
 def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
-    """Return the operating point of a loop's axis that slides at `velocity` (m/s), with dead time, current loop and
-    encoders.
+    """Return the operating point of the axis of a loop, linearized while it slides at `velocity` (m/s).
+
+    The responses include dead time, current loop and encoders.
     """
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
@@ -296,13 +293,13 @@ def measured_point(
     name: str = "measured",
     averages: int = AVERAGES,
 ) -> OperatingPoint:
-    """Return the operating point of measured responses, which are in m/N on the same lines.
+    """Return the operating point given by measured responses, which must be in m/N and on the same lines.
 
-    load, motor   from the commanded force to the readings; with one encoder leave `motor` out
-    disturbance   from a force on the table (impact hammer) to the readings of load and motor; without it stiffness and
-                  rope-snap error refer to a force at the drive
+    load, motor   responses of the readings to the commanded force; with a single encoder leave `motor` out
+    disturbance   responses of the load and motor readings to a force on the table (impact hammer); without them,
+                  stiffness and rope-snap error refer to a force at the drive
     sample_time   sample time of the controller to be tuned, s
-    delay         computation delay, s, if the responses were measured from the actual force and not from its command
+    delay         computation delay, s, if the input of the measured responses is the actual force, not its command
     averages      number of averages, for a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
     Responses with a variance are smoothed as far as the variance allows; where motor and table move nearly together,
@@ -383,8 +380,9 @@ def _coherence(both: Sequence[FRF], inside: np.ndarray, wanted: np.ndarray) -> n
 
 
 def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
-    """Return an interpolator of a measured response over frequency: ln |X| and phase linear in ln f, extrapolated as a
-    free mass (1/f²).
+    """Return an interpolator of measured responses over frequency.
+
+    ln |X| and the phase are linear in ln f between the lines; beyond them the axis is a free mass (1/f²).
     """
     x = np.log(lines)
     level, phase = np.log(np.abs(by_force)), np.unwrap(np.angle(by_force), axis=1)
@@ -399,7 +397,7 @@ def _between(lines: np.ndarray, by_force: np.ndarray) -> Axis:
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
-    """Return the indices of lines that keep a minimum distance in ln f."""
+    """Return the indices of lines that are about `apart` from each other in ln f."""
     x = np.log(frequency)
     keep = np.unique(np.searchsorted(x, np.arange(x[0], x[-1], apart)).clip(0, x.size - 1))
     return np.union1d(keep, [x.size - 1])
@@ -426,12 +424,12 @@ def _variances(readings: Sequence[_Lines]) -> np.ndarray | None:
 
 
 def _without(lines: _Lines) -> _Lines:
-    """Return the lines with zero variance, or unchanged if they have none."""
+    """Return the lines with the variance set to zero; lines without a variance are returned unchanged."""
     return lines if lines.variance is None else lines._replace(variance=np.zeros(lines.variance.size))
 
 
 def _on(frf: FRF, inside: np.ndarray, averages: int) -> _Lines:
-    """Return a response on the selected lines, with its variance computed from the coherence if none is known."""
+    """Return a response on the selected lines; an unknown variance is computed from the coherence, if known."""
     variance = frf.known_variance(averages)
     return _Lines(frf.response[inside], None if variance is None else variance[inside])
 
@@ -442,10 +440,10 @@ _FEWEST = 10
 
 
 def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> float:
-    """Return the median of |measured/model - 1| without the noise contribution, for the worse of the two readings.
+    """Return the median of |measured/model - 1|, less the contribution of noise, for the worse of the two readings.
 
-    It covers the lines at which the loop gain with the loop's own controller is at least 0.1, or all lines if these are
-    fewer than ten.
+    The median is over the lines on which the loop gain with the controller of `loop` is at least 0.1, or over all lines
+    if these are fewer than ten.
     """
     model = linearize(loop, ["cut"], READINGS, velocity=velocity)
     C = response_on(point, loop.control, velocity).value
@@ -468,15 +466,16 @@ def disagreement(point: OperatingPoint, loop: Loop, velocity: float = 0.05) -> f
 def with_table_force(
     point: OperatingPoint, loop: Loop, source: str, velocity: float = 0.05, *, run: bool = True
 ) -> tuple[OperatingPoint, str]:
-    """Return the operating point extended by a plant's responses to a force on the table, and a sentence on their
-    accuracy.
+    """Add responses to a force on the table, computed from the plant of `loop`, to a measured operating point.
 
-    The plant must agree with the measured responses to within 20 % (`disagreement`). If the measurement has variances,
-    this disagreement is used as the standard deviation of the added response. A point that does not agree with the
-    plant is returned unchanged. A point with a measured response to a force on the table keeps its responses.
+    Returns the extended point, and a sentence on the accuracy of these responses. The plant must agree with the
+    measured responses to within 20 % (`disagreement`); otherwise the point is returned unchanged. If the measurement
+    has variances, the disagreement is used as the relative standard deviation of the added responses. A point with
+    a measured response to a force on the table keeps it.
 
-    run  the tuned controller is also simulated in the loop, with its friction, counts and limits
-         (`OperatingPoint.known_as`)
+    source  name of the plant in the sentence
+    run     True if the tuned controller is also to be simulated in `loop`, with its friction, encoder counts and limits
+            (`OperatingPoint.known_as`)
     """
     off = disagreement(point, loop, velocity)
     if off > _WORST:
@@ -516,5 +515,5 @@ def with_table_force(
 
 
 def one_encoder(point: OperatingPoint) -> bool:
-    """Return True if a single encoder gives both readings."""
+    """Return True if both readings come from a single encoder."""
     return point.ratio is not None and bool(np.all(point.ratio[0] == 1.0))

@@ -1,4 +1,4 @@
-"""Poles: gains by pole placement, the poles that a law places by its parameters, and the poles that gains can move."""
+"""Poles: gains by pole placement, the poles that the parameters of a law place, and moving a closed-loop pole."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ _HALVINGS = 20
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(Result):
-    """The result of a pole placement: gains in SI, the five placed poles in rad/s, and the poles of the sampled loop.
+    """The result of a pole placement: gains in SI, the five placed poles in 1/s, and the poles of the sampled loop.
 
     poles    placed poles of the continuous-time model, slowest first
     reached  poles of the loop with its axis, delay, filters and sampling, as s = ln z / T, slowest first
@@ -45,7 +45,7 @@ class Placement(Result):
     stability: Stability
 
     def table(self) -> Table:
-        """Return the gains, the placed poles, and the same number of the slowest poles of the loop."""
+        """Tabulate the gains, the placed poles and, for comparison, as many of the slowest poles of the loop."""
         units = ("N/m", "N/m", "N s/m", "N s/m", "N/(m s)")
         rows = [
             [name, Quantity(value, unit, form="6 SI")]
@@ -65,7 +65,7 @@ def _words(pole: complex) -> str:
 
 
 def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
-    """Return gains and poles of a loop under pole placement.
+    """Return gains and poles of a loop whose law is designed by pole placement.
 
     Raises ParameterError for any other law.
     Raises UnstableError, with |z|, its bound and the nearest stable value of each tunable, if delay, filters and
@@ -92,8 +92,9 @@ def placement(loop: Loop, *, velocity: float = 0.05) -> Placement:
 
 
 def _stable_tunables(loop: Loop, velocity: float) -> Iterator[str]:
-    """Yield a phrase for each tunable: the largest value below the present one at which the loop is stable if all
-    others are unchanged.
+    """Yield a phrase for each tunable that can stabilize the loop if the others are unchanged.
+
+    The phrase gives the largest value below the present one at which the loop is stable.
     """
     for tunable in loop.control.law.tunables:
         present = float(tree.get(loop.control.law, tunable))
@@ -121,8 +122,11 @@ _BUTTERWORTH = float(np.sqrt(0.5))
 
 
 class _Placed(NamedTuple):
-    """A complex pair or a real pole: the fields of its frequency and damping ratio, and the value of the ratio if there
-    is no field for it.
+    """The block parameters that place a real pole or a complex pair.
+
+    frequency  name of the field with the frequency
+    damping    name of the field with the damping ratio; empty if there is none
+    ratio      the damping ratio if there is no such field
     """
 
     label: str
@@ -155,12 +159,12 @@ _PLACED: Mapping[type[Block], tuple[_Placed, ...]] = {
 
 @dataclass(frozen=True)
 class PlacedPole:
-    """A pole that a law or an observer places by its parameters, without delay and sampling.
+    """A pole that a law or an observer places by its parameters, disregarding delay and sampling.
 
-    name       dotted name of its frequency within the controller, such as law.axial_frequency, whether set or derived
-               by a rule
+    name       dotted name of the pole's frequency within the controller, such as law.axial_frequency; the frequency may
+               be set or derived by a rule
     s          the pole, 1/s; for a complex pair, the one in the upper half plane
-    frequency, damping  names of the parameters that move the pole; empty if there is none
+    frequency, damping  names of the parameters that move the pole; empty if there is no such parameter
     """
 
     name: str
@@ -203,9 +207,7 @@ def _rate(block: Block, field: str) -> float:
 
 
 def _by_rule(block: Block, field: str) -> float | None:
-    """Return the value in rad/s of an omitted frequency, which follows from the others; None if the pole then does not
-    exist.
-    """
+    """Return the value, rad/s, of a frequency that is not set but follows from others; None without such a rule."""
     if not isinstance(block, PolePlacement):
         return None
     real = _rate(block, "bandwidth")
@@ -219,7 +221,8 @@ def _by_rule(block: Block, field: str) -> float | None:
 def placed_dragged(control: Control, name: str, s: complex) -> dict[str, float]:
     """Return the parameters that place a pole as close to s (1/s) as possible.
 
-    The distance of s from 0 is the frequency, its angle the damping ratio, limited to 0.01 to 1.
+    |s| gives the frequency in rad/s, and -Re s/|s| the damping ratio, which is limited to 0.01 to 1. Without a damping
+    parameter the pole moves along its ray from 0 only.
     Raises ParameterError for an unknown pole.
     """
     poles = {pole.name: pole for pole in placed_poles(control)}
@@ -256,8 +259,9 @@ class LoopPole(NamedTuple):
 
 
 def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the transition matrix Φ of an axis, from `cut` to both readings, closed by a controller [A B; c d], with
-    its derivatives.
+    """Return the transition matrix Φ of a closed loop and its derivatives.
+
+    The axis, from `cut` to both readings, has the state x; the controller [A B; c d] has the state ξ:
 
         x ← A_x x + b (d C x + c ξ),    ξ ← A ξ + B C x
     """
@@ -278,12 +282,12 @@ def closed(axis: StateSpace, matrix: np.ndarray, slopes: np.ndarray) -> tuple[np
 
 
 def loop_poles(axis: StateSpace, model: Model, gains: np.ndarray) -> list[LoopPole]:
-    """Return the closed-loop poles s = ln z/T in the upper half plane that the gains > 0 can move, slowest first.
+    """Return the closed-loop poles s = ln z/T in the upper half plane that the gains (all > 0) can move, slowest first.
 
         d z/d p = wᴴ (∂Φ/∂p) v / (wᴴ v),   v and w the right and the left eigenvector
 
-    Omitted are multiple poles, poles faster than 0.9 of half the sample rate, and poles whose relative sensitivity to
-    every gain is below 1/5.
+    Multiple poles, poles faster than 0.9 of half the sample rate, and poles with a relative sensitivity below 1/5 to
+    every gain are omitted.
     """
     from scipy.linalg import eig, matrix_balance
 
@@ -316,11 +320,11 @@ def nearest_pole(poles: list[LoopPole], s: complex) -> LoopPole | None:
 def pole_moved(
     axis: StateSpace, model: Model, gains: np.ndarray, s: complex, wanted: complex
 ) -> tuple[np.ndarray, complex]:
-    """Return the gains that move the pole at s (1/s) as close to a wanted location as possible, and the resulting pole.
+    """Return the gains that move the pole at s (1/s) as close to `wanted` as possible, and the resulting pole.
 
-    Newton's method in the logarithms of the gains, with minimum-norm steps. No step changes a gain by more than a
-    quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the real axis
-    until it meets another one.
+    The gains are found by Newton's method in their logarithms, with minimum-norm steps. No step changes a gain by more
+    than a quarter of its value, and only steps that bring the pole closer are accepted. A real pole moves along the
+    real axis until it meets another one.
     """
     # `loop_poles` returns the upper half plane only
     wanted = complex(wanted.real, max(wanted.imag, 0.0))

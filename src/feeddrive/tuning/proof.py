@@ -39,7 +39,7 @@ _USUAL_FORCE = 100.0  # N on the table, if the limits do not state a force
 
 
 class Checked(NamedTuple):
-    """One line of a proof: what was checked, the result (None: it could not be checked), and the figures."""
+    """One line of a proof: the check, its result (None if it could not be made), and the figures in words."""
 
     what: str
     holds: bool | None
@@ -47,7 +47,7 @@ class Checked(NamedTuple):
 
 
 def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, ...]:
-    """Check the encirclement of -1 and the limits at all measured frequency lines."""
+    """Check measured loops: L must not encircle -1, and the limits must be satisfied on all frequency lines."""
     checks: list[Checked] = []
     for loop in loops:
         verdict = "-1 is not encircled" if loop.stable else "-1 is encircled"
@@ -61,11 +61,10 @@ def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the loop that agrees with a measured axis: its poles, and a run with friction, encoder counts and force
-    limit.
+    """Check the controller in the loop whose model agrees with a measured axis (`OperatingPoint.known_as`).
 
-    The limits apply to the measurement. They are not checked here, since the model agrees with it only to within a few
-    percent.
+    The poles are checked, and a simulation with friction, encoder counts and force limit. The limits apply to the
+    measurement and are not checked here, since the model agrees with the measurement only approximately.
     """
     if point.known_as is None:
         reason = (
@@ -81,7 +80,7 @@ def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: 
 
 
 def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
-    """Return the proof line for all limits; it always states Ms."""
+    """Check all limits in one line of the proof, which always states Ms."""
     judgments = judged(limits, loop, ROOM)
     texts = [verdict.text for verdict in judgments if verdict.figure != SENSITIVITY_PEAK]
     peak = f"{SENSITIVITY_PEAK.title} {SENSITIVITY_PEAK.quantity(SENSITIVITY_PEAK.read(loop))}"
@@ -89,8 +88,10 @@ def _within(what: str, limits: Limits, loop: JudgedLoop) -> Checked:
 
 
 def of_model(name: str, loop: Loop, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the poles of the whole loop, the limits on frequency lines other than those of the search, and a simulation
-    with friction, encoder counts and force limit.
+    """Check a loop whose axis is a model.
+
+    The checks are the poles of the whole loop, the limits on frequency lines other than those of the search, and a
+    simulation with friction, encoder counts and force limit.
     """
     poles = stability(loop, velocity=velocity)
     checks = [Checked(f"{name}: poles", poles.stable, f"largest |z| {Quantity(poles.growth):.6f}")]
@@ -125,9 +126,9 @@ def _of_two_rates(name: str, model: Lifted, limits: Limits) -> Checked:
 def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float, slowest: float | None) -> Checked:
     """Simulate the loop with a force step on the table of a sliding axis, with friction, guard and force limit.
 
-    The response is the difference of two runs, with and without the force. Neither has encoder quantization and noise,
-    which would differ between them. A third run has both; it must neither trip the guard nor need more than the force
-    limit.
+    The response is the difference of two runs, with and without the force step. Both are made without encoder
+    quantization and noise, which would differ between them. A third run includes quantization and noise; it must
+    neither trip the guard nor request a force above the limit.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     expected = rope_snap(both.closed)

@@ -1,6 +1,4 @@
-"""Classical tuning rules for the P-PI cascade, on a measured or modelled axis and with the filters of the
-controller.
-"""
+"""Classical tuning rules for the P-PI cascade on a measured or modelled axis, with the filters of the controller."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -39,7 +37,7 @@ GOALS = {"robust": (12.0, 60.0), "dynamic": (7.0, 45.0)}  # gain margin in dB an
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recipe(Result):
-    """The result of a tuning rule: a law, its derivation, and the axis data that the rule used.
+    """The result of a tuning rule: a law, the reason for its gains, and the axis data on which the rule is based.
 
     mass       mass of the free axis as seen by the velocity loop, kg
     lag        total lag from force command to velocity, s: computation, current loop, filters, differentiation
@@ -67,7 +65,7 @@ class Recipe(Result):
 
 
 class _Axis:
-    """An operating point with the velocity loop of a controller: Kp = 1, no integral action, no position loop."""
+    """The data of an axis for the tuning rules, identified at an operating point from its velocity loop with Kp = 1."""
 
     def __init__(self, point: OperatingPoint | Loop, control: Control | None) -> None:
         if isinstance(point, Loop):
@@ -82,11 +80,11 @@ class _Axis:
         self.mass, self.lag = self._read()
 
     def gain(self, law: CascadePPI) -> np.ndarray:
-        """Return the loop gain at the actuator for a law."""
+        """Return the loop gain at the actuator with a law."""
         return -np.einsum("kl,kl->l", self.response(law).value, self.point.by_force)
 
     def response(self, law: CascadePPI) -> Response:
-        """Return the response of the controller with a given law."""
+        """Return the response of the controller with its law replaced by `law`."""
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
@@ -95,10 +93,10 @@ class _Axis:
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
-        """Return mass and lag from the lines below all resonances, where the response of velocity to force is
-        1/((m s + b) e^(s lag)).
+        """Identify mass m and lag from the lines below all resonances.
 
-        Its inverse b + (m + b lag) s + (m lag + ...) s² is fitted with real coefficients and equal weight on all lines.
+        There the response of velocity to force is 1/((m s + b) e^(s lag)) with viscous friction b. Its inverse,
+        b + (m + b lag) s + (m lag + ...) s², is fitted with real coefficients and equal relative weight on all lines.
         """
         w = 2.0 * np.pi * self.frequency
         phase = np.angle(self.unit * 1j)  # 0 for a free mass, up to 90° where friction dominates
@@ -122,7 +120,7 @@ class _Axis:
         return float(c1 / scale - c0 * lag), lag
 
     def antiresonance(self) -> float:
-        """Return the first antiresonance of the velocity loop's encoder in Hz; infinite if there is none."""
+        """Return the first antiresonance, Hz, as the velocity loop's encoder shows it; infinite if there is none."""
         level = np.log(np.abs(self.unit) * self.frequency)
         for k in range(2, level.size - 2):
             if level[k] == np.min(level[max(k - 5, 0) : k + 6]):
@@ -142,10 +140,10 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
 
         Kp = m/(a τ),   Tn = a² τ,   Kv = 1/(4 a τ)
 
-    The phase is highest at the crossover 1/(aτ): the phase margin is atan a - atan 1/a, which is 37°, 53° and 62° for a
-    = 2, 3 and 4. With dead time, Ms of the velocity loop is 1.96, 1.42 and 1.27, and with the position loop closed
-    2.61, 1.56 and 1.33: the textbook value a = 2 is too aggressive for a position loop. The rule is unsuitable if there
-    is a resonance below about 3/(aτ).
+    The phase of L is highest at the crossover 1/(aτ), so that the phase margin is atan a - atan 1/a: 37°, 53° and 62°
+    for a = 2, 3 and 4. If the lag is a dead time, Ms of the velocity loop is 1.96, 1.42 and 1.27, and with
+    the position loop closed 2.61, 1.56 and 1.33: the textbook value a = 2 is too aggressive for a position loop. The
+    rule is unsuitable if there is a resonance below about 3/(aτ).
     Source: Kessler 1958, Das symmetrische Optimum; Kv as in `kv_rule`.
     """
     if not a > 1.0:
@@ -159,12 +157,14 @@ def symmetric_optimum(point: OperatingPoint | Loop, control: Control | None = No
 
 
 def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) -> Recipe:
-    """Return gains in the ratios that drive makers recommend, at the velocity gain for Ms = 2 on a free mass with lag
-    τ.
+    """Return gains in the ratios that drive makers recommend.
+
+    The velocity gain is the one for which Ms = 2 on a free mass with lag τ:
 
         Kp = m ωv,   Tn = 4/ωv,   Kv = ωv/4,   ωv = 0.507/τ
 
-    If the real loop, with its filters and resonances, exceeds Ms = 2 at a lower gain, ωv is reduced to that gain.
+    If the real loop, with its filters and resonances, exceeds Ms = 2, ωv is reduced to the largest value that keeps
+    Ms <= 2.
     Raises NotIdentifiableError if no gain gives Ms <= 2.
     Source: manuals of Yaskawa's Σ series (Tn >= 4/ωv) and of Mitsubishi's MR-J (an outer loop 4 to 6 times slower than
     the next inner one); 0.507 is computed for a dead time of one sample.
@@ -191,9 +191,10 @@ def makers_rule(point: OperatingPoint | Loop, control: Control | None = None) ->
 
 
 def kv_rule(point: OperatingPoint | Loop, control: Control | None = None, *, damping: float = 1.0) -> Recipe:
-    """Return Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²).
+    """Return Kv from the crossover ωv of the present velocity loop: Kv = ωv/(4 D²) with D = `damping`.
 
-    With a velocity loop that behaves as a first-order lag 1/ωv, the position loop has the damping ratio D.
+    If the velocity loop behaves like a first-order lag with time constant 1/ωv, the position loop has the damping
+    ratio D.
     Raises ParameterError for a velocity loop without crossover.
     Source: Weck & Brecher, Werkzeugmaschinen 3, position loops of feed drives.
     """
@@ -213,7 +214,7 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
     """Return gains with the velocity crossover at half of the first antiresonance, Tn = 4/ωv and Kv = ωv/4.
 
     Below the antiresonance, motor and table move together, so that the spring does not affect the velocity loop. The
-    crossover is lowered to 1/(2τ) if the lag τ requires it.
+    crossover is limited to 1/(2τ), where τ is the lag.
     Raises NotIdentifiableError if the axis shows no antiresonance.
     Source: a rule of thumb for drives with an elastic coupling.
     """
@@ -231,12 +232,12 @@ def half_antiresonance(point: OperatingPoint | Loop, control: Control | None = N
 
 
 def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *, goal: str = "robust") -> Recipe:
-    """Return the highest velocity gain, and then the highest Kv, at which the real loop has the required margins.
+    """Return the highest velocity gain, and then the highest Kv, for which the real loop has the required margins.
 
         robust: 12 dB and 60°,   dynamic: 7 dB and 45°,   Tn = 4/ωv,   Kv <= ωv/4
 
-    The sequence is that of automatic tuning in current commercial controllers, velocity loop first; the margins of both
-    goals are our own choice.
+    The velocity loop is tuned first, as in the automatic tuning of commercial controllers; the margins of both goals
+    are our own choice.
     Raises NotIdentifiableError if no gain gives these margins.
     """
     if goal not in GOALS:
@@ -279,14 +280,15 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
 
 
 def _by_crossover(axis: _Axis, rate: float) -> float:
-    """Return the Kp that places the crossover of the velocity loop without integral action at a rate in rad/s."""
+    """Return the Kp for which the velocity loop without integral action has its crossover at `rate` in rad/s."""
     size = np.interp(np.log(rate / (2.0 * np.pi)), np.log(axis.frequency), np.log(np.abs(axis.unit)))
     return float(np.exp(-size))
 
 
 def _largest(admits: Callable[[float], bool], low: float, high: float) -> float | None:
-    """Return the largest value up to which all values are admissible, refined by bisection; None if the lowest is not
-    admissible.
+    """Return the largest value such that all values from `low` up to it are admissible; None if `low` is not.
+
+    A scan in small steps finds the first inadmissible value; bisection refines it.
     """
     if not admits(low):
         return None
@@ -318,8 +320,11 @@ RECIPES: dict[str, Callable[..., Recipe]] = {
 
 @dataclass(frozen=True, eq=False)
 class JudgedRecipe:
-    """A tuning rule with its law and the figures at every point; without a law, the reason why the rule does not
-    apply.
+    """A tuning rule applied to an axis.
+
+    recipe   the result; None if the rule does not apply
+    figures  figures of the loop at every operating point
+    reason   reason why the rule does not apply
     """
 
     name: str
@@ -335,8 +340,9 @@ def judged_recipes(
     progress: Progress | None = None,
     velocity: float = 0.05,
 ) -> tuple[JudgedRecipe, ...]:
-    """Apply every rule at the first point, with the filters of a controller, and evaluate the resulting laws at all
-    points.
+    """Apply every tuning rule at the first point, and evaluate the resulting laws at all points.
+
+    The filters are those of `control`.
     """
     operating_points = tuple(
         modelled_point(source, f"axis {i + 1}" if len(points) > 1 else "model", velocity=velocity)

@@ -1,4 +1,4 @@
-"""Scaling of controllers by one factor: the whole loop faster or slower, and the largest gains versus dead time."""
+"""Scaling all gains of a controller by one factor: a faster or slower loop, and the largest gains versus dead time."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -20,12 +20,13 @@ _INSIDE = 1e-9  # relative distance to an open bound
 
 
 def speed_powers(control: Control) -> Mapping[str, float]:
-    """Return the nonzero exponents of the bandwidth factor w for the tunables of law, observers and compensations.
+    """Return the nonzero exponents of the tunables, by name, when the bandwidth is scaled by a factor w.
 
-    A rate in 1/s, rad/s or Hz scales with w, a velocity gain in N s/m with w, a stiffness in N/m with w², an integral
-    time in s with 1/w. For a free mass the loop gain is then stretched in frequency, L(jω; w) = L(jω/w; 1): every
-    crossover is scaled by w and every margin is unchanged, as long as dead time and sampling are negligible. Filters,
-    axis models and feedforward belong to the axis and are unchanged.
+    The tunables are those of law, observers and compensations. A rate in 1/s, rad/s or Hz scales with w, a velocity
+    gain in N s/m with w, a stiffness in N/m with w², an integral time in s with 1/w. For a free mass the loop gain is
+    then stretched in frequency, L(jω; w) = L(jω/w; 1): every crossover is scaled by w and every margin is unchanged, as
+    long as dead time and sampling are negligible. Filters, axis models and feedforward depend on the axis and are not
+    scaled.
     """
     names = own_tunables(control)
     powers = zip(names, speeds(control, names), strict=True)
@@ -33,7 +34,7 @@ def speed_powers(control: Control) -> Mapping[str, float]:
 
 
 def quickened(control: Control, factor: float) -> Mapping[str, float]:
-    """Return the tunables of `speed_powers`, by name and in SI, for a loop that is faster by a factor > 0.
+    """Return the tunables of `speed_powers`, by name and in SI, for a bandwidth scaled by a factor > 0.
 
     Raises ParameterError if there is no such tunable, if the factor is not finite and > 0, and if a value overflows.
     """
@@ -54,9 +55,9 @@ def quickened(control: Control, factor: float) -> Mapping[str, float]:
 
 
 def speed_range(control: Control, sample_time: float) -> tuple[float, float]:
-    """Return the smallest and the largest factor of `quickened` that keeps all tunables within bounds.
+    """Return the smallest and the largest factor for `quickened` with which all tunables stay within bounds.
 
-    Frequencies in Hz also stay below 0.49 times the sample rate (sample_time in s).
+    Frequencies in Hz must also stay below 0.49 times the sample rate, 1/`sample_time`.
     """
     low, high = 0.0, math.inf
     for name, power in speed_powers(control).items():
@@ -81,11 +82,11 @@ _FARTHEST = 40  # doublings in the search for a bound
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayMap(Result):
-    """The largest common factor of some tunables versus dead time (s); all arrays have shape (n,).
+    """The largest common factor on some tunables, as a function of the dead time (s); all arrays have shape (n,).
 
     edge     factor at the stability limit
     robust   factor at which Ms reaches `sensitivity_bound`
-    tunables    values at a factor of 1, by dotted name; times (in s) are divided by the factor, all others multiplied
+    tunables    values at a factor of 1, by dotted name; the factor divides times (in s) and multiplies all others
     """
 
     dead_time: np.ndarray
@@ -96,15 +97,15 @@ class DelayMap(Result):
     sample_time: float
 
     def at_edge(self, name: str) -> np.ndarray:
-        """Return the values of a multiplied tunable at the stability limit."""
+        """Return the values of a tunable at the stability limit; it must be one that the factor multiplies."""
         return self.edge * self.tunables[name]
 
     def at_robust(self, name: str) -> np.ndarray:
-        """Return the values of a multiplied tunable where Ms reaches its bound."""
+        """Return the values of a tunable where Ms reaches its bound; it must be one that the factor multiplies."""
         return self.robust * self.tunables[name]
 
     def table(self) -> Table:
-        """Return one row per dead time."""
+        """Tabulate both factors, one row per dead time."""
         samples = self.dead_time / self.sample_time
         rows = np.column_stack([self.dead_time, samples, self.edge, self.robust]).tolist()
         named = ", ".join(f"{name.rpartition('.')[2]} {number(value)}" for name, value in self.tunables.items())
@@ -125,8 +126,8 @@ def delay_map(
 
     tunables  paths of parameters that are scaled together, such as `axis.x.control.law.Kp`
 
-    For the laws of this library on rigid axes, the stable gains form a single interval, of which the map shows the
-    upper end. Gains that a law rejects count as unstable.
+    For the laws of this library on rigid axes, the stable gains form a single interval, and the map shows its upper
+    end. Gains that a law rejects count as unstable.
     Raises ParameterError if no factor within 2⁴⁰ of 1 is stable, or if all such factors are stable.
     """
     values = {name: float(tree.get(loop, name)) for name in tunables}

@@ -56,7 +56,12 @@ _ROOM = 1e-3
 
 
 class End(NamedTuple):
-    """The final point of a search, its evaluation, and the multiplier of each bound there, by key."""
+    """The final point of a search.
+
+    judged  its evaluation
+    force   Lagrange multiplier of each bound, by key
+    broken  largest violation of a bound
+    """
 
     x: np.ndarray
     judged: Evaluation
@@ -65,8 +70,9 @@ class End(NamedTuple):
 
 
 class Search:
-    """The minimization of the worst goal of all points, subject to a slack of at least `sure` standard deviations in
-    every bound.
+    """The minimization of the goal at the worst operating point.
+
+    Every bound must be satisfied with a slack of at least `sure` standard deviations.
     """
 
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
@@ -75,7 +81,7 @@ class Search:
         self.penalty = _PENALTY
 
     def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
-        """Report each controller that is the best so far and satisfies all bounds."""
+        """Report every new best controller that satisfies all bounds to `progress`."""
         best = np.inf
 
         def accepted(x: np.ndarray, evaluation: Evaluation) -> None:
@@ -96,8 +102,9 @@ class Search:
         return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
     def look(self, points: np.ndarray) -> np.ndarray:
-        """Return the merit at many points (points, tunables), infinite where the loop is unstable or the evaluation
-        fails.
+        """Return the merit at many points (points, tunables), clipped to the search range.
+
+        The merit is infinite where the loop is unstable or the evaluation fails.
         """
         inside = np.clip(points, self.low, self.high)
         fine = (
@@ -109,12 +116,11 @@ class Search:
     def evolve(
         self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return a population (points, tunables) and its merits after some generations of differential evolution, best
-        first.
+        """Evolve a population (points, tunables) for `turns` generations; return it with its merits, best first.
 
-        Each point competes with a trial point that is built from itself, the best point and two others, and the better
-        one stays.
-        Source: Storn & Price 1997, current-to-best/1/bin, with a factor drawn anew for each trial.
+        In each generation of differential evolution every point competes with a trial point, which is composed of the
+        point itself, one of the best points and two others; the better of the two survives.
+        Source: Storn & Price 1997, current-to-best/1/bin, with a random factor for each trial.
         """
         many, n = points.shape
         for _ in range(turns):
@@ -133,11 +139,11 @@ class Search:
         return points[order], merits[order]
 
     def broken(self, evaluation: Evaluation) -> float:
-        """Return the largest violation of a bound; it is negative if all bounds are satisfied."""
+        """Return the largest violation of a bound; negative if all bounds are satisfied."""
         return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
 
     def room(self, bound: Bound) -> float:
-        """Return the minimum slack required of a bound."""
+        """Return the smallest slack with which a bound counts as satisfied."""
         return _ROOM + self.sure * bound.deviation
 
     def merit(self, evaluation: Evaluation | None) -> float:
@@ -147,7 +153,7 @@ class Search:
         return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
     def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
-        """Return the result of a descent from a stable point, with all bounds satisfied if possible."""
+        """Minimize from a stable point; if bounds remain violated, increase the penalty and continue."""
         end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
@@ -207,7 +213,7 @@ class Search:
         return End(x, here, force, self.broken(here))
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
-        """Return, for each bound, the linear prediction of its slack after a move minus the actual slack."""
+        """Return, by bound, how far the linear prediction of the slack after a move exceeds the actual slack."""
         after = {bound.key: bound.slack for bound in there.bounds}
         return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
 
@@ -219,11 +225,11 @@ class Search:
         size: float,
         lost: Mapping[tuple[str, int, int], float] | None = None,
     ) -> tuple[np.ndarray, dict[tuple[str, int, int], float], float] | None:
-        """Return the move, the multipliers by bound, and the predicted decrease of the merit.
+        """Return the move p, the multipliers by bound, and the predicted decrease of the merit.
 
             min  t + penalty e + ½ pᵀBp   subject to   t >= goal + slope p,   slack + slope p + e >= 0,   |p| <= size
 
-        t is the worst goal, e the largest violation of a bound.
+        t is the worst goal and e the largest violation of a bound after the move; B is the curvature.
         """
         n = x.size
         worst = float(np.max(here.goal))
@@ -286,7 +292,7 @@ class Search:
 
 
 def _definite(H: np.ndarray, least: float = 0.05) -> np.ndarray:
-    """Return the nearest symmetric matrix whose eigenvalues are neither too small nor too large."""
+    """Return the symmetric part of a matrix with its eigenvalues clipped to `least` .. 1e4."""
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
     return (vectors * np.clip(values, least, 1e4)) @ vectors.T
 
@@ -295,7 +301,7 @@ AGREE = 0.05  # of the goal: search results this close to the best confirm it
 
 
 def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
-    """Return which kinds of search missed the best result by more than 5 %, and by how much; empty if none did."""
+    """Return a sentence on the kinds of search that missed the best result by more than 5 %; empty if none did."""
     costs = [search.merit(end.judged) for end in ends]
     texts: list[str] = []
     for kind, how in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):

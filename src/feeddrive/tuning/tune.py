@@ -1,7 +1,6 @@
-"""Tuning: optimize gains and filters of a controller within limits, on measured or modelled axes, and verify the
-result.
+"""Tuning: optimize gains and filters of a controller on measured or modelled axes, and verify the result.
 
-The module contains, in this order, the tunables and their ranges, the steps of a tuning (`Tuner`), its result with the
+The module contains, in this order, the tunables and their ranges, the steps of a tuning (`Tuner`), the result with its
 recommendation in words (`Tuned`), and the functions for users (`tune_control`, `assess`).
 """
 
@@ -68,7 +67,7 @@ def law_tunables(control: Control) -> tuple[str, ...]:
 def own_tunables(control: Control) -> tuple[str, ...]:
     """Return the dotted names of the tunables that the law, its observers and its compensations declare.
 
-    For a law that declares none, return its own parameters > 0 that have no default, if any.
+    If the law declares none, its positive parameters without a default take their place.
     """
     law, there = control.law, dict(tree.leaves(control))
     names = [f"law.{name}" for name in law.to_tune()]
@@ -81,7 +80,7 @@ def own_tunables(control: Control) -> tuple[str, ...]:
 
 
 def filter_tunables(control: Control) -> tuple[str, ...]:
-    """Return the positive frequencies and damping ratios of the filters."""
+    """Return the dotted names of all filter parameters with a positive value: frequencies and damping ratios."""
     leaves = ((name, value) for name, value in tree.leaves(control) if name.startswith("filters."))
     return tuple(name for name, value in leaves if isinstance(value, float) and value > 0.0)
 
@@ -98,7 +97,7 @@ def logarithms(control: Control, names: Sequence[str]) -> np.ndarray:
 
 
 def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lower and upper search limits of all tunables, as logarithms."""
+    """Return the lower and upper ends of the search ranges of all tunables, as logarithms."""
     low, high = x - _RANGE, x + _RANGE
     for i, name in enumerate(names):
         unit, last = tree.declaration(control, name).unit, name.rpartition(".")[2]
@@ -114,8 +113,9 @@ def box(control: Control, names: Sequence[str], x: np.ndarray, sample_time: floa
 
 
 def speeds(control: Control, names: Sequence[str]) -> np.ndarray:
-    """Return, for each tunable, the exponent of the bandwidth factor with which it scales when the whole loop is made
-    faster; 0 for filters.
+    """Return, for each tunable, the power of a bandwidth factor with which it scales; 0 for filters.
+
+    If every tunable scales with its power of the factor, the whole loop becomes faster by the factor.
     """
     return np.array(
         [
@@ -143,8 +143,8 @@ def scattered(
 ) -> np.ndarray:
     """Return points over the whole search range, shape (points, tunables).
 
-    The ratios between the tunables come from a Latin hypercube. Whether a point satisfies the bounds depends mainly on
-    the bandwidth of the whole loop, so each set of ratios is scaled to ten bandwidths.
+    The ratios between the tunables are drawn from a Latin hypercube. Whether a point satisfies the bounds depends
+    mainly on the bandwidth of the whole loop; each set of ratios is therefore scaled to ten bandwidths.
     Source: McKay, Beckman & Conover 1979 (Latin hypercube).
     """
     count = _SHAPES * max(x.size - 1, 2)
@@ -173,8 +173,16 @@ _COSTLY = 0.5
 
 
 class Best(NamedTuple):
-    """The result of the searches for one set of tunables: the controller, the varied tunables and their final
-    values.
+    """The best result of the searches for one set of tunables.
+
+    control    the controller, with the tunables at their start values
+    names      the tunables
+    end        the end of the best search, with the final values
+    sure       margin to every bound in standard deviations
+    cost       relative increase of the goal due to this margin
+    spread     relative difference of the goal between the worst and the best search
+    unsettled  reason why the result is not confirmed; empty if it is
+    box        lower and upper ends of the search ranges, as logarithms
     """
 
     control: Control
@@ -189,7 +197,7 @@ class Best(NamedTuple):
 
 
 class Tuner:
-    """A tuning task, with the same points, goal and limits for every set of tunables that is tried."""
+    """A tuning task: points, goal and limits, which are the same for every set of tunables that is tried."""
 
     def __init__(
         self,
@@ -214,9 +222,9 @@ class Tuner:
     def criteria(
         self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
     ) -> Criteria:
-        """Return the criteria for a set of tunables, on the lines of the search or on all lines.
+        """Return the criteria for a set of tunables, on the lines of the search or, if `whole`, on all lines.
 
-        `rough` keeps half of the lines, for a multirate controller.
+        rough  for a multirate controller: True to use only half of the lines and the nearest images
         """
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
         kept = [some(lines, 2) for lines in self.kept] if rough else self.kept
@@ -224,7 +232,7 @@ class Tuner:
         return Criteria(points, response, self.goal, self.limits, self.band, near=rough)
 
     def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """Return the best result of several searches, verified on all lines, with the margin for measurement noise."""
+        """Run several searches; return the best result, verified on all lines, with a margin for the noise."""
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
@@ -284,9 +292,10 @@ class Tuner:
     ) -> tuple[list[End], str]:
         """Return the results of all searches, and the reasons why the best one is not settled; empty if it is.
 
-        After the first search, each round adds two that are independent of it and of each other: one from the best of a
-        population over the whole range, and one by continuation in the limit of Ms from the best of other points. The
-        best result is settled when both kinds have reached it and widening the ranges does not improve it further.
+        After the first search, each round adds two independent searches. One starts from the best point of a population
+        that was evolved over the whole range; the other starts from the best of other random points and tightens the
+        limit of Ms step by step (continuation). The best result is settled if searches of both kinds have reached it
+        and wider ranges do not improve it.
         """
         powers = speeds(control, names)
         ends, kinds = [search.descend(first)], ["start"]
@@ -308,9 +317,7 @@ class Tuner:
         return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
-        """Run successive searches under Ms limits that tighten to the final one, each starting from the previous
-        result.
-        """
+        """Search from x under a relaxed limit of Ms, then from each result under a tighter one, up to the real one."""
         if self.limits.limit(SENSITIVITY_PEAK) is not None:
             for factor in _EASED:
                 eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
@@ -330,9 +337,10 @@ class Tuner:
     def _widened(
         self, search: Search, ends: list[End], soft: np.ndarray, names: tuple[str, ...]
     ) -> tuple[list[End], str]:
-        """Widen the ranges whose limits the best result has reached, until this improves the result by less than 5 %.
+        """Widen the search ranges at whose ends the best result lies, until this improves it by less than 5 %.
 
-        Return the results, and a string that names the tunables that would still improve it; empty if there are none.
+        Returns the results, and a sentence that names the tunables whose ranges would have to be widened further; it is
+        empty if there are none.
         """
         reason = ""
         for _ in range(_WIDENED):
@@ -354,7 +362,7 @@ class Tuner:
         return ends, reason
 
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
-        """Return the evaluation of a controller without a search, with the given tunables."""
+        """Evaluate a controller as it is, without a search; `names` are its tunables."""
         x = logarithms(control, names)
         criteria = self.criteria(control, names, whole=True)
         search = Search(criteria, x, x)
@@ -379,8 +387,9 @@ class Tuner:
         )
 
     def _begin(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray:
-        """Return the start of a search: the present values if they are good enough, else the best point of a faster or
-        slower loop.
+        """Return the start of a search.
+
+        It is the present values if they nearly satisfy the bounds, else the best of several faster and slower loops.
         """
         here = search.judge(x)
         if here is not None and search.broken(here) < _NEAR:
@@ -396,8 +405,9 @@ class Tuner:
         return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
 
     def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
-        """Return the result; if it violates a bound, search again from the fastest loop that satisfies all bounds, and
-        return the better of the two.
+        """Return `end`, or a better result if `end` violates a bound.
+
+        In this case the search is repeated from the fastest loop that satisfies all bounds.
         """
         if search.broken(end.judged) <= 2e-3:
             return end
@@ -412,8 +422,9 @@ class Tuner:
     def _elsewhere(
         self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
     ) -> np.ndarray | None:
-        """Return the start of another search: the best of points over the whole range, or the best of a population
-        evolved from them.
+        """Return the start of another search, or None if no point is stable.
+
+        It is the best of random points over the whole range or, if `evolved`, of a population evolved from them.
         """
         points = scattered(x, search.low, search.high, powers, self.random)
         merits = search.look(points)
@@ -425,7 +436,7 @@ class Tuner:
         return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
-        """Repeat the search with those lines added on which a bound is violated, until no bound is violated."""
+        """Check the result on all lines; add lines on which it violates a bound and search again, for a few rounds."""
         for _ in range(_CUTS):
             whole = self.criteria(control, names, whole=True)
             evaluation = whole(end.x)
@@ -448,7 +459,7 @@ class Tuner:
         return end
 
     def _refuse(self, search: Search, end: End) -> None:
-        """Raise UnstableError, naming the conflicting bounds and the values that can be reached."""
+        """Raise UnstableError, naming the limits in conflict and, for each, the value attainable given the others."""
         worst = min(end.judged.bounds, key=lambda b: b.slack - search.sure * b.deviation)
         noise = ""
         if search.sure * worst.deviation > 0.5 * abs(worst.slack - search.sure * worst.deviation):
@@ -469,8 +480,9 @@ class Tuner:
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
-        """Return the attainable limit of a figure with all other limits unchanged, as a clause; empty if relaxing it
-        does not help.
+        """Return, as a clause, the tightest limit of a figure that can be satisfied with all other limits unchanged.
+
+        The clause is empty if relaxing this limit does not help.
         """
         if figure is None:
             return ""
@@ -495,7 +507,7 @@ class Tuner:
         return "" if limit is None else limits.text(limit)
 
     def _too_costly(self, search: Search, end: End, cost: float) -> None:
-        """Raise NotIdentifiableError, naming the band in which the measurement noise degrades the goal most."""
+        """Raise NotIdentifiableError, naming the band whose measurement noise degrades the goal most."""
         forced = [b for b in end.judged.bounds if end.force.get(b.key, 0.0) > 0.0 and b.deviation > 0.0]
         worst = max(forced or end.judged.bounds, key=lambda b: end.force.get(b.key, 0.0) * b.deviation)
         raise NotIdentifiableError(
@@ -540,7 +552,7 @@ class Tuner:
         return best
 
     def _loud(self, best: Best) -> list[float]:
-        """Return the frequencies of the largest resonances of the loop gain above the crossover."""
+        """Return the frequencies of resonances above the crossover without a nearby notch, largest |L| first."""
         names = dict(zip(best.names, np.exp(best.end.x), strict=True))
         taken = [
             names.get(f"filters.{i}.frequency", filter_.frequency)
@@ -557,11 +569,11 @@ class Tuner:
 
 
 def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
-    """Return the lines of the resonances of a loop gain, |L| > 0.15, above its crossover.
+    """Return the line indices of the resonances above the crossover at which |L| = `size` exceeds 0.15.
 
-    The crossover is where |L| first falls below 1. A search above the last crossing would miss the largest resonances,
-    at which |L| rises above 1 again. On the bundled ball screw, machining center and mill, notches at these resonances
-    improve the goal.
+    The crossover is where |L| first falls below 1. A search above the last crossover would miss the largest
+    resonances, at which |L| rises above 1 again. On the bundled ball screw, machining center and mill, notches at these
+    resonances improve the goal.
     """
     falls = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
     crossover = frequency[falls[0]] if falls.size else frequency[0]
@@ -573,7 +585,7 @@ def resonances_above(frequency: np.ndarray, size: np.ndarray) -> list[int]:
 
 
 def _soft(control: Control, name: str) -> bool:
-    """Return True if the range of a tunable limits the search only; False for filters and for frequencies in Hz."""
+    """Return True if the search range of a tunable may be widened; False for filters and for frequencies in Hz."""
     return not name.startswith("filters.") and tree.declaration(control, name).unit != "Hz"
 
 
@@ -589,15 +601,17 @@ _OFF = 1e-9
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CascadeLoops(Result):
-    """The margins of the velocity loop alone, opened at the actuator, and of the position loop with the velocity loop
-    closed.
+    """The margins of the two loops of a cascade.
+
+    velocity  the velocity loop alone, opened at the actuator
+    position  the position loop, opened at the velocity command, with the velocity loop closed
     """
 
     velocity: Margins
     position: Margins
 
     def table(self) -> Table:
-        """Return crossover and margins of both loops."""
+        """Tabulate crossover and margins of both loops."""
         rows: list[Sequence[Cell]] = []
         fast, slow = (loop.loop_gain.sample_time for loop in (self.velocity, self.position))
         ran = "" if fast is None or slow is None or fast == slow else Text(f", every {Quantity(slow, 's'):6}")
@@ -614,10 +628,9 @@ class CascadeLoops(Result):
 
 
 def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | None:
-    """Return the velocity loop and the position loop of a P-PI controller; None for any other law.
+    """Return the margins of velocity and position loop of a P-PI controller; None for any other law.
 
-    Lv is the loop gain at the actuator without position loop (Kv -> 0); the position loop is opened at the velocity
-    command.
+    The velocity loop is the loop at the actuator without position loop (Kv -> 0).
     """
     law = control.law
     if not isinstance(law, CascadePPI):
@@ -629,8 +642,11 @@ def cascade_loops(control: Control, point: OperatingPoint) -> CascadeLoops | Non
 
 
 class Verdict(Enum):
-    """The recommendation: use the new controller, keep the present one, or reject the result because its proof
-    fails.
+    """The recommendation of a tuning.
+
+    TAKE    use the new controller
+    LEAVE   keep the present controller
+    REFUSE  reject the new controller, because its proof fails
     """
 
     TAKE = "take"
@@ -640,8 +656,10 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class HeldBack:
-    """An active limit: its point and frequency, and the improvement of the goal in percent if the limit is relaxed by a
-    tenth.
+    """A limit that is active at the optimum.
+
+    point, frequency  where it is active; the frequency in Hz
+    gain              improvement of the goal in percent if the limit is relaxed by a tenth
     """
 
     what: str
@@ -650,7 +668,7 @@ class HeldBack:
     gain: float
 
     def sentence(self) -> str:
-        """Return the limit in one sentence."""
+        """Return a sentence with the limit, its place and the improvement from relaxing it."""
         where = f" at {Quantity(self.frequency, 'Hz')}" if self.frequency > 0.0 else ""
         gain = Quantity(0.01 * self.gain, "share")
         return Text(f"{self.what}{where} ({self.point}): a tenth more room would gain {gain:2}")
@@ -660,13 +678,13 @@ class HeldBack:
 class Tuned(Result):
     """A controller tuned for a goal within limits at all points, with its proof.
 
-    tunables, started    values by dotted name, new and present (NaN: new filter)
+    tunables, started  new and present values by dotted name; NaN: a parameter of a new filter
     goal              the figure that is optimized
-    before, after     figures at each point; `before` is empty if the present controller has no figures
+    before, after     figures at each point; `before` is empty if the present controller has no linear response
     held              the active limits, the one with the largest effect first
     advice            suggestions for further improvements
-    notches           the notches that were tried, with their effect on the goal
-    sure, confidence  margin to every bound in standard deviations, and probability that all bounds are satisfied
+    notches           the notches that were tried, with their effect on the goal, as sentences
+    sure, confidence  margin to every bound in standard deviations; probability that all bounds are satisfied
     spread            relative difference of the goal between the worst and the best search
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
@@ -701,12 +719,12 @@ class Tuned(Result):
 
     @property
     def rotary(self) -> bool:
-        """True for a rotary axis; False if only responses are known."""
+        """True for a rotary axis; False if the axis is known only by measured responses."""
         return any(loop.axis.rotary for loop in self.loops)
 
     @property
     def settled(self) -> bool:
-        """True if independent searches came within 5 % of the best result, inside the ranges."""
+        """True if independent searches came within 5 % of the best result and no search range limits it."""
         return not self.unsettled
 
     @property
@@ -735,8 +753,9 @@ class Tuned(Result):
         return any(loop.at_drive for loop in self.after)
 
     def gained(self) -> float | None:
-        """Return the factor by which the goal at the worst point improves; None if the present loop is unstable or
-        unknown.
+        """Return the ratio of the present to the new value of the minimized quantity at the worst point.
+
+        A ratio above 1 is an improvement; None if the present loop is unstable or unknown.
         """
         if not self.before or not all(loop.stable for loop in self.before):
             return None
@@ -753,11 +772,11 @@ class Tuned(Result):
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
     def recommendation(self) -> str:
-        """Return the recommendation with its reason, and the figures that get worse."""
+        """Return the recommendation in words, with its reason and the figures that get worse."""
         return recommendation(self)
 
     def table(self) -> Table:
-        """Return old and new figures, active limits, and the proof."""
+        """Tabulate old and new figures, active limits, and the proof."""
         rows: list[Sequence[Cell]] = []
         for name, value in self.tunables.items():
             unit = tree.declaration(self.control, name).unit
@@ -814,7 +833,7 @@ def _against(tuned: Tuned) -> str:
 
 
 def recommendation(tuned: Tuned) -> str:
-    """Return the recommendation with its reason, the active limits, and the figures that get worse."""
+    """Return the recommendation in words, with its reason, the most active limit and the figures that get worse."""
     if tuned.verdict is Verdict.REFUSE:
         failed = [line for line in tuned.proof if line.holds is False]
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].text}).")
@@ -825,8 +844,9 @@ def recommendation(tuned: Tuned) -> str:
 
 
 def _of_the_velocity_loop(tuned: Tuned) -> str:
-    """Return a warning if the new velocity loop alone is nearly unstable, which the margins of the whole loop may
-    hide.
+    """Return a warning if the new velocity loop alone is nearly unstable, else an empty string.
+
+    The margins of the whole loop may hide this.
     """
     if tuned.cascade is None or tuned.verdict is Verdict.LEAVE:
         return ""
@@ -847,7 +867,7 @@ def _rough(value: float, unit: str = "") -> Quantity:
 
 
 def two_digits(value: float) -> str:
-    """Return a number rounded to two significant digits, without an exponent up to a million."""
+    """Return a number rounded to two significant digits, as a string without an exponent up to a million."""
     return number(rounded(value, 2), 6)
 
 
@@ -896,14 +916,14 @@ def _change(tuned: Tuned, gained: float) -> float:
 
 
 def _new_values(tuned: Tuned) -> str:
-    """Return the start of the recommendation, with a reservation if no response to a force on the table is known."""
+    """Return the first words of the recommendation, cautious if no response to a force on the table is known."""
     if not tuned.at_drive:
         return "Take the new values: they"
     return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
 
 
 def _worse(tuned: Tuned) -> str:
-    """Return the figures that get worse, at the point with the largest deterioration, as a clause."""
+    """Return, as a clause, the figures that get worse, each at the point where it deteriorates most."""
     if not tuned.before or not all(loop.stable for loop in tuned.before):
         return ""
     clauses: list[str] = []
@@ -929,13 +949,13 @@ def _fall(title: str, before: float, after: float, unit: str) -> str:
 
 
 def goal_of(tuned: Tuned, row: Sequence[Figures]) -> float:
-    """Return the value of the minimized goal at the worst point."""
+    """Return the value of the minimized quantity at the worst point; `row` holds the figures at each point."""
     of = declared_goal(tuned).of
     return max(of(loop, tuned.band) for loop in row)
 
 
 def broken_limits(before: Sequence[Figures], limits: Limits, room: float = 0.02) -> str:
-    """Return the first limit that a controller violates, as a clause; empty if it satisfies all limits."""
+    """Return, as a clause, the first limit that the figures `before` violate; empty if they satisfy all limits."""
     for loop in before:
         for verdict in judged(limits, loop, room):
             if not verdict.keeps:
@@ -962,7 +982,7 @@ def tune_control(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Return the controller whose tunables optimize the goal while all limits are satisfied at every point.
+    """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
 
         minimize  max over points of the goal   over ln(tunables)   subject to   slack_i >= k σ_i  for all limits i
 
@@ -970,21 +990,21 @@ def tune_control(
                 stiffness: the mean of |y|² over ln f in the band;  least-stiffness: max |y| in the band;
                 integral-gain: max |y|/ω;  bandwidth: 1/(frequency at which |1/(1 + L)| rises to -3 dB);
                 y is the compliance of the closed loop
-    limits      `Limits`, or `Limit`s of figures of the catalogue (`figures.limitable`)
-    control     the start of the search; a loop supplies its controller, and its axis if no points are given
-    points      axes at several positions and loads: `measured_point`, or loops, whose axes are used
+    limits      `Limits`, or `Limit` objects for figures of the catalogue (`figures.limitable`)
+    control     the controller from which the search starts; of a loop, its controller and, without `points`, its axis
+    points      operating points, measured (`measured_point`) or modelled, or loops, whose axes are used
     tunables    dotted names within the controller, such as law.Kp; default: those of the law
     filters     kept: unchanged;  free: their frequencies and damping ratios are tuned too;  placed: notches are also
                 added where they improve the goal
     confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
                 known
     today       the controller to compare with; default: `control` itself
-    progress    receives the name of each stage, and may cancel
+    progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
-    Stability is checked by encirclement of -1 at every step. A tuning for loops is verified by simulation with
-    friction, encoder counts and limits (`Tuned.holds`). If the searches from different starts do not agree, further
-    ones are run (`Tuned.settled`).
+    Stability is checked at every step: by eigenvalues for a model, by encirclements of -1 for measured responses. A
+    tuning for loops is verified by simulation with friction, encoder counts and limits (`Tuned.holds`). If searches
+    from different starts do not agree, further ones are run (`Tuned.settled`).
     Raises UnstableError if no controller within the limits is found, NotIdentifiableError if the measurement is too
     poor for a tuning, with the band in which to measure again, and ParameterError for inconsistent arguments.
     """
@@ -1020,12 +1040,11 @@ def assess(
     today: Control | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
-    """Evaluate a given controller, for example from a recipe, with the figures and the proof of `tune_control` but
-    without a search.
+    """Evaluate a controller, for example one from a recipe, like `tune_control` but without a search.
 
     rule  name of the rule that gave the controller; the other arguments are those of `tune_control`
 
-    Raises the errors of `tune_control`, and UnstableError if the loop is unstable at a point.
+    Raises the same errors as `tune_control`, and UnstableError if the loop is unstable at a point.
     """
     tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
     names = law_tunables(control)
@@ -1044,7 +1063,7 @@ def _tuner(
     velocity: float,
     progress: Progress | None,
 ) -> Tuner:
-    """Check the arguments and return the tuner."""
+    """Check the arguments of a tuning and return its `Tuner`."""
     figure = goals().get(goal)
     if figure is None or figure.goal is None:
         raise ParameterError(f"goal = {goal!r} must be one of {', '.join(goals())}")
@@ -1091,7 +1110,7 @@ _MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as l
 
 
 def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
-    """Return the result of a tuning: figures before and after, active limits, advice, and proof."""
+    """Assemble the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
@@ -1135,7 +1154,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
 
 
 def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
-    """Return the figures at every point, on all lines; empty for a controller without a response."""
+    """Return the figures at every point, on all lines; empty if the controller has no finite linear response."""
     try:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
@@ -1144,7 +1163,7 @@ def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
-    """Return the active limits; bounds close in frequency are merged."""
+    """Return the active limits, largest effect first; those of one figure at close frequencies are merged."""
     summed: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for bound in best.end.judged.bounds:
         force = best.end.force.get(bound.key, 0.0)
@@ -1168,10 +1187,10 @@ def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
 
 
 def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
-    """Return suggestions for possible improvements.
+    """Return suggestions for further improvements.
 
-    They concern the effect of a shorter dead time (from the multipliers of the optimum), the cost of the measurement
-    noise, tunables at the limits of their range, and a missing response to a force on the table.
+    They concern the effect of a shorter dead time, which follows from the multipliers of the optimum, the cost of the
+    measurement noise, tunables at an end of their search range, and a missing response to a force on the table.
     """
     advice: list[str] = []
     step = 0.1 * tuner.points[0].sample_time
@@ -1210,7 +1229,7 @@ def _advice(tuner: Tuner, best: Best) -> tuple[str, ...]:
 
 
 def _edges(tuner: Tuner, best: Best) -> list[str]:
-    """Return the tunables that ended at a limit of their range, in words."""
+    """Return a sentence for each tunable that ended at an end of its search range."""
     texts: list[str] = []
     nyquist = 0.5 / tuner.points[0].sample_time
     for name, value, low, high in zip(best.names, best.end.x, *best.box, strict=True):
@@ -1235,7 +1254,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
 
 
 def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
-    """Return the improvement of the goal on a changed axis, from the Lagrangian."""
+    """Return the improvement of the goal if the axis changes, predicted from the Lagrangian at the optimum."""
     slack = {bound.key: bound.slack for bound in there.bounds}
     eased = sum(
         end.force.get(bound.key, 0.0) * (slack[bound.key] - bound.slack) for bound in here.bounds if bound.key in slack
@@ -1244,7 +1263,7 @@ def _gain(here: Evaluation, there: Evaluation, end: End) -> float:
 
 
 def _of_today(today: Control, control: Control, name: str) -> float:
-    """Return the value of a tunable in the present controller; NaN if its block is missing or of another type there."""
+    """Return the present value of a tunable; NaN if the present controller has no such block or one of another type."""
     place, last = name.rpartition(".")[::2]
     blocks: list[object] = [today, control]
     for step in place.split("."):

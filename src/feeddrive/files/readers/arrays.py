@@ -1,7 +1,8 @@
 """Arrays saved by numpy (.npy) and MATLAB (.mat, level 5 and 7.3).
 
-numpy: numeric arrays of one or two dimensions.  A structured array gives a column for each field, a matrix a column
-along its longer dimension.  Objects are refused: numpy stores them as a pickle, which executes code when it is read.
+numpy: numeric arrays of one or two dimensions.  A structured array gives a column for each field; the columns of
+a matrix run along its longer dimension.  Objects are refused: numpy stores them as a pickle, which can execute code
+when it is read.
 
 MATLAB level 5 (save -v5, -v6, -v7): real numeric arrays are read, also in 1×1 structures as `s.x`.  The layout is
 published by MathWorks (MAT-File Format, chapter 1): elements consist of a tag (type, length) and content, padded to 8
@@ -121,7 +122,7 @@ class _DamagedError(Exception):
 
 @dataclass(frozen=True)
 class _Bytes:
-    """A section of the file and its byte order, `<` or `>`."""
+    """A range of bytes of the file, and its byte order, `<` or `>`."""
 
     content: memoryview
     order: str
@@ -132,7 +133,7 @@ class _Bytes:
         return int.from_bytes(self.content[at : at + 4], "little" if self.order == "<" else "big")
 
     def element(self, at: int) -> tuple[int, _Bytes, int]:
-        """Return type and content of the element at an offset, and the offset of the next element."""
+        """Return the type and content of the element at an offset, and the offset of the next element."""
         kind, length = self.word(at), self.word(at + 4)
         if kind >> 16:  # the short form: length and type in the first four bytes, content in the next four
             kind, length, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
@@ -197,7 +198,7 @@ def read_mat(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
-    """Decompress an element to exactly the length in its tag. Raise LogError for more than `most` bytes."""
+    """Decompress an element to the length that its tag states. Raise LogError for more than `most` bytes."""
     zip_ = zlib.decompressobj()
     tag = _Bytes(memoryview(zip_.decompress(packed.content, 8)), packed.order)
     kind, length = tag.word(0), tag.word(4)
@@ -217,7 +218,7 @@ def _unpacked(name: str, packed: _Bytes, most: int) -> _Bytes:
 
 
 def _arrays(piece: _Bytes, prefix: str, depth: int) -> Iterator[tuple[str, np.ndarray | str]]:
-    """Yield the dotted name of each array in a matrix element, with its values or the reason why it is omitted."""
+    """Yield the dotted name of each array in a matrix element, and its values or the reason why it is omitted."""
     if not len(piece.content):
         return
     _, flags, at = piece.element(0)
@@ -386,7 +387,7 @@ def read_here(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _datasets(h5py: Any, group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name of each dataset, with the numeric dataset or the reason why it is omitted."""
+    """Yield the dotted name of each dataset, and the dataset itself or the reason why it is omitted."""
     for key in group:
         label = f"{prefix}{key}"
         # Internal data of MATLAB cells and objects.

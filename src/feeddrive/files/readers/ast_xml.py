@@ -9,12 +9,12 @@ The tag of an element is its class; the attribute `name` is its member name:
           <NumericArray name="m_ValueVector" elementtype="complex"><raw name="m_pNumberArray"><![CDATA[...]]></raw> ...
           <NumericArray name="m_FrequencyVector" elementtype="double"> ...
 
-Numbers are encoded in base 85: five characters encode a 32-bit word, the most significant first, a period stands for a
-zero word, and two words form a big-endian IEEE 754 double; complex numbers alternate between real and imaginary parts.
+Numbers are encoded in base 85: five characters, most significant first, encode a 32-bit word, a period encodes a zero
+word, and two words form a big-endian IEEE 754 double; complex arrays alternate between real and imaginary parts.
 An array with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
 Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document type
-declarations and entities are refused before they are read; depth, number of elements and bytes are bounded.
+declarations and entities are refused before they are read; depth, number of elements and file size are bounded.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class _Element:
 
     @property
     def member(self) -> str:
-        """The member name of the element in its parent, or the class of a list item."""
+        """The member name of the element in its parent; for a list item, its class."""
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
@@ -158,7 +158,7 @@ def _parsed(name: str, content: bytes) -> _Element:
 
 
 def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield, for each response with numbers, a table of f, re, im and coherence, and its input and output.
+    """Yield, for each non-empty response, a table of f, re, im and coherence, and the names of its input and output.
 
     A response is named by its list, its position in the list, and its member: `speed_plant_1_plant`.  The coherence of
     a plant has its own frequency vector: lines of the plant without a coherence are left out; if these are more than
@@ -211,7 +211,7 @@ def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | 
 
 
 def _label(path: tuple[str, ...]) -> str:
-    """Return the label of a path: speed_plant_2_plant for m_SpeedPlantMeasurementList, ...Measurement[2], m_pPlant."""
+    """Shorten a path to a label: speed_plant_2_plant for m_SpeedPlantMeasurementList, ...Measurement[2], m_pPlant."""
     words: list[str] = []
     for part in path:
         bare, bracket, count = part.rstrip("]").partition("[")
@@ -244,7 +244,7 @@ def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray
 
 
 def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the common frequency lines in the plant and in the coherence."""
+    """Return the indices, in the plant and in the coherence, of the frequency lines that both contain."""
     # frequencies of the same line may differ in their last digits
     places = np.minimum(np.searchsorted(coherence, plant * (1.0 - 1e-9)), coherence.size - 1)
     same = np.isclose(coherence[places], plant, rtol=1e-9, atol=0.0)
@@ -252,7 +252,7 @@ def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _numbers(name: str, array: _Element) -> np.ndarray:
-    """Return the doubles of an array; complex numbers as alternating real and imaginary parts."""
+    """Return the numbers of an array; real and imaginary parts of complex numbers alternate."""
     raw = array.member_named("m_pNumberArray")
     holders = [array] if raw is None else [raw, array]
     text = re.sub(r"\s+", "", holders[0].text())

@@ -1,4 +1,4 @@
-"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group with most of the requested channels.
+"""MDF4 measurement files (ASAM MDF 4.0 to 4.2): the numeric channels of the group with the most requested channels.
 
 Supported are sorted files with row-wise records, plain or zlib-compressed, and numeric conversions.  Formulas are not
 executed.  Every header, link and length is checked before it is used: asammdf crashes on damaged files, see
@@ -75,7 +75,7 @@ class Blocks:
         return Block(kind, links, self.content[begin : address + length])
 
     def chain(self, address: int, kind: bytes) -> Iterator[Block]:
-        """Yield the blocks of a linked list; the first link of each is the next one."""
+        """Yield the blocks of a linked list; the first link of a block leads to the next block."""
         while address:
             block = self.at(address, kind)
             yield block
@@ -175,7 +175,7 @@ class _Channel:
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """The channels of one clock, in `rows` records of `size` bytes at `data`; each begins with a `before`-byte id."""
+    """The channels of one clock: `rows` records of `size` bytes from address `data`, each after a `before`-byte id."""
 
     channels: tuple[_Channel, ...]
     data: int
@@ -190,7 +190,7 @@ class _Group:
 
 
 def read_mdf(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of one group. Raise LogError for a damaged file or an unsupported storage format."""
+    """Read the group with the most requested channels. Raise LogError for a damaged or unsupported file."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has {Quantity(len(content) / 1e6, 'MB'):,.0f}, more than the "
@@ -323,7 +323,7 @@ def _strided(data: list[memoryview], group: _Group, offset: int, dtype: str) -> 
 
 
 def _whole(pieces: list[memoryview], group: _Group) -> list[memoryview]:
-    """Return pieces of whole records, joined only if a record spans two. Raise DamagedError if records are missing."""
+    """Return pieces of whole records, joined if any record spans two. Raise DamagedError if records are missing."""
     size, length = group.size, group.rows * group.size
     if size == 0 or length > sum(len(piece) for piece in pieces):
         raise DamagedError

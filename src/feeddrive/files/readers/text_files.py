@@ -4,12 +4,12 @@ A CSV file may have any separator, a decimal point or comma, and optionally head
 is detected from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A
 file without headers, with one comma in each line and no other separator, has two columns and no decimal comma.
 
-Comment lines (#, %, //) and empty lines are skipped; text columns are left out; any other line that is not a row of
-numbers is an error with its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read in chunks:
-memory holds the file, its numbers at 8 bytes each, and a few chunks.
+Comment lines (#, %, //) and empty lines are skipped, and text columns are left out; any other line that is not a row of
+numbers raises an error that states its line number.  Limit: 500 MB; store a larger log as Parquet.  The text is read
+in chunks: memory holds the file, its numbers at 8 bytes each, and a few chunks.
 
-EPOS Studio (maxon) states sampling period and number of rows, which are checked.  Torque is in percent of the motor's
-nominal torque, current in mA, position in counts.
+An EPOS Studio file (maxon) states sampling period and number of rows; the reader checks both.  Torque is in percent of
+the motor's nominal torque, current in mA, position in counts.
 
     Date:;2020-07-08 21:13:16
     EPOS Studio Version:;3.6.1.0
@@ -45,9 +45,9 @@ values:
     0<tab>12,5<tab>0<tab>...                   time in ms (or a FILETIME in 100 ns), value, time, value
     EOF                                        optional
 
-A time column may be shared by the channels that follow it.  Only the channels of one clock are read, the clock of most
-requested channels; the others are left out, and their sample time is stated.  As a float, a FILETIME is exact only to 3
-us; the stated sample time compensates for this.
+A time column may be shared by the channels that follow it.  Only channels with the same sample time are read, that of
+most requested channels; the others are left out, with their sample time as the reason.  As a float, a FILETIME is exact
+only to 3 us; the stated sample time compensates for this.
 """
 
 import csv
@@ -78,7 +78,7 @@ _HEAD = re.compile(r"(.*?)\s*(?:\[([^\]]*)\]|\(((?:[^()]|\([^()]*\))*)\))\s*")
 
 @dataclass(frozen=True)
 class CsvLayout:
-    """The layout of a text table. `first` is its first line of numbers, from 0; `numeric` flags numeric columns."""
+    """The layout of a text table. `first` is the index of its first numeric line; `numeric` flags numeric columns."""
 
     separator: str
     decimal: str
@@ -140,20 +140,23 @@ def _mask(line: str, separator: str, decimal: str) -> tuple[bool, ...]:
 
 
 def _usual_mask(lines: list[str], separator: str, decimal: str) -> tuple[bool, ...]:
-    """Return the commonest mask of numeric cells in the second half of the lines; it is empty if no two masks agree."""
+    """Return the most frequent mask of numeric cells in the second half of the lines; empty if no two masks agree."""
     half = lines[len(lines) // 2 :]
     usual, count = Counter(_mask(line, separator, decimal) for line in half).most_common(1)[0] if half else ((), 0)
     return usual if count >= min(2, len(half)) else ()
 
 
 def _has_decimal_comma(rows: list[tuple[int, str]], separator: str, mask: tuple[bool, ...]) -> bool:
-    """Return True if any number has a decimal comma; whole numbers match both decimal marks."""
+    """Return True if any number contains a decimal comma; whole numbers do not show the decimal mark."""
     fitting = [split(line, separator) for _, line in rows if _mask(line, separator, ",") == mask]
     return any("," in cell for cells in fitting for cell, numeric in zip(cells, mask, strict=True) if numeric)
 
 
 def _first(rows: list[tuple[int, str]], separator: str, decimal: str, mask: tuple[bool, ...]) -> int:
-    """Return the line where the numbers begin: the first of two regular rows, or of partly numeric rows above them."""
+    """Return the index of the line at which the numbers begin.
+
+    It is the first of two consecutive rows that match the mask, or the first of the partly numeric rows above them.
+    """
     fits = [_mask(line, separator, decimal) == mask for _, line in rows]
     start = next((k for k, fit in enumerate(fits) if fit and (k + 1 == len(fits) or fits[k + 1])), fits.index(True, 0))
     while start > 0:
@@ -200,7 +203,7 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _named(head: str) -> tuple[str, str]:
-    """Split `velocity [mm/s]` and `velocity (mm/s)` into name and unit."""
+    """Split a header such as `velocity [mm/s]` or `velocity (mm/s)` into name and unit."""
     match = _HEAD.fullmatch(head)
     if match is None:
         return head, ""
@@ -217,7 +220,7 @@ PIECE = 2_000_000  # bytes of a chunk; the layout is detected in the first one
 
 @dataclass(frozen=True)
 class Piece:
-    """A chunk of whole lines of a text, with the number of its first line, from 0, and a flag for the last chunk."""
+    """A chunk of whole lines of a text, with the index of its first line and a flag for the last chunk."""
 
     line: int
     text: str
@@ -232,7 +235,7 @@ class Text:
     encoding: str
 
     def pieces(self, first: int = 0) -> Iterator[Piece]:
-        """Yield the text in chunks, starting at a line of the first chunk."""
+        """Yield the text in chunks, from line `first` on, which must lie in the first chunk."""
         line, at, length = 0, 0, len(self.content)
         while True:
             end = self.content.find(b"\n", at + PIECE) + 1 or length
@@ -250,7 +253,7 @@ class Text:
 
 
 def text_of(content: bytes) -> Text:
-    """Detect the encoding of a text: UTF-8, UTF-16 by its byte order mark, else Windows-1252 (µ, °)."""
+    """Detect the encoding of a text: UTF-16 by its byte order mark, UTF-8 if valid, else Windows-1252 (µ, °)."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", "replace").encode("utf-8", "replace")
     if b"\n" not in content:
@@ -379,14 +382,14 @@ def _numbers_by_loadtxt(plain: str, layout: CsvLayout, chosen: list[int]) -> np.
 
 
 def _is_complete(plain: str, layout: CsvLayout, numbers: np.ndarray) -> bool:
-    """Return True if every row has as many cells as the layout; `usecols` does not check the rest of a row."""
+    """Return True if every row has as many cells as the layout, which `usecols` of numpy does not check."""
     if layout.separator == "":
         return numbers.shape[1] == len(layout.names)
     return plain.count(layout.separator) == len(numbers) * (len(layout.names) - 1)
 
 
 def _numbers_one_by_one(name: str, piece: Piece, layout: CsvLayout, chosen: list[int]) -> np.ndarray:
-    """Parse cell by cell: slow, but accepts quotes and locates the line of an error."""
+    """Parse cell by cell, which is slow but accepts quotes and locates the line of an error."""
     count = len(layout.names)
     rows: list[list[float]] = []
     total = piece.text.count("\n") + 1
@@ -450,7 +453,7 @@ def read_epos(name: str, content: bytes, wanted: frozenset[str] | None) -> Colum
 
 
 def _without_remarks(content: bytes) -> tuple[bytes, int]:
-    """Strip remarks after the last channel; return the recording and the number of rows with such a remark.
+    """Strip remarks to the right of the last channel; return the recording and the number of rows with such a remark.
 
     Spreadsheet programs pad all lines with commas to the length of the longest one (`-24.1,,`), and some lines contain
     a remark there.
@@ -470,7 +473,7 @@ def _without_remarks(content: bytes) -> tuple[bytes, int]:
 
 
 def _to_width(line: bytes, width: int) -> bytes:
-    """Truncate a header line to `width` + 1 cells, and the last of these cells at its first comma."""
+    """Truncate a header line to `width` + 1 cells, and the last of these at its first comma."""
     cells = line.rstrip(b"\r").split(b";")[: width + 1]
     return b";".join([*cells[:-1], cells[-1].split(b",")[0]])
 
@@ -522,7 +525,7 @@ def read_halscope(name: str, content: bytes, wanted: frozenset[str] | None) -> C
 
 
 def _names_between(name: str, body: bytes) -> list[str]:
-    """Return the names in the first line of a log written before 2.9. Raise LogError for a repeated name."""
+    """Return the channel names in the first line of a pre-2.9 halscope log. Raise LogError for a repeated name."""
     line = next((line for line in body.split(b"\n", 100) if line.strip()), b"")
     names = line.decode("utf-8", "replace").split()[::2]
     if len(set(names)) != len(names):
@@ -533,7 +536,8 @@ def _names_between(name: str, body: bytes) -> list[str]:
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
     """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, are the clock.
 
-    An `overrun` before the first line means no loss within the log; elsewhere it raises an error that states the line.
+    An `overrun` before the first row is skipped, since no sample within the log is lost; anywhere else it raises
+    LogError, which states the line.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")
@@ -553,7 +557,7 @@ def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) ->
 
 
 def counts_samples(numbers: np.ndarray) -> bool:
-    """Return True for sample numbers: whole numbers that increase, mostly by one."""
+    """Return True if the numbers can be sample numbers: whole numbers that increase, mostly by one."""
     steps = np.diff(numbers)
     return bool(
         steps.size >= 2 and np.all(numbers == np.floor(numbers)) and np.all(steps >= 1) and np.median(steps) == 1.0
@@ -586,7 +590,7 @@ class _TwincatChannel:
 
 
 def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of one clock of a TwinCAT export, with that clock. Raise LogError with file and line."""
+    """Read the channels of a TwinCAT export that share one clock. Raise LogError with file and line."""
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of text that are read; export a part"
@@ -650,7 +654,7 @@ def _twincat_channels(name: str, begin: str, separator: str) -> tuple[list[_Twin
 
 
 def _follows(rows: list[list[str]], k: int) -> bool:
-    """Return True if rows of channel properties follow row `k`."""
+    """Return True if row `k` is followed by rows of channel properties."""
     return any(row[0] in _TWINCAT_KEYS for row in rows[k + 1 : k + 4])
 
 
@@ -659,14 +663,14 @@ def _is_number(cell: str) -> bool:
 
 
 def _has_comma(text: Text, first: int) -> bool:
-    """Return True if the first numbers have a decimal comma."""
+    """Return True if a decimal comma occurs in the first rows of numbers."""
     return any("," in line for line in next(text.pieces(first)).text.split("\n")[:2000])
 
 
 def _one_clock(
     channels: list[_TwincatChannel], wanted: frozenset[str] | None
 ) -> tuple[list[_TwincatChannel], dict[str, str]]:
-    """Return the channels on the clock of most wanted channels, and the reason for each omitted channel."""
+    """Return the wanted channels on their most common clock, and a reason for each channel on another clock."""
 
     def clock(channel: _TwincatChannel) -> str:
         return channel.properties.get("SampleTime[ms]", "")
@@ -686,7 +690,7 @@ def _one_clock(
 def _twincat_numbers(
     name: str, text: Text, first: int, separator: str, decimal: str, places: list[int], width: int
 ) -> tuple[Mapping[int, np.ndarray], np.ndarray]:
-    """Return the columns at the given indices, and the line number of each row, skipping rows without a value there."""
+    """Return the columns at `places` and the line of each row; rows without any value in these columns are skipped."""
     columns: list[list[float]] = [[] for _ in places]
     lines: list[int] = []
     blocks: list[np.ndarray] = []

@@ -1,6 +1,6 @@
 """Universal files (UFF, UNV), dataset 58, text or binary: functions at nodal degrees of freedom.
 
-Time responses become channels, frequency responses become FRFs, each with the coherence of the same degrees of freedom.
+Time responses become channels; frequency responses become FRFs, with the coherence of the same degrees of freedom.
 Requires pyuff (the extra `uff`).  Units are those of the axis labels, else the SI units of the data types.  Limit:
 50 MB.
 """
@@ -82,7 +82,7 @@ def read_uff(name: str, content: bytes, wanted: frozenset[str] | None) -> Column
 
 
 def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield, for each frequency response, a table of f, re, im and coherence, and its input and output."""
+    """Yield, for each frequency response, a table of f, re, im and coherence, and the names of its input and output."""
     sets = sets_of(name, content)
     responses = [dataset for dataset in sets if dataset["func_type"] == _FRF]
     if not responses:
