@@ -18,7 +18,7 @@ _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 
 @cache
 def by_file() -> Mapping[str, str]:
-    """Return the module of every block by class name, read from the source files without importing any block."""
+    """Map the class name of every block to its module; the source files are read, but no block is imported."""
     # imported late: the lazy `import feeddrive` must not load the language of blocks
     from feeddrive.language.block import snake_case
 

@@ -10,12 +10,12 @@ class MachineMode(Block):
 
         mass (x'' + 2 damping_ratio ω x' + ω² x) = F,    ω = 2π frequency,    stiffness = mass ω²
 
-        place     F                        motion of the tool against the workpiece
+        place     F                        motion of the tool relative to the workpiece
         tool      reaction of the cut -F_cut         axis - x: the spindle side gives way
         base      reaction of the drive -F_m         axis + x: the scale moves with the machine base
         fixture   F_cut - mass x_set''               axis + x: the workpiece swings on the table
 
-    Either the stiffness or the modal mass is given: a compliance test at the tool yields the stiffness.
+    Specify either the stiffness, which a compliance test at the tool yields, or the modal mass.
     Source: Altintas & Okwudire 2009, end of section 3, states that modes are compensated, but not where in the machine
     they are.  The three places are interpretations by this library; the experiment uses `tool`.
     """
@@ -39,7 +39,7 @@ class MachineMode(Block):
         return 2.0 * ops.pi * self.frequency
 
     def modal_mass(self) -> Number:
-        """Return the modal mass in kg, as given or stiffness/ω²."""
+        """Return the modal mass in kg: `mass` if it is specified, else stiffness/ω²."""
         if self.mass is not None:
             return self.mass
         assert self.stiffness is not None

@@ -51,10 +51,10 @@ class ActiveDisturbanceRejection(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return three forms: with five, three and one Taylor states for the disturbance.
+        """Return three variants whose observers model the disturbance by five, three and one Taylor states.
 
-        The observer's poles start well damped and thus wide apart: a fast observer amplifies disturbances near its own
-        frequency.
+        The observer's poles start well damped and thus far apart, since a fast observer amplifies disturbances near its
+        own frequency.
         """
         starts = []
         for states, slower, damping in ((5, 1.0, 3.0), (3, 1.0, 3.0), (1, 0.5, 1.5)):
@@ -100,7 +100,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule: the loop on a rigid axis of this mass is stable with the observer's dead time."""
+        """Yield the validity rule: the loop with a rigid axis of this mass and the observer's dead time is stable."""
         yield Rule(
             matrix.decays(self._sample(T)),
             "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",
@@ -108,7 +108,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """Return the error message: the excess over the limit, and the nearest admissible sample time and tunables."""
+        """Return the error message: how far the limit is exceeded, and the nearest admissible parameter values."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:
@@ -128,11 +128,11 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _with(self, path: str, value: Any) -> Self:
-        """Return the law with another value, or with a batch of values, for one parameter."""
+        """Return a copy of the law in which the parameter at `path` is `value`, a number or a batch of numbers."""
         return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
 
     def _growth(self, T: Number) -> Any:
-        """Return the spectral radius of the loop of law, observer, dead time and a free mass."""
+        """Return the spectral radius of the closed loop of law, observer, dead time and free mass."""
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
@@ -168,7 +168,7 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, or None; the search takes small, then large steps."""
+    """Return the largest admissible value below `refused`, or None; the search takes small, then large steps."""
     # 0.7²⁰ covers three decades closely; a value that is wrong by its unit lies further off
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -29,7 +29,7 @@ class CascadePPI(Law):
     Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
-    With `position_every` above 1 the position loop is slower, and an `Interpolator` sits between the loops.  With
+    With `position_every` above 1 the position loop is slower, and an `Interpolator` connects the two loops.  With
     `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: the position
     loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than the axis.
 
@@ -39,7 +39,8 @@ class CascadePPI(Law):
 
     When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
     times the wanted crossover, a law that damps it performs better.
-    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
+    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is the same difference as the measured
+    one.
     """
 
     tunables = ("Kv", "Kp", "Tn")
@@ -74,9 +75,9 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values from the present gains or from the rate, with an integral and at the present loop rates.
+        """Return start values with an integral: the gains of the current cascade, or gains derived from `axis.rate`.
 
-        Without an integral the cascade is tried only with a disturbance observer, which then provides the integral
+        A second variant without an integral is tried only with a disturbance observer, which then provides the integral
         action.
         """
         rate = axis.rate
@@ -157,5 +158,5 @@ class CascadePPI(Law):
 
 
 def _observed(law: CascadePPI) -> Start:
-    """Return the P-P cascade, tried only with an observer that provides integral action."""
+    """Return the P-P cascade, to be tried only with an observer that provides the integral action."""
     return Start("P-P", replace(law, Tn=None), "the observer is its integral", only_with=("DOB",))

@@ -12,7 +12,7 @@ class StockBiquad(Block):
         H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
 
     Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 holds any second-order filter.
-    Source: LinuxCNC manual page biquad(9); the order of the operations from tests of the component itself.
+    Source: LinuxCNC manual page biquad(9); the order of the operations was found by tests of the component itself.
     """
 
     n0: Number = parameter("", "coefficient of the input", default=1)
