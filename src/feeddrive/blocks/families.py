@@ -112,7 +112,7 @@ class Friction(Block, ABC):
     """Set-valued friction at one body, solved implicitly: the force over a substep suits the velocity at its end."""
 
     @abstractmethod
-        def start(self, velocity: Number = 0.0) -> Any:
+    def start(self, velocity: Number = 0.0) -> Any:
         """Return the steady state at a constant velocity."""
 
     @abstractmethod

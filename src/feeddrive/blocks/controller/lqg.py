@@ -96,8 +96,8 @@ class LQG(Law):
 
     Tune omega_c, omega_o and recovery as two frequencies and a ratio; more recovery makes the loop more robust and
     noisier.
-    When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.  Not
-    suitable for an unknown spring, or without recovery for a lightly damped plant.  Optimality does not guarantee
+    When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.
+    Not suitable for an unknown spring, or without recovery for a lightly damped plant.  Optimality does not guarantee
     margins: check them for every plant that the law must control.
     Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the
     estimated offset is specific to this library.

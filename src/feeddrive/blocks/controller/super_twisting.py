@@ -43,12 +43,12 @@ class SuperTwisting(Law):
     (back-calculation through `applied` and `requested`).  With two encoders x is read at the load and x' at the motor.
 
     Tune λ and 1/h like two frequencies; zone_time = 3.75 (d + 1) T at d samples of dead time gives Ms = 2 on a rigid
-    axis.  Then choose L from the disturbance, and large enough that noise stays inside the zone, h² k2 >= 3 σ(s).  When
-    to use: to bound the rate of the force of a stiff PID.  Do not use it to gain more robustness than that of a PID of
-    equal delay margin; a well-tuned loop hardly ever leaves the zone.  The explicit form always chatters.  The implicit
-    form keeps an error of T F_d/(m λ), and chatters with a dead time of one sample or more.  A linear model shows
-    neither effect: linearization is refused for the explicit form, and for the implicit form it is valid inside the
-    zone only.
+    axis.  Then choose L from the disturbance, and large enough that noise stays inside the zone, h² k2 >= 3 σ(s).
+    When to use: to bound the rate of the force of a stiff PID.  Do not use it to gain more robustness than that of a
+    PID of equal delay margin; a well-tuned loop hardly ever leaves the zone.  The explicit form always chatters.  The
+    implicit form keeps an error of T F_d/(m λ), and chatters with a dead time of one sample or more.  A linear model
+    shows neither effect: linearization is refused for the explicit form, and for the implicit form it is valid inside
+    the zone only.
     Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is specific to
     this library.
     """

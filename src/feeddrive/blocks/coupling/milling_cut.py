@@ -46,8 +46,9 @@ class MillingCut(Coupling):
     the `sections`; the spindle always turns.  Where its speed changes, τ is the time in which the spindle has turned by
     one tooth pitch, found in a ring buffer of its rotation angle. With process_damping C the flank rubs on the
     workpiece: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged height a of an edge, with ṙ extrapolated
-    from the last two velocities.  Do not use it with substeps longer than a tenth of τ, or for a motion along the
-    spindle, which does not change the chip.
+    from the last two velocities.
+    Do not use it with substeps longer than a tenth of τ, or for a motion along the spindle, which does not change the
+    chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
     & Ismail 1981.
     """

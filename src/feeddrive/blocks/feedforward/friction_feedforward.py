@@ -18,8 +18,9 @@ class FrictionFeedforward(Feedforward):
         sgn(v) = tanh(v / smoothing), or ±1 beyond the dead band and 0 within it
 
     The reading is not used: friction computed from the measured velocity would add the noise and lag of that velocity
-    to the force. Do not use it with levels that drift (temperature, load), unless they are set a little too small,
-    since overcompensation makes the reversal error worse than no compensation.
+    to the force.
+    Do not use it with levels that drift (temperature, load), unless they are set a little too small, since
+    overcompensation makes the reversal error worse than no compensation.
     Source: Erkorkmaz & Altintas 2001, part III (friction pre-compensation).
     """
 

@@ -32,8 +32,9 @@ class FrictionStops(Feedforward):
         r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
 
     When to use: reversals and quadrant glitches of an axis whose friction repeats; `learned_stops` fits the block to a
-    log. Not suitable for friction that drifts with temperature or load (widths wrong by 30 % cause seven times the
-    error of correct ones), or for set positions spaced wider than the smallest width.
+    log.
+    Not suitable for friction that drifts with temperature or load (widths wrong by 30 % cause seven times the error of
+    correct ones), or for set positions spaced wider than the smallest width.
     Source: the sum of stops as the limit of the Maxwell slip model: Al-Bender, Lampaert & Swevers 2004; Lampaert et al.
     2003 (its feedforward).
     """

@@ -18,8 +18,9 @@ class Regeneration(Force):
 
     x is the actual position in the middle of a substep, interpolated linearly between substeps; the axis is assumed at
     rest before the start.  This is the linear part of the force in turning and facing, and in a slot cut with many
-    teeth.  Do not use it where vibration lifts the tool out of the cut, or with substeps longer than a tenth of the
-    delay.  Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
+    teeth.
+    Do not use it where vibration lifts the tool out of the cut, or with substeps longer than a tenth of the delay.
+    Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
     """
 
     stiffness: Number = parameter("N/m", "force per thickness of the chip", least=0)
