@@ -1,6 +1,6 @@
 """The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file.
 
-A block is found by the name of its file, such as `SmithLaw` in `controller/smith_law.py`; there is no list of blocks.
+The file name identifies a block, such as `controller/smith_law.py` for `SmithLaw`; there is no list of blocks.
 """
 
 import re

@@ -97,7 +97,7 @@ class Start(NamedTuple):
     name         name of the variant in a comparison
     remark       a note for the report
     feedforward  feedforward that replaces that of the current controller
-        only_with    names (`Beside.name`) of compensations; this variant is tried only together with one of them.  If
+    only_with    names (`Beside.name`) of compensations; this variant is tried only together with one of them.  If
                  empty, it is tried alone and with every suitable compensation
     """
 
@@ -112,9 +112,9 @@ class Beside(NamedTuple):
     """A variant of a compensation that a comparison tries together with a law.
 
     name   name of the variant in a comparison
-    block  the compensation; None if this variant cannot be used on the axis remark a note for the report, or the reason
-    why the variant cannot be used tuned  True if its tunables are optimized together with those of the law; else the
-    law keeps its tuning
+    block  the compensation; None if this variant cannot be used on the axis
+    remark a note for the report, or the reason why the variant cannot be used
+    tuned  True if its tunables are optimized together with those of the law; else the law keeps its tuning
     """
 
     name: str

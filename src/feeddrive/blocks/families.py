@@ -78,7 +78,7 @@ class Nothing(NamedTuple):
 
 
 class Mechanics(NamedTuple):
-    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q; rows of S stand for drive and encoders."""
+    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q; S has rows for drive and encoders."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -202,7 +202,7 @@ class Law(Block, Retuned, ABC):
     rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs separate measurements of motor and load position, else 1
     tunables parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
-        title    name of the law in a comparison; if empty, its kind is used
+    title    name of the law in a comparison; if empty, its kind is used
     steps_live  True if the force jumps at a live change in steady state, as in the original that the law reproduces
     """
 
@@ -248,7 +248,7 @@ class Law(Block, Retuned, ABC):
         """Compute one sample: the new state and the force in N."""
 
     def period(self) -> int:
-        """Return the period in samples of the law; more than 1 if a part of it runs more slowly (empty hook)."""
+        """Return the period of the law in samples; more than 1 if a part of it runs more slowly (empty hook)."""
         return 1
 
     def position_gain(self) -> Any:
@@ -273,7 +273,7 @@ class Filter(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, value: Number) -> Any:
-        """Return the state after a constant input `value`."""
+        """Return the steady state for a constant input `value`."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
@@ -287,6 +287,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
     feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so that no other block may do so
+    title    name of the block in a comparison
     learned  name in a comparison if the parameters are learned from trials; empty if they cannot be learned
     """
 
@@ -318,7 +319,10 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
 
 class Prefilter(Block, RetunedUnprepared, ABC):
-    """A block that changes the setpoint before law and feedforward receive it."""
+    """A block that changes the setpoint before law and feedforward receive it.
+
+    title    name of the block in a comparison
+    """
 
     title: ClassVar[str] = ""
 
@@ -364,7 +368,10 @@ class Observer(Block, Retuned, ABC):
 
 
 class Compensation(Block, Retuned, ABC):
-    """A block for any law that uses the reading to shift the setpoint (modes) or to add a force (rejection)."""
+    """A block for any law that uses the reading to shift the setpoint (modes) or to add a force (rejection).
+
+    title    name of the block in a comparison
+    """
 
     title: ClassVar[str] = ""
 
@@ -553,4 +560,4 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """Return the spindle torque at the same angle and chip load, N m."""
+        """Return the spindle torque in N m, for an angle and a chip load as in `forces`."""

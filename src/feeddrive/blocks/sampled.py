@@ -55,7 +55,7 @@ def since(t: np.ndarray, start: float) -> np.ndarray:
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times in rows, free of rounding errors at whole rows, and a mask of the times that are whole rows."""
+    """Return times in units of rows, made exact if only rounding misses a row, and a mask of the times on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

@@ -123,7 +123,7 @@ class LawsContents:
 
     entries   one for each law; the first is the baseline of the comparison
     facts     machine and run, by heading: machine, reference, load, noise, seed ...
-    rule      a sentence on what makes the laws comparable
+    rule      a sentence that states why the laws are comparable
     job       the exact text of the job
     versions  versions of Python, feeddrive and its libraries, by name
     notes     the user's remarks

@@ -1,4 +1,4 @@
-"""An actuator described by one force constant: a linear motor, or a complete drive train identified as a whole."""
+"""A motor described by one force constant: a linear motor, or a complete drive train identified as a whole."""
 
 from typing import ClassVar
 
@@ -7,7 +7,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Direct(Motor):
-    """An actuator with force = force_constant · command."""
+    """A motor or complete drive train with force = force_constant · command."""
 
     unit: ClassVar[str] = "A or V"
     force_constant: Number = parameter("N", "force at the table per unit of the drive's command (A or V)", above=0)

@@ -1,4 +1,4 @@
-"""An actuator with a rotary motor that drives a screw, described by data-sheet values."""
+"""A rotary motor that drives a screw, described by data-sheet values."""
 
 from typing import ClassVar
 

@@ -17,7 +17,7 @@ class MachineMode(Block):
 
     Specify either the stiffness, which a compliance test at the tool yields, or the modal mass.
     Source: Altintas & Okwudire 2009, end of section 3, states that modes are compensated, but not where in the machine
-    they are.  The three places are interpretations by this library; the experiment uses `tool`.
+    they are.  The three places are interpretations by this library; the reproduction of the paper uses `tool`.
     """
 
     frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
@@ -27,7 +27,7 @@ class MachineMode(Block):
     place: str = choice("part of the machine that moves", options=("tool", "base", "fixture"), default="tool")
 
     def check(self) -> None:
-        """Raise ParameterError unless exactly one of stiffness and mass is given."""
+        """Raise ParameterError unless exactly one of stiffness and mass is specified."""
         if (self.stiffness is None) == (self.mass is None):
             which = "both are" if self.mass is not None else "neither is"
             raise ParameterError(

@@ -29,7 +29,7 @@ class RepetitiveControl(Compensation):
     not: enable the loop again before a different motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  Not
-    suitable for a contour that does not repeat, or for a period known only within 1 %, an error that spoils the result.
+    suitable for a contour that does not repeat, or for a period known only within 1 %: such an error spoils the result.
     Exported code stores each memory cell in a separate variable, so that N - l - n must be at most 256.
     Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
     """

@@ -24,9 +24,9 @@ class ActiveDisturbanceRejection(Law):
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
 
-    v̂ and the disturbance come from the observer, which receives the force after the limit; this prevents windup.  With
+    The observer estimates v̂ and the disturbance from the force after the limit, which prevents windup.  With
     the exact disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
-    m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
+    m/s², leaves the error ξ / omega_c²: 23 mm for a vertical axis at 12 rad/s.
     The set acceleration acts over the whole sample and is evaluated at its middle.
 
     When to use: a stiff axis with friction and cutting forces for which there is no model.  Not suitable for a
@@ -76,7 +76,7 @@ class ActiveDisturbanceRejection(Law):
         observer: Any
 
     def position_gain(self) -> Number:
-        """Return α0/α1, 1/s."""
+        """Return the position gain α0/α1, 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Any:
@@ -108,7 +108,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """Return the error message: how far the limit is exceeded, and the nearest admissible parameter values."""
+        """Return the error message: how far the limit is exceeded, and the nearest admissible values."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:

@@ -33,7 +33,7 @@ class CascadePPI(Law):
     `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: the position
     loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than the axis.
 
-    With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
+    With `viscous` the law cancels the viscous friction of the guideway, using the measured velocity; the paper's closed
     form (7) is exact only then.  An `Inertia` in the same controller then feeds the acceleration forward and keeps its
     own `viscous` at 0.
 
@@ -75,10 +75,10 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with an integral: the gains of the current cascade, or gains derived from `axis.rate`.
+        """Return two variants: with an integral, and without one.
 
-        A second variant without an integral is tried only with a disturbance observer, which then provides the integral
-        action.
+        The first has the gains of the current cascade if that has an integral, else gains derived from `axis.rate`. The
+        second is tried only with a disturbance observer, which then provides the integral action.
         """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)

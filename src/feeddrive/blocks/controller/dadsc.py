@@ -54,7 +54,7 @@ class DADSC(Law):
     velocity_encoder: str = choice("encoder of the velocity", options=("motor", "load"), default="motor")
 
     class Prepared(NamedTuple):
-        """g1 and g2 of (5), N s/m."""
+        """The gains g1 and g2 of equation (5), N s/m."""
 
         g1: Number
         g2: Number
@@ -99,7 +99,7 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) gets the new g2."""
+        """Keep the integral in (5), F̂d + g2 s(k), which is a force, and use the new g2 in the remaining term -g2 s(k)."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:

@@ -26,8 +26,8 @@ class GeneralizedPredictive(Law):
 
     With the divisions C = E_j A Δ + q^j F_j and E_j B = G_j C + q^j H_j, and g, the first row of
     (GᵀG + move_weight)⁻¹ Gᵀ (G_ji = step response of the axis after j - i samples), R = Σ g_j F_j and
-    S = C + q Σ g_j H_j.  The set path is extrapolated by its derivatives up to snap: Σ g_j w(k+j) = Σ τ_i w⁽ⁱ⁾, τ_i = Σ
-    g_j (jT)ⁱ/i!.  The last Δu is computed from the limited force, which prevents windup.
+    S = C + q Σ g_j H_j.  The set path is extrapolated by its derivatives up to snap: Σ g_j w(k+j) = Σ τ_i w⁽ⁱ⁾,
+    τ_i = Σ g_j (jT)ⁱ/i!.  The last Δu is computed from the limited force, which prevents windup.
 
     Tune `horizon` and omega_o: a short horizon makes the loop fast, a slow observer makes it quiet.  One move without a
     weight is enough; three moves leave too little delay margin.

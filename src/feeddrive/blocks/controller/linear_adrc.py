@@ -24,9 +24,9 @@ class LinearADRC(Law):
     When to use: slow friction and gravity for which there is no model, one encoder, a stiff axis.  Not suitable with
     the observer on a load encoder behind a spring, where it performs six times worse than P-PI.  With omega_c fixed a
     faster observer improves margins and stiffness, but force noise grows with omega_o².  Disturbances near omega_o are
-    amplified by 1.3.  The law equals `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)`, with
-    two exceptions: the observer here needs no reading between samples, and the feedback uses x̂ in place of the
-    reading.
+    amplified by 1.3.
+    The law equals `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)`, with two exceptions: the
+    observer here needs no reading between samples, and the feedback uses x̂ in place of the reading.
     Source: Gao 2003 (bandwidths) and Miklosovic, Radke & Gao 2006 (the current form of the observer).
     """
 
@@ -45,7 +45,7 @@ class LinearADRC(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with the observer on the velocity encoder, four times as fast as the controller."""
+        """Return one variant: its observer uses the velocity encoder and is four times as fast as the controller."""
         encoder = axis.velocity_encoder
         position = "load" if axis.encoders == 2 and encoder == "motor" else "estimate"
         law = begun(cls, axis, omega_c=0.5 * axis.rate, omega_o=2.0 * axis.rate, encoder=encoder, position=position)
@@ -67,7 +67,7 @@ class LinearADRC(Law):
         pending: tuple[Number, ...]
 
     def position_gain(self) -> Number:
-        """Return omega_c/(2 zeta_c), 1/s."""
+        """Return the position gain omega_c/(2 zeta_c), 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Prepared:

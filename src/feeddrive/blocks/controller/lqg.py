@@ -49,7 +49,7 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
 
 
 def outer(column: Row, factor: Any = 1.0) -> Matrix:
-    """Return factor · c cᵀ."""
+    """Return the matrix factor · c cᵀ of a column c."""
     scaled = [factor * x if not matrix.is_zero(x) else 0.0 for x in column]
     return tuple(tuple(0.0 if matrix.is_zero(x) or matrix.is_zero(y) else x * y for y in column) for x in scaled)
 
@@ -79,9 +79,9 @@ class LQG(Law):
         correct   z  = z⁻ + L (y - C z⁻)
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
         K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
-        L         minimizes the error variance, relative to the noise of the reading: F̂ has process noise of
-              m omega_o³ T in a sample, the drive's force of recovery m omega_o², and with two masses each
-              velocity of 0.001 omega_o² T
+        L         minimizes the error variance, relative to the noise of the reading: the process noise is
+                  m omega_o³ T per sample in F̂, recovery m omega_o² in the drive's force, and, with two masses,
+                  0.001 omega_o² T in each velocity
 
     m is the total mass.  x* and F* are the set motion and its force: for one mass (x_r, v_r) and m a_r + b v_r in the
     middle of the sample; for two masses the motor leads the load by the deflection of the spring under that motion

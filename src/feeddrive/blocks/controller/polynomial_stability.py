@@ -1,4 +1,4 @@
-"""Stability of a polynomial, for rules evaluated on numbers or in a trace."""
+"""Stability of a polynomial, for validity rules that are evaluated with numbers or traced."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -27,7 +27,7 @@ class SuperTwisting(Law):
         u     = k1 √|s| sgn s + w,   w' = k2 sgn s,      k1 = root_factor √L,   k2 = sign_factor L
 
     L is the largest rate of change of the disturbance divided by the mass, |dF_d/dt| / m; it must stay below k2.
-    `form` selects how this is sampled:
+    `form` selects how the law is sampled:
 
         explicit   u and w as written, w(k+1) = w + T k2 sgn s
         implicit   β = s - T w:  w⁺ = w + c/T,      u = w⁺ + k1 y sgn β       c, y of β with h = T

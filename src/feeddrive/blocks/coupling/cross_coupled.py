@@ -54,7 +54,7 @@ class CrossCoupled(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes of the contour."""
+        """Return the names of the axes that trace the contour."""
         return self.contour_axes
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> State:

@@ -36,7 +36,7 @@ class DynamometerForce(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes with a component."""
+        """Return the names of the axes on which a component acts."""
         return tuple(component.axis for component in self.components)
 
     def step(

@@ -115,7 +115,7 @@ class MillingCut(Coupling):
         return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes that move the tool or the table."""
+        """Return the names of the axes that move the tool or the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:

@@ -36,7 +36,7 @@ class StructureMode(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes with a shape."""
+        """Return the names of the axes in `shapes`."""
         return tuple(shape.axis for shape in self.shapes)
 
     def modes(self) -> tuple[SharedMode, ...]:

@@ -18,7 +18,7 @@ LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and lea
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
-    """Return entry and exit of the chip in rad for a radial depth in m; without a depth, those of a slot.
+    """Return the entry and exit angle of the chip in rad for a radial depth in m, or for a slot if it is None.
 
     up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
     symmetric π/2 ∓ arcsin(radial_depth / diameter)
@@ -55,7 +55,7 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
 
 
 def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
-    """Return the chip thickness in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
+    """Return the chip thickness (m) of a tooth on its true path, a trochoid; to first order it is chip_load · sin v.
 
         R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed per rad
 
@@ -102,7 +102,7 @@ def lag(edge: Edge) -> Any:
 def fits_slices(kind: str, edge: Edge) -> Rule:
     """Return the rule that a slice spans at most a quarter of a turn.
 
-    The closed forms require that no slice reaches around the unengaged part.
+    The closed forms require that no slice spans the whole unengaged arc.
     """
     turn, slices = lag(edge), edge.slices
     return Rule(
@@ -269,7 +269,7 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
-    """Return sine and cosine of the sum of two angles."""
+    """Return sine and cosine of the sum of two angles, from sine and cosine of each."""
     if s == 0.0 and c == 1.0:
         return sine, cosine
     return sine * c + cosine * s, cosine * c - sine * s

@@ -33,8 +33,8 @@ class MechanisticCutter(Cutter):
         mean torque · ω = Ktc · (volume per second) + Kte · (cutting speed) · teeth · axial_depth · (exit - entry) / 2π
 
     Entry and exit are 0 and π in a slot; with a radial_depth up milling cuts from 0 to arccos(1 - 2 radial_depth /
-    diameter), down milling over the same angle up to π, a symmetric face cut π/2 ∓ arcsin(radial_depth / diameter). The
-    parameters `entry` and `exit` specify them directly.
+    diameter), down milling over the same angle up to π, a symmetric face cut π/2 ∓ arcsin(radial_depth / diameter).
+    Alternatively, `entry` and `exit` specify them directly.
     When to use: for forces with a worn or rubbing edge, for run-out, for a `MillingCut` that may lose contact.
     Not suitable for unequal pitch, or within c²/2R of entry and exit, where the path of a tooth is no longer a circle.
     Raises ParameterError for coefficients outside the range of real materials, usually the result of a wrong unit.

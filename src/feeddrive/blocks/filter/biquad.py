@@ -12,7 +12,7 @@ from feeddrive.language.text import Text
 
 
 class Section(NamedTuple):
-    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is None where it equals b1, as in a notch."""
+    """A section H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is None where it equals b1, as in a notch."""
 
     b0: Number
     b1: Number

@@ -21,7 +21,7 @@ class LowPass(Filter):
     frequency: Number = parameter("Hz", "corner frequency", above=0)
 
     class Prepared(NamedTuple):
-        """The coefficients b and a of the equation."""
+        """The coefficients b and a in y = b (x + x₋₁) - a y₋₁."""
 
         b: Number
         a: Number

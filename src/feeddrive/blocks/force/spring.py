@@ -1,4 +1,4 @@
-"""The check that a plant has a spring between motor and load body, which some force blocks act on."""
+"""The check that a plant has the spring between motor and load body on which a force block acts."""
 
 from feeddrive.blocks.families import Plant
 from feeddrive.language.errors import StructureError

@@ -33,7 +33,7 @@ class Directional(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Compute F = clip(-v_free / mobility, ...), bounded by the levels at the middle velocity of the substep."""
+        """Compute F = clip(-v_free / mobility, -upper, lower); the bounds are the levels at the middle velocity."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
         middle = 0.5 * (velocity + guess)
@@ -44,7 +44,7 @@ class Directional(Friction):
         return state, ops.clip(stopping, -upper, lower), stuck
 
     def steady(self, velocity: Number) -> Number:
-        """Return the friction force in N at a constant velocity v, with the values for its direction."""
+        """Return the friction force in N at a constant velocity, from the values for the direction of motion."""
         forward = self.coulomb_positive + self.viscous_positive * velocity
         backward = -self.coulomb_negative + self.viscous_negative * velocity
         return ops.where(velocity > 0.0, forward, ops.where(velocity < 0.0, backward, 0.0))

@@ -16,8 +16,8 @@ class DirectionalStribeck(Friction):
         level(v) = coulomb± + (breakaway± - coulomb±) e^-|v / stribeck_velocity|^exponent,  + for v > 0, - for v < 0
         at rest F lies between -breakaway_positive and +breakaway_negative
 
-    Both levels are evaluated at the velocity in the middle of the substep, which a first solution with the breakaway
-    levels predicts.
+    Both levels are evaluated at the velocity in the middle of the substep, predicted by a first solution with the
+    breakaway levels.
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 

@@ -108,7 +108,7 @@ class GeneralizedMaxwellSlip(Friction):
         return base, slope, low, high, most, going
 
     def _most(self, i: int, level: Number) -> Any:
-        """Return α_i s, N."""
+        """Return α_i s, the largest force of element i, N."""
         whole: Any = 0.0
         for j in range(ops.length(self.share)):
             whole = whole + ops.gather(self.share, float(j))

@@ -59,7 +59,7 @@ class Lugre(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """Evaluate the equations in the class docstring twice: with the level at the initial, then at the middle velocity.
+        """Solve the equations in the class docstring, first with the level at the initial, then at the middle velocity.
 
         The body is never stuck.
         """

@@ -24,8 +24,8 @@ class Regularised(Friction):
     transition_velocity has one root u = |v| / transition_velocity, found by a fixed number of Halley steps; F is then
     smooth in all parameters.
 
-    Do not use it as a model of an axis at rest: it creeps under any force, and a step through zero velocity is
-    inaccurate.
+    Do not use it as a model of an axis at rest: it creeps under any force, and a substep in which the velocity
+    crosses zero is inaccurate.
     Source: common practice in simulations; see `Stribeck` for the curve.
     """
 

@@ -15,9 +15,9 @@ class Stribeck(Friction):
         F ∈ -level(v) · Sgn(v) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
-    The level is evaluated at the velocity in the middle of the substep, which a first solution with the breakaway level
-    predicts, so that an axis at rest is held exactly up to the breakaway level.  The force is then clip(-v_free /
-    mobility, ±level).
+    The level is evaluated at the velocity in the middle of the substep, predicted by a first solution with the
+    breakaway level, so that an axis at rest is held exactly up to the breakaway level.  The force is then
+    clip(-v_free / mobility, ±level).
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 

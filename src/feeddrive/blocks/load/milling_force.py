@@ -17,8 +17,8 @@ class MillingForce(Load):
         F_x, F_y  = F_feed t + F_normal n,   t = (cos direction, sin direction, 0),  n = z x t
         F_z       = -F_axial:  the force pulls a right-handed helix out of its holder, away from the spindle
 
-    F_feed, F_normal, F_axial come from the cutter.  Its chip load is `chip_load`, along a constant `direction`; or with
-    two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
+    The cutter computes F_feed, F_normal and F_axial.  The chip load is `chip_load`, with a constant `direction` of the
+    feed; or, with two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
 
         chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no force without feed
 
@@ -26,8 +26,8 @@ class MillingForce(Load):
     moves the workpiece instead of the tool, the force on the axis has the opposite sign.
     When to use: for an axis that must hold its path while cutting; use one block per axis, each with its component.
     Not suitable for chatter, since the chip does not depend on vibration.
-    Source: Beltrán-Carbajal et al. 2013, eqs.  (4)-(8); F_c in the paper's axis equations is the negative of this
-    force. Raises StructureError unless exactly one of chip_load and references is specified.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c in the paper's axis equations is the negative of this force.
+    Raises StructureError unless exactly one of chip_load and references is specified.
     """
 
     cutter: Cutter = part("the tool")

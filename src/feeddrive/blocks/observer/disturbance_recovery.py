@@ -30,9 +30,9 @@ class DisturbanceRecovery(Observer):
 
     The estimate is a double difference: a resolution q causes noise of √6 m (q/√12)/T² before the filter.  `lag` is the
     delay for a force that is held over each sample while the motor force is constant: 1.5 T plus the delay of the
-    filter, about √2/(2π frequency) for second order.  The 1.5 T become T for a force that rises linearly within the
-    samples.  Both values are T/2 smaller under a law that cancels the force, since F_m(k-1) is then more recent than
-    the mean over the two samples that the double difference spans.
+    filter, about √2/(2π frequency) for second order.  For a force that rises linearly within the samples, T
+    replaces 1.5 T.  Both values are smaller by T/2 under a law that cancels the force, since F_m(k-1) is then more
+    recent than the mean over the two samples that the double difference spans.
     When to use: under any law, to monitor a cutting force or to reject it.  Not suitable for an axis mode inside the
     filter's band; with a coarse encoder use `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
@@ -49,7 +49,7 @@ class DisturbanceRecovery(Observer):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values: the velocity encoder, and a corner frequency of 0.2 `axis.rate`."""
+        """Return start values: the velocity encoder, and 0.2 `axis.rate` as corner frequency in Hz."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
@@ -116,8 +116,8 @@ class DisturbanceRecovery(Observer):
     def lag(self, prepared: Prepared, T: Number) -> Number:
         """Return the delay in s for a disturbance that is held over each sample, at constant motor force.
 
-        In other cases the delay is up to T shorter. It is the sum of 1.5 T for the double difference and the delay of
-        the filter at 0 Hz, which is α/(1 - α) T for each pole.
+        This is the sum of 1.5 T for the double difference and the delay of the filter at 0 Hz, which is α/(1 - α) T for
+        each pole. In other cases the delay is up to T shorter.
         """
         samples: Any = 1.5
         if prepared.pole:

@@ -63,7 +63,7 @@ class GpiObserver(Observer):
     )
 
     class Prepared(NamedTuple):
-        """F, and the columns of u (with 1/mass) and of the change of y."""
+        """F, and the input columns for u (including 1/mass) and for the change of y."""
 
         F: Matrix
         Gu: Row
@@ -155,7 +155,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the velocity z_1 omega_o, and the disturbance and its derivatives mass · z_i omega_o^i, i >= 2."""
+        """Rescale z to keep the velocity z_1 omega_o, the disturbance and its derivatives mass · z_i omega_o^i, i >= 2."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:

@@ -16,8 +16,8 @@ class ThreeMassChain(Plant):
 
     All quantities are referred to table motion.  The force acts on the motor x0.  The motor encoder, the friction of
     bearings and nut, and forces such as cogging are located at the screw x1.  The load is the table x2.  Use this plant
-    as the true axis on which to test designs made for a two-mass model.  Source: Gordon & Erkorkmaz 2013, eq. (1), with
-    a coupling before the screw.
+    as the true axis on which to test designs made for a two-mass model.
+    Source: Gordon & Erkorkmaz 2013, eq. (1), with a coupling before the screw.
     """
 
     mass_motor: Number = parameter("kg", "rotor, seen at the table", above=0)

@@ -122,7 +122,7 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
 
 
 def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
-    """Return the error message: how far the model is from a controllable one, and the nearest admissible value."""
+    """Return the error message: the distance to a controllable model, and the nearest admissible value."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         # with little damping control = (led/m22)²
@@ -177,7 +177,7 @@ def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
 
         s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired
 
-    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s is free of the spring,
+    With the sums S1 = K1 + K2 and S3 = K3 + K4 this is, since P22 + P12 = led s² + dragged s is free of the spring,
 
         s² (K1 + K3 s)(led s + dragged) + (Ki + S1 s + S3 s²)(k - c12 s - m12 s²) = (m11 m22 - m12²) · desired - s Δ
 

@@ -15,7 +15,7 @@ class Polynomial7(Move):
     Peaks: velocity 35/16 · distance / travel_time in the middle, acceleration 84/(5√5) · distance / travel_time² at
     τ = 1/2 ± 1/(2√5), jerk 52.5 · distance / travel_time³ in the middle.
     Not suitable for long distances, since it never cruises; a SnapLimitedMove within the same limits is faster.
-    Source: it is the only polynomial of degree 7 whose velocity, acceleration and jerk are 0 at both ends.
+    Source: the polynomial of degree 7 is unique if velocity, acceleration and jerk are 0 at both ends.
     """
 
     travel_time: Number = parameter("s", "time of one way", above=0)

@@ -1,4 +1,4 @@
-"""The impulse sequences of input shapers: a command convolved with them does not excite a mode."""
+"""The impulse sequences of input shapers; a command convolved with one of them does not excite a mode."""
 
 import math
 

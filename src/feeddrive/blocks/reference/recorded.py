@@ -15,7 +15,7 @@ _HIGHER = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Recorded(Reference):
-    """A log replayed: row k of the tables at t = k · sample_time, the first position before it, the last one after it.
+    """A replayed log: row k of the tables at t = k · sample_time, the first position before it, the last one after it.
 
     If only positions are recorded, the velocity is the backward difference, 0 in the first row, and all higher
     derivatives are 0, so that `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit.

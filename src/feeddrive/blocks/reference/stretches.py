@@ -34,7 +34,7 @@ class Way(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A fourth-order polynomial in the time of a leg, given by travel, velocity ... snap at its start (SI)."""
+    """A fourth-order polynomial in the time of a leg, defined by travel, velocity, ..., snap at its start (SI)."""
 
     start: Number  # s
     span: Number  # s
@@ -65,7 +65,7 @@ class Stretch(NamedTuple):
 
 
 def rest(begins: float, position: float) -> Stretch:
-    """Return a stretch at rest at a position (m), beginning at a time (s)."""
+    """Return a stretch in which the axis rests at `position` (m) from the time `begins` (s) on."""
     return Stretch(Way(begins, 0.0, position, 0.0), Piece(*(0.0,) * 7))
 
 
