@@ -24,7 +24,7 @@ class ActiveDisturbanceRejection(Law):
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
 
-    The observer estimates v̂ and the disturbance from the force after the limit, which prevents windup.  With
+    The observer estimates v̂ and the disturbance; it receives the force after the limit, which prevents windup.  With
     the exact disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
     m/s², leaves the error ξ / omega_c²: 23 mm for a vertical axis at 12 rad/s.
     The set acceleration acts over the whole sample and is evaluated at its middle.

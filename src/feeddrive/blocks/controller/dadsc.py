@@ -99,7 +99,7 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the integral in (5), F̂d + g2 s(k), which is a force, and use the new g2 in the remaining term -g2 s(k)."""
+        """Keep the integral in (5), the force F̂d + g2 s(k); the remaining term -g2 s(k) then uses the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:

@@ -28,7 +28,7 @@ class StockBiquad(Block):
         s2: Number
 
     def start(self, zero: Number) -> State:
-        """Return the state with which HAL loads the component: all zeros."""
+        """Return the state in which HAL loads the component: all zeros."""
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:

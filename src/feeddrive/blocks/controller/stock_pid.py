@@ -63,7 +63,7 @@ class StockPid(Block):
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
         """Return the state of a disabled pid with constant rates of command and feedback.
 
-        HAL itself loads the component with all zeros.
+        HAL itself initializes the component with zeros.
         """
         zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD

@@ -44,7 +44,7 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for the P-PI cascade, whose reversal errors the stops reduce; they are learned from its log."""
+        """Return True for the P-PI cascade: the stops reduce its reversal errors and are learned from its log."""
         return issubclass(law, CascadePPI)
 
     @classmethod

@@ -155,7 +155,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Rescale z to keep the velocity z_1 omega_o, the disturbance and its derivatives mass · z_i omega_o^i, i >= 2."""
+        """Rescale z so that z_1 omega_o, the velocity, and mass · z_i omega_o^i (i >= 2) stay unchanged."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:
