@@ -30,7 +30,7 @@ def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:
-    """Return the largest admissible share in [0, 1], rounded down to 12 digits; 0 if there is none.
+    """Return the largest admissible share in [0, 1], approached from below by bisection; 0 if there is none.
 
     All smaller shares must be admissible too.
     """
