@@ -1,6 +1,6 @@
 """The blocks: plants, friction, actuators, control laws, filters, encoders, references; one law per file.
 
-A block is found by the name of its file, such as `SmithLaw` in `controller/smith_law.py`; there is no list of blocks.
+The file name identifies a block, such as `controller/smith_law.py` for `SmithLaw`; there is no list of blocks.
 """
 
 import re
@@ -18,7 +18,7 @@ _RENAMED = {"Shaped": "InputShaped"}  # until 1.0, as the kinds in catalogue.py
 
 @cache
 def by_file() -> Mapping[str, str]:
-    """Return the module of every block by class name, read from the source files without importing any block."""
+    """Map the class name of every block to its module; the source files are read, but no block is imported."""
     # imported late: the lazy `import feeddrive` must not load the language of blocks
     from feeddrive.language.block import snake_case
 

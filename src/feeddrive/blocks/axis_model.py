@@ -43,16 +43,16 @@ class SteadyForce(Protocol):
 
 @dataclass(frozen=True)
 class AxisModel:
-    """The axis as given to every law, observer and compensation: one rigid mass with a delay, encoders and friction.
+    """The axis as every law, observer and compensation sees it: one rigid mass with delay, encoders and friction.
 
     mass, viscous      kg and N s/m of the axis as one rigid body
     delay              s from a command to its force: dead time and the lag of the current loop
     sample_time        s
     encoders           number of positions that the controller reads, 1 or 2
-    velocity_encoder   the encoder of the velocity, as in the current controller
-    plant, frictions   blocks of the axis, for a law whose model of the axis is more than one mass
+    velocity_encoder   the encoder from which the velocity is computed, as in the current controller
+    plant, frictions   the axis's blocks, for a law that models the axis as more than one mass
     reading_noise      m, standard deviation of the velocity encoder's reading, including quantization; 0 if not stated
-    machine_modes      modes of the machine outside the axis, from the current controller
+    machine_modes      structural modes outside the axis, taken from the current controller
     """
 
     mass: float
@@ -69,12 +69,12 @@ class AxisModel:
 
     @property
     def rate(self) -> float:
-        """The start value of all rates in 1/s: a tenth of 1/(delay + sample time), slow enough for any law."""
+        """The start value in 1/s of every rate: a tenth of 1/(delay + sample time), slow enough for any law."""
         return _SLOW / (self.delay + self.sample_time)
 
     @property
     def delay_samples(self) -> int:
-        """The delay in whole samples, as observers use it."""
+        """The delay rounded to whole samples, as observers use it."""
         return round(self.delay / self.sample_time)
 
     def dry_friction(self, velocity: float) -> float:
@@ -92,13 +92,13 @@ class AxisModel:
 
 
 class Start(NamedTuple):
-    """The start values of a search for a law's parameters on an axis.
+    """A variant of a law, with the parameter values from which the search on an axis starts.
 
-    name         name of the law in a comparison
+    name         name of the variant in a comparison
     remark       a note for the report
     feedforward  feedforward that replaces that of the current controller
-    only_with    compensations (`Beside.name`), one of which this form needs; if empty, it is tried alone and with
-                 every compensation that suits it
+    only_with    names (`Beside.name`) of compensations; this variant is tried only together with one of them.  If
+                 empty, it is tried alone and with every suitable compensation
     """
 
     name: str
@@ -109,12 +109,12 @@ class Start(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """A form of a compensation that a comparison tries together with a law.
+    """A variant of a compensation that a comparison tries together with a law.
 
-    name   name of the form in a comparison
-    block  the compensation; None if this form cannot be used on the axis
-    remark a note for the report, or the reason why it cannot be used
-    tuned  True if its tunables are searched with those of the law; else the law keeps its tuning
+    name   name of the variant in a comparison
+    block  the compensation; None if this variant cannot be used on the axis
+    remark a note for the report, or the reason why the variant cannot be used
+    tuned  True if its tunables are optimized together with those of the law; else the law keeps its tuning
     """
 
     name: str
@@ -124,12 +124,13 @@ class Beside(NamedTuple):
 
 
 def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
-    """Return a block with start values for an axis: stated values first, then those of the axis, then values by unit.
+    """Return a block with start values for an axis.
 
-    `mass`, `viscous`, `delay_samples` and `velocity_encoder` come from the axis. A field with a default keeps it. A
-    gain without a default is mass^a rate^b according to its unit (`POWERS`), divided by 2π if in Hz.
+    A value in `stated` takes precedence. `mass`, `viscous`, `delay_samples` and `velocity_encoder` are taken from the
+    axis, and other fields keep their defaults. A gain without a default starts at mass^a rate^b, with the exponents
+    that its unit requires (`POWERS`), divided by 2π if the unit is Hz.
 
-    Raises StructureError for any other field: the block must give its start value in a method `begin`.
+    Raises StructureError for any other field, since the block must then provide a start value in its method `begin`.
     """
     from_axis = {
         "mass": axis.mass,

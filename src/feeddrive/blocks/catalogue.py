@@ -1,9 +1,9 @@
 """The catalogue of all concrete blocks, shipped and user-defined.
 
-Shipped blocks are found in the packages under `feeddrive.blocks`. User-defined ones come from installed packages with
-an entry point of the group `feeddrive.blocks`, and from the files and modules named in the environment variable
-FEEDDRIVE_BLOCKS or by --blocks on the command line: a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS. Nothing else is
-imported; a machine file never causes an import.
+Shipped blocks are found in the packages under `feeddrive.blocks`. User-defined ones are loaded from installed packages
+with an entry point of the group `feeddrive.blocks`, and from the places named in the environment variable
+FEEDDRIVE_BLOCKS or by --blocks on the command line.  A place is a file, PACKAGE.MODULE or PACKAGE.MODULE:CLASS. Nothing
+else is imported; a machine file never causes an import.
 
 A block belongs to the family that `families.py` declares for it. A concrete block without a family, such as the
 actuator, is its own family.
@@ -36,7 +36,7 @@ OPT_IN = f"a block of your own is found by --blocks FILE.py, by {VARIABLE}, or o
 
 @cache
 def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Return the shipped block classes by family and kind, folder by folder; the first call imports every block."""
+    """Return the shipped block classes by family and kind; the first call imports every block."""
     families: dict[type[Block], dict[str, type[Block]]] = {}
     for module in modules():
         for block in blocks_of(module):
@@ -45,10 +45,10 @@ def shipped() -> Mapping[type[Block], Mapping[str, type[Block]]]:
 
 
 def catalogue() -> Mapping[type[Block], Mapping[str, type[Block]]]:
-    """Return the block classes by family and kind: those shipped, of installed packages, and of FEEDDRIVE_BLOCKS.
+    """Return all block classes by family and kind: shipped, from installed packages, and from FEEDDRIVE_BLOCKS.
 
-    Raises ParameterError for a place that cannot be imported or holds no block, and StructureError for two blocks of
-    one kind.
+    Raises ParameterError if a place cannot be imported or defines no block, and StructureError if two blocks of a
+    family have the same kind.
     """
     # cached by the value of the variable, which `with_blocks` changes within a process
     return _with_user_blocks(os.environ.get(VARIABLE, ""))
@@ -69,7 +69,7 @@ def _with_user_blocks(places: str) -> Mapping[type[Block], Mapping[str, type[Blo
 
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:
-    """Yield the blocks of installed packages, each with its origin."""
+    """Yield (origin, block) for every block of the installed packages."""
     from importlib.metadata import entry_points  # imported only when blocks are searched
 
     # sorted: which of two blocks of one kind is refused must not depend on the order of installation
@@ -86,7 +86,7 @@ def _of_places(places: str) -> Iterator[tuple[str, type[Block]]]:
 
 
 def _held(origin: str, place: str) -> list[type[Block]]:
-    """Return the concrete blocks at a place: those defined by a module and its submodules, or a single class."""
+    """Return the concrete blocks at a place: all blocks of a module and its submodules, or a single class."""
     try:
         module, name = module_at(place)
         blocks = [getattr(module, name)] if name else _defined_blocks(module)
@@ -116,9 +116,9 @@ def _line_in(error: BaseException) -> str:
 
 
 def module_at(place: str) -> tuple[ModuleType, str]:
-    """Import the module of a place; return it with the name of the class, which is empty if the place names none.
+    """Import the module of a place; return it with the class name, which is empty if the place names no class.
 
-    Modules are searched on Python's path, then in the working directory; a file is imported from its own folder.
+    Modules are searched for on Python's path, then in the working directory; a file is imported from its own folder.
     """
     head, _, name = place.rpartition(":") if not place.endswith(".py") else (place, "", "")
     if not head:
@@ -140,7 +140,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 def fault_of_user_code(error: Exception) -> FeeddriveError | None:
     """Return a one-sentence error with file and line for an exception in user-defined block code, else None.
 
-    The command line uses it, since it shows no traceback; Python users get the original exception.
+    Only the command line, which shows no traceback, uses this function; Python users get the original exception.
     """
     trace, line = error.__traceback__, ""
     while trace is not None:
@@ -152,7 +152,7 @@ def fault_of_user_code(error: Exception) -> FeeddriveError | None:
 
 
 def _defines_blocks(module: Mapping[str, Any]) -> bool:
-    """Return True if the globals are those of a module outside this package that defines blocks."""
+    """Return True if `module`, the globals of a module, is outside this package and defines at least one block."""
     name = str(module.get("__name__", ""))
     return name.partition(".")[0] != "feeddrive" and any(
         isinstance(block, type) and issubclass(block, Block) and block.__module__ == name for block in module.values()
@@ -179,9 +179,9 @@ def _defined_blocks(module: ModuleType) -> list[type[Block]]:
 
 @contextmanager
 def with_blocks(places: Sequence[str]) -> Generator[None]:
-    """Add the blocks of these files or modules to the catalogue within this context, also in child processes.
+    """Context manager that adds the blocks at these places to the catalogue, also in child processes.
 
-    Raises the errors of `catalogue`.
+    Raises the same errors as `catalogue`.
     """
     before = os.environ.get(VARIABLE)
     # absolute: a child process may run in another folder
@@ -207,21 +207,21 @@ def members(family: type[B]) -> Mapping[str, type[B]]:
 
 
 def modules() -> Iterator[str]:
-    """Return the dotted names of the modules that hold blocks, one package below `feeddrive.blocks`."""
+    """Return the dotted names of the modules that define blocks, one package level below `feeddrive.blocks`."""
     return modules_below("feeddrive.blocks")
 
 
 def blocks_of(module: str) -> list[type[Block]]:
-    """Return the concrete blocks defined in a module, without imported ones."""
+    """Return the concrete blocks that a module defines, excluding those that it imports."""
     values = vars(importlib.import_module(module)).values()
     return [value for value in values if _is_concrete(value) and value.__module__ == module]
 
 
 def imported(family: type[B], place: str) -> type[B]:
-    """Import the block that a user names by PACKAGE.MODULE:CLASS; this runs the code of its module.
+    """Import the block that a user specifies as PACKAGE.MODULE:CLASS; the import runs the code of the module.
 
-    Modules are searched on Python's path, then in the working directory. Use it for names on a command line, never for
-    names read from a file.
+    Modules are searched for on Python's path, then in the working directory. Use this function for names from a command
+    line, never for names read from a file.
 
     Raises ParameterError if there is no such module or class, or if it is not a concrete block of the family.
     """
@@ -246,14 +246,14 @@ def required(value: Any, family: type[B], place: str, missing: str = "it is no c
 
 
 def family_of(block: type[Block]) -> type[Block]:
-    """Return the class directly below Block from which a block derives; the block itself if it derives from Block."""
+    """Return the family of a block: the direct subclass of Block that is its ancestor, or the block itself."""
     return next(base for base in reversed(block.__mro__) if issubclass(base, Block) and base is not Block)
 
 
 def find(family: type[B], kind: str) -> type[B]:
     """Return the block class of a kind, such as `two_mass`, in a family.
 
-    Raises ParameterError, with similar names, for an unknown kind.
+    Raises ParameterError, which suggests similar names, for an unknown kind.
     """
     kinds = members(family)
     if kind in kinds:

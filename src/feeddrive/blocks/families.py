@@ -1,19 +1,20 @@
 """The families of blocks: the abstract interfaces that every block of a family implements.
 
-A block is final: it implements the abstract methods and overrides no method with a body but the empty hooks `prepare`,
+A block is final: it implements the abstract methods and overrides no other methods except the empty hooks `prepare`,
 `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
 `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
 `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
-    prepare(T)   values that depend on parameters only, computed once per run; returns a named tuple
-    start(...)   the steady state of a block at rest
-    step(...)    one sample: a pure function from the old state to the new one
-    retune(...)  the state after a live change: forces and estimates stay continuous, bit-identical for equal parameters
-    begin(axis)  start values of its parameters for the tuning on an axis
+    prepare(T)   returns a named tuple of values that depend on parameters only; runs once per run
+    start(...)   returns the steady state of a block at rest
+    step(...)    computes one sample: a pure function that maps the old state to the new one
+    retune(...)  returns the state after a live change; forces and estimates stay continuous, and equal parameters
+                 leave the state bit-identical
+    begin(axis)  returns start values of the parameters for tuning on an axis
 
 `retune` has no default for a block with a state: the old state is right only where no parameter scales its contents,
 and no general rule keeps every block continuous, since the last output determines only one of several state variables.
-Without it, such a block is refused at a live change and by an export.
+A block with a state but without `retune` is therefore refused at a live change and in an export.
 
 Besides the blocks of a single axis there are couplings, which act on several axes of a machine, and milling tools.
 """
@@ -40,9 +41,9 @@ class Retuned:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, without a bump (hook).
+        """Return the state after a live change from the block `old` to this one, which must be bumpless (hook).
 
-        Raises StructureError for a block with a state that does not override it.
+        Raises StructureError if the block has a state but does not override this method.
         """
         return _without_numbers(self.kind, state, "state, old, old_prepared, prepared")
 
@@ -53,9 +54,9 @@ class RetunedUnprepared:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, without a bump (hook).
+        """Return the state after a live change from the block `old` to this one, which must be bumpless (hook).
 
-        Raises StructureError for a block with a state that does not override it.
+        Raises StructureError if the block has a state but does not override this method.
         """
         return _without_numbers(self.kind, state, "state, old")
 
@@ -73,11 +74,11 @@ def _without_numbers(kind: str, state: Any, arguments: str) -> Any:
 
 
 class Nothing(NamedTuple):
-    """The state of a block without memory, and the prepared values of a block without preparation."""
+    """The empty state of a block without memory, and the empty prepared values of a block that needs none."""
 
 
 class Mechanics(NamedTuple):
-    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q, with rows of S for drive and encoders."""
+    """The matrices of M q'' + C q' + K q = Sᵀ f with body positions x = S q; S has rows for drive and encoders."""
 
     mass: Matrix  # M (n, n), kg, positive definite
     damping: Matrix  # C (n, n), N s/m
@@ -89,7 +90,7 @@ class Mechanics(NamedTuple):
     rigid: Row = ()  # q after a rigid motion of the axis by 1 m, springs relaxed; empty if each q is a body's position
 
     def rigid_motion(self) -> Row:
-        """Return the coordinates of a rigid motion by 1 m: S q = 1 and K q = 0."""
+        """Return the coordinates q of a rigid displacement by 1 m, for which S q = 1 and K q = 0."""
         return self.rigid or (1.0,) * len(self.mass)
 
 
@@ -98,21 +99,21 @@ class Plant(Block, ABC):
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
-        """Return the matrices in plain arithmetic; literal 0.0 and 1.0 in the code cost no operations in the step."""
+        """Return the matrices, computed by plain arithmetic; a literal 0.0 or 1.0 saves operations in the step."""
 
     def rigid_mass(self) -> Number:
-        """Return the mass of the rigid motion, kg."""
+        """Return the total mass in rigid motion, kg."""
         mechanics = self.mechanics()
         along = mechanics.rigid_motion()
         return matrix.dot([matrix.dot(row, along) for row in mechanics.mass], along)
 
 
 class Friction(Block, ABC):
-    """Friction at one body, set-valued and implicit: the force over a substep matches the velocity at its end."""
+    """Set-valued friction at one body, solved implicitly: the force over a substep suits the velocity at its end."""
 
     @abstractmethod
     def start(self, velocity: Number = 0.0) -> Any:
-        """Return the state after a long motion at this velocity."""
+        """Return the steady state at a constant velocity."""
 
     @abstractmethod
     def linear(self) -> Number:
@@ -122,23 +123,25 @@ class Friction(Block, ABC):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Return the new state, the force F in N, and True if the body is stuck; F is held over the implicit step.
+        """Return the new state, the force F (N) held over the substep, and a flag that is True if the body sticks.
 
-        step, velocity  s, length of the substep; m/s at its start
-        free_velocity   m/s at its end if F were 0; with it, v = free_velocity + mobility · F, exactly 0 if it is stuck
-        mobility        (m/s)/N, > 0
+        step           length of the substep, s
+        velocity       velocity at the start of the substep, m/s
+        free_velocity  velocity at its end if F were 0, m/s; the velocity with F is free_velocity + mobility · F,
+                       which is exactly 0 if the body sticks
+        mobility       velocity change per force, (m/s)/N, > 0
         """
 
     @abstractmethod
     def steady(self, velocity: Number) -> Number:
-        """Return the friction force in N at a constant velocity, with the linear part; for plots and feedforward."""
+        """Return the friction force in N at a constant velocity, linear part included; for plots and feedforward."""
 
 
 class Force(Block, ABC):
     """A force that depends on motion, drive force, time or its own past: cogging, backlash, gravity, regeneration."""
 
     def start(self, plant: Plant, motion: Motion) -> Any:
-        """Return the state after a long motion at this velocity (empty hook)."""
+        """Return the steady state at the velocity of `motion` (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -151,15 +154,15 @@ class Force(Block, ABC):
         """
 
     def fits(self, plant: Plant, beside: tuple[Self, ...]) -> None:
-        """Raise StructureError for a plant or other forces with which the force cannot be combined (empty hook)."""
+        """Raise StructureError if the plant or the other forces cannot be combined with this one (empty hook)."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the rules of the force for substeps of h seconds (empty hook)."""
+        """Yield the validity rules of the force for substeps of h seconds (empty hook)."""
         return iter(())
 
 
 class Motor(Block, ABC):
-    """The source of the force: it converts N at the table into the drive's unit (A, V, N m)."""
+    """The motor, which converts force at the table (N) to the unit of the drive's command (A, V or N m)."""
 
     unit: ClassVar[str] = ""
 
@@ -169,15 +172,15 @@ class Motor(Block, ABC):
 
     @abstractmethod
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Return the peak and continuous (RMS) force in N at the table; None if not stated."""
+        """Return the peak and continuous (RMS) force in N at the table; None for a limit that is not specified."""
 
     @abstractmethod
     def velocity_limit(self) -> Number | None:
-        """Return the largest speed in m/s at the table; None if not stated."""
+        """Return the largest speed in m/s at the table; None if it is not specified."""
 
 
 class Sensor(Block, ABC):
-    """An encoder with its errors: the reading of the controller for a body at `position`."""
+    """An encoder with its errors, which gives the controller's reading of the position of a body."""
 
     @abstractmethod
     def start(self, position: Number) -> Any:
@@ -185,7 +188,7 @@ class Sensor(Block, ABC):
 
     @abstractmethod
     def still(self, position: Number) -> Number:
-        """Return the reading in m of a body at rest at `position`, without noise."""
+        """Return the noise-free reading in m for a body at rest at `position`."""
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
@@ -193,14 +196,14 @@ class Sensor(Block, ABC):
 
 
 class Law(Block, Retuned, ABC):
-    """A feedback law: the controller of one paper, in one file. A command is a force in N at the load.
+    """A feedback law: the controller of one paper, in one file, whose command is a force in N at the load.
 
-    feeds    parts of the set motion that the law itself feeds forward (`FEEDS`): no other block may feed them too
+    feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so that no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
-    encoders 2 if the law always needs the motor's and the load's position as two measurements
-    tunables parameters to tune, in the order of manual tuning, without an observer's; empty: see `to_tune`
-    title    its name in a comparison; empty: its kind
-    steps_live  True if the force steps at a live change in a steady state, as in the original that it reproduces
+    encoders 2 if the law always needs separate measurements of motor and load position, else 1
+    tunables parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
+    title    name of the law in a comparison; if empty, its kind is used
+    steps_live  True if the force jumps at a live change in steady state, as in the original that the law reproduces
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -224,32 +227,32 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
-        """Return the start values of a search for one or several forms of the law (hook).
+        """Return one or several variants of the law with start values for a search (hook).
 
-        `present` is the law of the axis's current controller. By default the values follow from their units (`begun`).
-        An empty tuple leaves the law out of the comparison. Raises StructureError, with the reason, if the law cannot
-        be used on the axis.
+        `present` is the law of the axis's current controller. By default the start values follow from the units of the
+        parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
+        reason, if the law cannot be used on the axis.
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
     def prepare(self, T: Number) -> Any:
-        """Compute the values that depend on parameters only (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run (empty hook)."""
         return Nothing()
 
     @abstractmethod
     def start(self, prepared: Any, setpoint: Setpoint, reading: Reading) -> Any:
-        """Return the state for a bumpless start from the reading; pure and traced, since every enable runs it."""
+        """Return the state for a bumpless start from the reading; a pure, traced function that runs at every enable."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
         """Compute one sample: the new state and the force in N."""
 
     def period(self) -> int:
-        """Return the period in samples of a time-varying law; more than 1 for a law with a slower part (empty hook)."""
+        """Return the period of the law in samples; more than 1 if a part of it runs more slowly (empty hook)."""
         return 1
 
     def position_gain(self) -> Any:
-        """Return the velocity commanded per position error, 1/s; None if the law has no such gain (empty hook)."""
+        """Return the ratio of commanded velocity to position error, 1/s; None if there is none (empty hook)."""
         return None
 
     def positions(self) -> int:
@@ -257,7 +260,7 @@ class Law(Block, Retuned, ABC):
         return self.encoders
 
     def settled(self) -> Self:
-        """Return the block without its internal limits, for linear models (empty hook)."""
+        """Return the law without its internal limits, for linear models (empty hook)."""
         return self
 
 
@@ -270,7 +273,7 @@ class Filter(Block, Retuned, ABC):
 
     @abstractmethod
     def start(self, prepared: Any, value: Number) -> Any:
-        """Return the state after a constant input `value`."""
+        """Return the steady state for a constant input `value`."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, value: Number) -> tuple[Any, Number]:
@@ -283,8 +286,9 @@ FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that
 class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
-    feeds    the parts of the set motion that the block feeds forward (`FEEDS`), so that none is fed twice
-    learned  its name in a comparison if its parameters are learned from trials; empty if they cannot be
+    feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so that no other block may do so
+    title    name of the block in a comparison
+    learned  name in a comparison if the parameters are learned from trials; empty if they cannot be learned
     """
 
     feeds: ClassVar[tuple[str, ...]] = ()
@@ -293,16 +297,16 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison combines it with a law, under its `title`, starting from `begin` (empty hook)."""
+        """Return True if a comparison is to try the block, as given by `begin`, together with a law (empty hook)."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values on an axis.  Raises StructureError, with the reason, if there are none (empty hook)."""
+        """Return a block with start values for an axis, or raise StructureError with the reason (empty hook)."""
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """Return the parts of the set motion fed forward: fewer than `feeds` if some are absent (empty hook)."""
+        """Return the parts of the set motion that are fed forward, `feeds` without the absent ones (empty hook)."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
@@ -315,13 +319,16 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
 
 class Prefilter(Block, RetunedUnprepared, ABC):
-    """A block that changes the setpoint before law and feedforward see it."""
+    """A block that changes the setpoint before law and feedforward receive it.
+
+    title    name of the block in a comparison
+    """
 
     title: ClassVar[str] = ""
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison combines it, fitted to the move, with a law, under its `title` (empty hook)."""
+        """Return True if a comparison is to try the block, fitted to the move, together with a law (empty hook)."""
         return False
 
     @abstractmethod
@@ -334,22 +341,22 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
 
 class Observer(Block, Retuned, ABC):
-    """An estimator of quantities that are not measured, from reading and `applied`; its `tunables` are positive."""
+    """An estimator of unmeasured quantities from the reading and the `applied` force; its `tunables` are positive."""
 
     tunables: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values of a search on an axis. Raises StructureError if there are none (empty hook)."""
+        """Return an observer with start values for an axis, or raise StructureError with the reason (empty hook)."""
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
-        """Compute the values that depend on parameters only (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run (empty hook)."""
         return Nothing()
 
     @abstractmethod
     def start(self, prepared: Any, reading: Reading) -> Any:
-        """Return the state at rest at the measured position, with `reading.applied` balanced by the disturbance."""
+        """Return the state at rest at the measured position; the disturbance balances `reading.applied`."""
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, reading: Reading, T: Number) -> tuple[Any, Estimate]:
@@ -361,25 +368,28 @@ class Observer(Block, Retuned, ABC):
 
 
 class Compensation(Block, Retuned, ABC):
-    """A block for any law: it uses the reading to shift the setpoint (modes) or to add a force (rejection)."""
+    """A block for any law that uses the reading to shift the setpoint (modes) or to add a force (rejection).
+
+    title    name of the block in a comparison
+    """
 
     title: ClassVar[str] = ""
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison combines it with a law, under its `title`, starting from `begin` (empty hook)."""
+        """Return True if a comparison is to try the block, as given by `begin`, together with a law (empty hook)."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one or several forms of the compensation, by default with start values by unit (empty hook).
+        """Return one or several variants of the block, by default with start values by unit (empty hook).
 
-        Raises StructureError, with the reason, if there are none.
+        Raises StructureError, with the reason, if no variant suits the axis.
         """
         return (Beside(cls.title, begun(cls, axis)),)
 
     def prepare(self, T: Number) -> Any:
-        """Compute the values that depend on parameters only (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run (empty hook)."""
         return Nothing()
 
     @abstractmethod
@@ -390,14 +400,14 @@ class Compensation(Block, Retuned, ABC):
     def step(
         self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[Any, Setpoint, Number]:
-        """Compute one sample: new state, setpoint for law and feedforward, and force in N behind the filters."""
+        """Compute one sample: new state, setpoint for law and feedforward, force (N) added after the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """Return the part of the acting force that the block provides at the start, N; the law adds the rest (hook)."""
+        """Return the part of the acting force in N that this block, not the law, provides at the start (hook)."""
         return 0.0
 
     def moved(self, state: Any) -> Any:
-        """Return the part of the set-position shift that only corrects the reading, m (empty hook)."""
+        """Return the part of the set-position shift in m that only corrects an error of the reading (empty hook)."""
         return 0.0
 
     def settled(self) -> Self:
@@ -409,12 +419,12 @@ class Compensation(Block, Retuned, ABC):
 
 
 class Reference(Block, ABC):
-    """A motion in closed form or from a log; sampled, not traced, so it may use numpy."""
+    """A motion in closed form or from a log; it is sampled rather than traced, so that it may use numpy."""
 
     @property
     @abstractmethod
     def duration(self) -> float:
-        """The duration in s, after which the setpoint rests at the end."""
+        """The duration in s, after which the setpoint rests at its end position."""
 
     @abstractmethod
     def at(self, t: np.ndarray) -> Setpoint:
@@ -424,12 +434,12 @@ class Reference(Block, ABC):
         """
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the motion from t = 0 as polynomials of time, for machine code; empty if only `at` exists (hook)."""
+        """Return the motion from t = 0 as polynomials in time, for exported code; empty if only `at` exists (hook)."""
         return ()
 
 
 class Load(Block, ABC):
-    """A force on the moved body as a function of time alone; sampled, not traced."""
+    """A force on the load's body as a function of time alone; it is sampled rather than traced."""
 
     @abstractmethod
     def at(self, t: np.ndarray) -> np.ndarray:
@@ -446,7 +456,7 @@ class SharedMode(NamedTuple):
 
 
 class SharedSpring(NamedTuple):
-    """A spring and a damper between tables: stretch = Σ share · x_load, force on each table = -share · (k s + c s')."""
+    """A spring and a damper between tables: stretch s = Σ share · x_load, force on each table -share · (k s + c s')."""
 
     stiffness: Number  # N/m
     damping: Number  # N s/m
@@ -479,17 +489,17 @@ class Coupling(Block, ABC):
         return {}
 
     def prepare(self, h: Number) -> Any:
-        """Compute the values that depend on parameters and the substep h only (empty hook)."""
+        """Return the values that depend only on the parameters and the substep h (empty hook)."""
         return Nothing()
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
-        """Return the state after a long motion of the axes at these velocities (empty hook)."""
+        """Return the steady state at the velocities of `motions` (empty hook)."""
         return Nothing()
 
     def step(
         self, prepared: Any, state: Any, motions: Mapping[str, Motion], time: Number, h: Number
     ) -> tuple[Any, Mapping[str, tuple[Number, Number]]]:
-        """Compute a substep of h seconds: the new state, and by axis the force in N on its motor's and its load's body.
+        """Compute a substep of h seconds: the new state, and for each axis the forces in N on motor and load body.
 
         Motions are predicted for the middle of the substep, at the instant `time` (empty hook).
         """
@@ -502,14 +512,15 @@ class Coupling(Block, ABC):
     def correct(
         self, state: Any, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
     ) -> tuple[Any, Mapping[str, Number]]:
-        """Compute one sample on the controller from the positions read (m): state and corrections (empty hook).
+        """Return the new state and the corrections of one sample, from the measured positions in m (empty hook).
 
-        The corrections, by axis in m/s, are added to the velocity that the law of the axis commands.
+        This runs on the controller. Each correction, in m/s, is added to the velocity that the law of that axis
+        commands.
         """
         return state, {}
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the rules of the coupling for substeps of h seconds (empty hook)."""
+        """Yield the validity rules of the coupling for substeps of h seconds (empty hook)."""
         return iter(())
 
 
@@ -530,14 +541,14 @@ class Edge(NamedTuple):
 
 
 class Cutter(Block, ABC):
-    """A milling tool: the force of the workpiece on the tool, traced so that loads and couplings can both use it."""
+    """A milling tool with the cutting force on it; its methods are traced so that loads and couplings can use them."""
 
     teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
     slices: int = choice("pieces of an edge, each in contact or not", default=5, least=1, most=200)
 
     @abstractmethod
     def edge(self) -> Edge:
-        """Return the edges of the tool, for a chip that follows from its motion."""
+        """Return the edges of the tool, for use where the chip follows from the motion of the tool."""
 
     @abstractmethod
     def forces(self, angle: Number, chip_load: Number) -> tuple[Number, Number, Number]:
@@ -549,4 +560,4 @@ class Cutter(Block, ABC):
 
     @abstractmethod
     def torque(self, angle: Number, chip_load: Number) -> Number:
-        """Return the spindle torque at the same angle and chip load, N m."""
+        """Return the spindle torque in N m, for an angle and a chip load as in `forces`."""

@@ -1,4 +1,4 @@
-"""Common checks of references and loads, which are sampled before the run, not traced, and have no variants."""
+"""Common checks for references and loads, which are sampled before the run, are not traced, and have no variants."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def check_single(block: Block) -> None:
 
 
 def are_all(parts: object, family: type[Block]) -> bool:
-    """Return True for a tuple of at least one block, all of one family. Parts are not checked elsewhere."""
+    """Return True if `parts` is a nonempty tuple of blocks of the family; no other code checks this."""
     return isinstance(parts, tuple) and bool(parts) and all(isinstance(part, family) for part in parts)
 
 
@@ -37,7 +37,7 @@ def check_duration(kind: str, duration: float) -> None:
 
 
 def check_order(kind: str, start: float, end: float | None) -> None:
-    """Raise ParameterError for an end that does not come after the start."""
+    """Raise ParameterError if the end is not after the start."""
     if end is not None and not end > start:
         raise ParameterError(
             f"{kind}.end = {Quantity(end, 's'):6 SI} must be > {kind}.start = {Quantity(start, 's'):6 SI}; leave it "
@@ -46,7 +46,7 @@ def check_order(kind: str, start: float, end: float | None) -> None:
 
 
 def since(t: np.ndarray, start: float) -> np.ndarray:
-    """Return a mask, True from the first sample at or after `start`, even if rounding puts its kT just before `start`.
+    """Return a mask that is True at and after `start`, also for a t = kT that is below `start` only by rounding.
 
     The tolerance of 1e-12 s plus 1e-14 of `start` is far below any sample time and far above the rounding error of a
     product kT, and is enough for a `start` written with 15 digits.
@@ -55,7 +55,7 @@ def since(t: np.ndarray, start: float) -> np.ndarray:
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times in table rows, snapped to a row if rounding misses it, and a mask of those that lie on a row."""
+    """Return times in units of rows, made exact if only rounding misses a row, and a mask of the times on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

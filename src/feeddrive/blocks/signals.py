@@ -21,7 +21,7 @@ class Setpoint(NamedTuple):
     def backward_velocity(self, T: Number) -> Number:
         """Return (x(k) - x(k-1)) / T in m/s by Taylor expansion: exact while the snap is constant over the last sample.
 
-        A law that differences its reading needs the reference differenced in the same way.
+        A law that computes velocity as a difference of readings needs the same difference of the reference.
         """
         return self.velocity - T * (
             0.5 * self.acceleration - T * ((1.0 / 6.0) * self.jerk - T * ((1.0 / 24.0) * self.snap))
@@ -43,14 +43,14 @@ class Setpoint(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """The measurements and past commands that a law has at t = kT, before it computes.
+    """The measurements and past commands that are available to a law at t = kT, before it computes a command.
 
     With one encoder both positions are its reading. `applied` is the force actually commanded in the last sample, after
     filters, limit and enable; `requested` is this force before the limit. Anti-windup, observers, disturbance recovery
     and bumpless enable use only these two.
 
-    At the start of a law or an observer, the positions are those of the previous sample, so that its first difference
-    is right, and `velocity` is the velocity of the axis at that time.
+    When a law or an observer starts, the positions are those of the previous sample, so that its first difference is
+    correct, and `velocity` is the velocity of the axis at that time.
     """
 
     position_motor: Number  # m
@@ -68,7 +68,7 @@ class Estimate(NamedTuple):
     """An observer's estimate of the axis at t = kT.
 
     `disturbance` is the force on the axis in addition to the drive's: friction, cutting, gravity, model errors.  A
-    positive one acts towards larger positions, so a controller compensates it by subtracting it.
+    positive one acts towards larger positions, so that a controller compensates for it by subtraction.
     """
 
     position: Number  # m
@@ -77,7 +77,7 @@ class Estimate(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The position and velocity of the driven and the moved end of an axis; equal for a rigid one (m, m/s)."""
+    """The positions (m) and velocities (m/s) of the motor's and the load's body, which are equal on a rigid axis."""
 
     position_motor: Number
     position_load: Number
@@ -86,7 +86,7 @@ class Motion(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """A source of random numbers that depend only on seed, sample and channel: a batched run equals a single run."""
+    """A source of random numbers that depend on seed, sample and channel only, so batched and single runs agree."""
 
     seed: Number  # whole number
     sample: Number  # k
@@ -97,5 +97,5 @@ class Noise(NamedTuple):
         return ops.normal(self.seed, self.sample, self.channel)
 
     def on(self, channel: float) -> Noise:
-        """Return the source of another channel."""
+        """Return the source of random numbers for another channel."""
         return Noise(self.seed, self.sample, channel)

@@ -1,4 +1,4 @@
-"""The contents of a report that compares laws on the same task: an entry for each law, common facts, and sentences."""
+"""The contents of a report that compares laws on the same task: an entry for each law, common facts, conclusions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ _LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
 
 
 def response_lines(loop: Loop) -> np.ndarray:
-    """Return the frequency lines in Hz at which the responses of a loop are drawn."""
+    """Return the frequencies in Hz at which the frequency responses of a loop are plotted."""
     nyquist = 0.5 / loop.sample_time
     # at least two decades, also where the Nyquist frequency is below 100 Hz
     return np.geomspace(min(1.0, 0.01 * nyquist), nyquist, _LINES)
@@ -46,10 +46,10 @@ def facts_of(machine: MachineFile, name: str, loop: Loop, velocity: float, work:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One law of the comparison: its loop, its run, and its figures in the frequency domain.
+    """One law of the comparison: its loop, its run, and its frequency-domain results.
 
     The loop must be stable; check it first with `require_stable`.  The run must contain all signals.  With a `replay`,
-    the run is the prediction, and the samples skipped by the replay are excluded from all figures.  `no_model` states
+    the run is the prediction, and the samples skipped by the replay are excluded from all results.  `no_model` states
     why the law has no linear model, if it has none; its stability is then not proven.
     """
 
@@ -71,7 +71,7 @@ class Entry:
 
     @cached_property
     def shown(self) -> Run:
-        """The run without the samples skipped by the replay, for the pictures."""
+        """The run without the samples skipped by the replay, for plotting."""
         skip = 0 if self.replay is None else self.replay.skipped
         signals = {name: values[skip:] for name, values in self.run.signals.items()}
         # `first` moves too, so that the time axis still shows the time of the log
@@ -102,7 +102,7 @@ class Entry:
 
     @cached_property
     def limits(self) -> dict[str, float]:
-        """The force limits in N by name: the command limit, and the motor's peak and continuous limits, where given."""
+        """The force limits in N by name: the command limit and the motor's peak and continuous limits, if specified."""
         stated: dict[str, float] = {}
         limit = self.loop.control.force_limit
         motor = self.loop.axis.actuator.motor
@@ -123,14 +123,14 @@ class LawsContents:
 
     entries   one for each law; the first is the baseline of the comparison
     facts     machine and run, by heading: machine, reference, load, noise, seed ...
-    rule      a sentence on what makes the laws comparable
+    rule      a sentence that states why the laws are comparable
     job       the exact text of the job
-    versions  of Python, feeddrive and its libraries, by name
-    notes     remarks by the user
+    versions  versions of Python, feeddrive and its libraries, by name
+    notes     the user's remarks
     command   the command that produced the results
     overview  the picture that illustrates the verdict; None: the first of the other pictures
-    extras    additional tables, first in the result
-    pictures  additional pictures, before all others
+    extras    additional tables, placed first in the result
+    pictures  additional pictures, placed before all others
     planned   the planned part program that all laws followed, if any
     cuts      tables of the cuts by program line, with force and chatter
     details   additional folded sections
@@ -239,7 +239,7 @@ def _judged(entry: Entry) -> str:
 
 
 def remark_sentences(contents: LawsContents) -> list[str]:
-    """Return warnings on robustness, force limits and guard trips, followed by the notes of the job."""
+    """Return warnings about robustness, force limits and guard trips, followed by the notes of the job."""
     listed: list[str] = []
     ringing = [
         f"{_quoted(entry)} ({number(entry.margins.sensitivity_peak, 3)})"

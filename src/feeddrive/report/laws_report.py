@@ -30,7 +30,7 @@ CURVES = 4
 
 
 def chosen(contents: LawsContents) -> LawsContents:
-    """Return the contents reduced to the laws to plot: the first, and those with the smallest following error."""
+    """Return the contents with only the laws to plot: the first, and those with the smallest following error."""
     others = sorted(contents.entries[1:], key=lambda entry: entry.rms("following_error"))[: MOST - 1]
     # entries compare by identity (eq=False), so that two laws with equal figures stay two; their order is kept
     return replace(contents, entries=[entry for i, entry in enumerate(contents.entries) if i == 0 or entry in others])
@@ -195,7 +195,7 @@ def _closed_loop(contents: LawsContents) -> Iterator[Picture]:
 
 
 def laws_report(contents: LawsContents) -> Report:
-    """Return the report on the laws. Its HTML page is smaller than 1 MB (1.5 MB with a part program).
+    """Return the report that compares the laws. Its HTML page is smaller than 1 MB (1.5 MB with a part program).
 
     Raises ParameterError for contents without entries.
     """
@@ -283,7 +283,7 @@ def errors(contents: LawsContents) -> Marked:
 
 
 def _against(entry: Entry, signal: str, what: str) -> Text:
-    """Return a force, followed in brackets by its share of the corresponding limit."""
+    """Return a force as text, followed by its percentage of the corresponding limit in brackets."""
     value = entry.peak(signal) if what == "peak" else entry.rms(signal)
     bounds = entry.limits
     limit = (
@@ -305,7 +305,7 @@ def limits(contents: LawsContents) -> str:
 
 
 def frequency(contents: LawsContents) -> list[Table]:
-    """Tabulate the margins, sensitivity peak and stiffness of each law; return no table if no law has any of them."""
+    """Tabulate the margins, sensitivity peak and stiffness of each law; return an empty list if no law has any."""
     if all(entry.margins is None and entry.stiffness is None for entry in contents.entries):
         return []
     rows: list[list[Cell]] = []
@@ -382,7 +382,7 @@ def parameters(contents: LawsContents) -> Table:
 
 
 def _place(name: str) -> int:
-    """Return the sort key of a parameter: those of the controller come before those of the axis."""
+    """Return the sort key of a parameter, which places controller parameters before axis parameters."""
     return 0 if ".control." in name else 1
 
 

@@ -193,7 +193,7 @@ _CAUSES = 6
 
 
 def ran(contents: LawsContents) -> list[tuple[Entry, PartRun]]:
-    """Return the laws that followed a part program, in their order, each with its run."""
+    """Return each law that followed a part program, together with its run, in the order of the entries."""
     return [(entry, entry.part) for entry in contents.entries if entry.part is not None]
 
 
@@ -249,7 +249,7 @@ def _limited(planned: Planned) -> str:
 
 
 def tables(contents: LawsContents) -> list[Part]:
-    """Tabulate the figures of each law over the program, and the positions with the largest errors."""
+    """Tabulate the results of each law over the program, and the positions with the largest errors."""
     runs = ran(contents)
     return [_laws(runs), _places(runs)] if runs else []
 
@@ -281,7 +281,7 @@ def details(contents: LawsContents) -> list[Part]:
 
 
 def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
-    """Return a short table of the figures of each law over a program, for the terminal."""
+    """Return a short table of the results of each law over a program, for the terminal."""
     columns = [
         Column("law"),
         Column("contour RMS", "m"),
@@ -359,7 +359,7 @@ def _axis(part: PartRun, axis: str) -> list[Cell]:
 
 
 def _places(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
-    """Tabulate the positions of the largest errors of the first law, with the errors of all laws there."""
+    """Tabulate the positions at which the first law has its largest errors, with the errors of all laws there."""
     first = runs[0][1]
     columns = [
         Column(f"place {unit_name('m', 'mm', stays=True)}"),

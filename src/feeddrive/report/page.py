@@ -62,7 +62,7 @@ def html(report: Report, units: Units | None = None) -> str:
 
 
 def write_page(out: str | Path, report: Report, texts: Mapping[str, str]) -> Path:
-    """Write a directory with a report and further text files, by file name; return the path of the report.
+    """Write a directory that holds a report and further texts (file name to content); return the report's path.
 
     Raises FileError if `out` cannot be written, or is a directory that feeddrive did not write.
     """
@@ -93,7 +93,7 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Keep a unit such as N/µm on one line by a word joiner, or by an HTML element if it is a placeholder."""
+        """Prevent a line break within a unit such as N/µm, by a word joiner, or by a <span> if it is a placeholder."""
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)
@@ -112,7 +112,7 @@ def _kind(part: Part) -> str:
 
 
 def _grid(part: Table | Grid | Marked) -> Grid:
-    """Return a table as strings with placeholders for quantities, and with its title as a sentence."""
+    """Return a table whose cells are strings with placeholders for quantities, and whose title ends as a sentence."""
     table = part.table if isinstance(part, Marked) else part
     grid = table if isinstance(table, Grid) else table.marked()
     ends = plain(grid.title).rstrip()[-1:] in (".", ":", "?", "!", "")

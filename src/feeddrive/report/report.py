@@ -1,4 +1,4 @@
-"""A report as a value: a verdict, the picture that illustrates it, and sections of tables, pictures, facts and texts.
+"""A report as a data structure: a verdict, the picture that illustrates it, and sections with all other contents.
 
     Report(
         "Will the cut chatter?", "feeddrive lobes", Verdict((Text(f"At {speed} it does not chatter."),), good=True),
@@ -26,9 +26,9 @@ class Picture:
     """A picture whose chart is computed only when it is drawn.
 
     key      identifier, unique in its report
-    caption  instructions for reading it
-    alt      a text description for readers who cannot see it
-    chart    the function that computes it
+    caption  instructions for reading the picture
+    alt      a text description for readers who cannot see the picture
+    chart    the function that computes the chart
     """
 
     key: str
@@ -42,7 +42,7 @@ class Picture:
 class Marked:
     """A table with highlighted cells or rows.
 
-    best   the row of the best cell, for each column after the first; None for none
+    best   for each column after the first, the row with the best cell; None if no cell is best
     alert  rows that need attention
     text   True if most cells are sentences
     """
@@ -55,7 +55,7 @@ class Marked:
 
 @dataclass(frozen=True)
 class Facts:
-    """An ordered list of names with their facts."""
+    """An ordered list of named facts."""
 
     pairs: tuple[tuple[str, str], ...]
 
@@ -99,7 +99,7 @@ class Section:
 
     key     identifier, unique in its report
     folded  True for details, which are collapsed until opened or printed
-    file    name of another report in the same directory, linked from the heading; empty for none
+    file    name of another report in the same directory that the heading links to; empty if there is none
     """
 
     key: str
@@ -159,7 +159,7 @@ class Report:
     rotary: bool = False
 
     def __post_init__(self) -> None:
-        """Raise ParameterError for a duplicate key, and if there are pictures but none for the verdict."""
+        """Raise ParameterError if a key occurs twice, or if there are pictures but none for the verdict."""
         shown = [section for section in self.sections if not section.is_empty]
         # sorted is stable: folded details come last, all else keeps its order
         object.__setattr__(self, "sections", tuple(sorted(shown, key=lambda section: section.folded)))
@@ -178,7 +178,7 @@ class Report:
 
     @property
     def pictures(self) -> list[Picture]:
-        """All pictures, that of the verdict first."""
+        """All pictures, with the verdict's picture first."""
         listed = [picture for section in self.sections for picture in section.pictures]
         return listed if self.picture is None else [self.picture, *listed]
 
@@ -243,10 +243,10 @@ def titled(table: Table, title: str) -> Table:
 
 
 def further(pictures: Iterable[Picture]) -> Section:
-    """Return a section of further pictures, to follow the tables."""
+    """Return a section that holds further pictures, to be placed after the tables."""
     return Section("pictures", "Pictures", tuple(pictures))
 
 
 def facts(title: str, pairs: Mapping[str, str] | Iterable[tuple[str, str]], *parts: Part) -> Section:
-    """Return a folded section of facts about the run, the measurement or the design."""
+    """Return a folded section with facts about the run, the measurement or the design."""
     return Section("facts", title, (Facts(pairs), *parts), folded=True)

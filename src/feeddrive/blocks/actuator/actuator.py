@@ -6,13 +6,13 @@ from feeddrive.language.block import Block, Number, parameter, part
 
 
 class Actuator(Block):
-    """Dead time, then the current loop as a first-order lag, both exact.
+    """A dead time followed by the current loop as a first-order lag; neither is approximated.
 
         f' = 2π current_loop (force(t - dead_time) - f)
 
     The lag is part of the linear core and is discretized exactly; the dead time may be any real number of samples.
-    Without `current_loop` the force follows at once.  `motor` states the drive's own unit and limits for files and
-    reports.
+    Without `current_loop` the force follows at once.  `motor` provides the unit of the drive's command and the drive's
+    limits for files and reports.
     """
 
     dead_time: Number = parameter("s", "from the sampling instant to the force that answers it", least=0, default=0)
@@ -22,7 +22,7 @@ class Actuator(Block):
     motor: Motor | None = part("what makes the force", default=None)
 
     def delay(self) -> Number:
-        """Return the delay in s behind a slowly changing command: dead time plus the lag 1/(2π current_loop)."""
+        """Return the delay in s for slowly changing commands: dead time plus the lag 1/(2π current_loop)."""
         # for slow commands the phase of 1/(1 + τ s) is that of a dead time τ
         lag = 0.0 if self.current_loop is None else 1.0 / (2.0 * ops.pi * self.current_loop)
         return self.dead_time + lag

@@ -1,4 +1,4 @@
-"""An actuator with a single force constant: a linear motor, or a complete drive train measured as one."""
+"""A motor described by one force constant: a linear motor, or a complete drive train identified as a whole."""
 
 from typing import ClassVar
 
@@ -7,7 +7,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Direct(Motor):
-    """force = force_constant · command."""
+    """A motor or complete drive train with force = force_constant · command."""
 
     unit: ClassVar[str] = "A or V"
     force_constant: Number = parameter("N", "force at the table per unit of the drive's command (A or V)", above=0)
@@ -19,9 +19,9 @@ class Direct(Motor):
         return self.force_constant
 
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Return the peak and the RMS force, N."""
+        """Return the peak force and the continuous (RMS) force in N; None for a limit that is not specified."""
         return self.peak_force, self.continuous_force
 
     def velocity_limit(self) -> Number | None:
-        """Return the largest speed, m/s."""
+        """Return the largest speed in m/s; None if it is not specified."""
         return self.peak_velocity

@@ -1,4 +1,4 @@
-"""An actuator with a rotary motor on a screw, given by its data sheet."""
+"""A rotary motor that drives a screw, described by data-sheet values."""
 
 from typing import ClassVar
 
@@ -9,12 +9,12 @@ from feeddrive.language.block import Number, parameter
 
 
 class Screw(Motor):
-    """A rotary motor on a screw: current to torque to force at the table.
+    """A rotary motor that drives a screw: current gives torque, and torque gives force at the table.
 
         force = torque_constant · gear · (2π / lead) · current
         speed = rated_speed · lead / gear
 
-    The drive's own unit is A.  Losses of gear and screw are friction and belong to the friction blocks.
+    The drive's command is a current in A.  Losses of gear and screw are friction and belong to the friction blocks.
     """
 
     unit: ClassVar[str] = "A"
@@ -30,7 +30,7 @@ class Screw(Motor):
         return self.torque_constant * self.gear * radians_per_metre(self.lead)
 
     def limits(self) -> tuple[Number | None, Number | None]:
-        """Return the peak and the RMS force, N."""
+        """Return the peak force and the continuous (RMS) force at the table in N; None for an unspecified limit."""
         peak, continuous = self.peak_current, self.continuous_current
         constant = self.force_per_unit()
         return None if peak is None else constant * peak, None if continuous is None else constant * continuous

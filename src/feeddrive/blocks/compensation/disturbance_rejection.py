@@ -20,7 +20,7 @@ _LEAST = 1e-30
 
 
 class DisturbanceRejection(Compensation):
-    """Subtraction of an observer's disturbance estimate from the force, behind the filters of the law.
+    """Subtraction of an observer's disturbance estimate from the force, after the filters of the law.
 
         force = -share · F̂d(k),    share rises linearly from 0 over blend_time after the start
 
@@ -37,17 +37,18 @@ class DisturbanceRejection(Compensation):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for a law of one rigid mass that does not subtract a disturbance estimate itself."""
+        """Return True for a law designed for one rigid mass that does not subtract a disturbance estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return four forms with different observers.
+        """Return four variants with different observers.
 
-        They are the inverse of the rigid axis with a Butterworth filter or with two equal poles (DOB), a Kalman filter,
-        and the observer of GPI control.
+        Two observers invert the rigid axis (DOB), one with a Butterworth filter and one with two equal poles; the
+        others are a Kalman filter and the observer of GPI control.
 
-        The Kalman filter starts with the random walk of the force that gives it the bandwidth of the others.
+        The random walk of the force in the Kalman filter starts at the value for which its bandwidth equals that of the
+        others.
         """
         encoder, noise = axis.velocity_encoder, axis.reading_noise
         gpi = begun(GpiObserver, axis, taylor_states=1, omega_o=1.5 * axis.rate, zeta_o=1.5, encoder=encoder)
@@ -118,7 +119,7 @@ class DisturbanceRejection(Compensation):
         return self.State(observer, (reached,)), setpoint, state.reached[0] * force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert the state: a larger share is reached within `blend_time`, a smaller one acts at once.
+        """Convert the state: the share rises to a larger value within `blend_time` but drops to a smaller one at once.
 
         The rise starts from the share reached so far. Without a `blend_time` the new share acts at once.
         """

@@ -9,7 +9,7 @@ from feeddrive.language.block import Number, table
 
 
 class LearnedForce(Compensation):
-    """A table of forces, one per sample, counted from the sample in which the loop was enabled.
+    """A table with one force per sample, which starts in the sample in which the loop is enabled.
 
         force(k) = row k of the table, afterwards its last row, which should be 0
 
@@ -27,7 +27,7 @@ class LearnedForce(Compensation):
         sample: Number
 
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at the first row."""
+        """Return the state in which the first row acts next."""
         return self.State(ops.zero(reading.applied))
 
     def step(

@@ -10,14 +10,14 @@ class MachineMode(Block):
 
         mass (x'' + 2 damping_ratio ω x' + ω² x) = F,    ω = 2π frequency,    stiffness = mass ω²
 
-        place     F                        motion of the tool against the workpiece
+        place     F                        motion of the tool relative to the workpiece
         tool      reaction of the cut -F_cut         axis - x: the spindle side gives way
         base      reaction of the drive -F_m         axis + x: the scale moves with the machine base
         fixture   F_cut - mass x_set''               axis + x: the workpiece swings on the table
 
-    Either the stiffness or the modal mass is given: a compliance test at the tool yields the stiffness.
+    Specify either the stiffness, which a compliance test at the tool yields, or the modal mass.
     Source: Altintas & Okwudire 2009, end of section 3, states that modes are compensated, but not where in the machine
-    they are.  The three places are interpretations by this library; the experiment uses `tool`.
+    they are.  The three places are interpretations by this library; the reproduction of the paper uses `tool`.
     """
 
     frequency: Number = parameter("Hz", "undamped natural frequency", above=0)
@@ -27,7 +27,7 @@ class MachineMode(Block):
     place: str = choice("part of the machine that moves", options=("tool", "base", "fixture"), default="tool")
 
     def check(self) -> None:
-        """Raise ParameterError unless exactly one of stiffness and mass is given."""
+        """Raise ParameterError unless exactly one of stiffness and mass is specified."""
         if (self.stiffness is None) == (self.mass is None):
             which = "both are" if self.mass is not None else "neither is"
             raise ParameterError(
@@ -39,7 +39,7 @@ class MachineMode(Block):
         return 2.0 * ops.pi * self.frequency
 
     def modal_mass(self) -> Number:
-        """Return the modal mass in kg, as given or stiffness/ω²."""
+        """Return the modal mass in kg: `mass` if it is specified, else stiffness/ω²."""
         if self.mass is not None:
             return self.mass
         assert self.stiffness is not None

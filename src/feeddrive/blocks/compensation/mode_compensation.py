@@ -22,34 +22,35 @@ class ModeCompensation(Compensation):
 
         F_c(k)  = -(F̂d(k) - F_friction)                the force on the tool side, from the observer
         ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): exact hold of `MachineMode`, one for each mode
-        p       = Φ(τ) (ξ(k), F_c(k))                   the present state; the observer's estimate is τ late
+        p       = Φ(τ) (ξ(k), F_c(k))                   the present state; the observer's estimate is delayed by τ
         x_r += p₁,   v_r += p₂,   a_r += F_c/m_s - 2ζω p₂ - ω² p₁
 
-    This form needs no differentiation.  Friction does not act on the tool side: a friction model, evaluated at the
-    noise-free velocity of the shifted setpoint, removes it from the `applied` force that the observer receives.  A mode
-    of the base is driven by the applied force itself, without observer and delay, and its motion is subtracted from the
-    setpoint.  So is the motion of a workpiece fixture, which is driven by F_cut/m_w - x_r''.
+    This formulation needs no differentiation.  Friction does not act on the tool side: a friction model, evaluated at
+    the noise-free velocity of the shifted setpoint, removes it from the `applied` force that the observer receives.  A
+    mode of the base is driven by the applied force itself, without observer and delay, and its motion is subtracted
+    from the setpoint.  The motion of a workpiece fixture, which is driven by F_cut/m_w - x_r'', is subtracted as well.
 
-    When to use: modes well inside the bandwidth of the position loop, whose frequency is known to about 1 %.  At
+    When to use: modes well inside the bandwidth of the position loop, whose frequency is known within about 1 %.  At
     resonance an error of 5 % cancels the benefit; for steps and broadband forces the benefit falls slowly with this
     error.  Not suitable for modes of the axis itself.  A fixture closes a loop through the workpiece, since the
     observer also sees the workpiece's inertia.  This loop is unstable unless the observer's band ends below about a
     quarter of the mode's frequency; only slow forces are then compensated.
-    Source: Altintas & Okwudire 2009, end of section 3; the form is this library's.
+    Source: Altintas & Okwudire 2009, end of section 3; the formulation is this library's.
     """
 
     title = "mode compensation"
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for a law of one rigid mass that does not subtract a disturbance estimate itself."""
+        """Return True for a law designed for one rigid mass that does not subtract a disturbance estimate itself."""
         return not law.rejects and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one form: the modes of the machine file with the observer of `DisturbanceRejection`, not tuned.
+        """Return one untuned variant: the modes of the machine file, with the observer of `DisturbanceRejection`.
 
-        A comparison measures the table, not the path of the tool that this block improves.
+        It is not tuned because a comparison evaluates the motion of the table, whereas this block improves the path of
+        the tool.
         """
         if not axis.machine_modes:
             raise StructureError(
@@ -90,7 +91,7 @@ class ModeCompensation(Compensation):
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rules: all modes lie below half the sample rate, and the exact hold can predict them."""
+        """Yield the validity rules: modes lie below half the sample rate, and the lead time is not too long."""
         for i, mode in enumerate(self.modes):
             yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
         lead = self._lead(self.observer.prepare(T), T)
@@ -102,7 +103,7 @@ class ModeCompensation(Compensation):
         return self.observer.lag(made, T) if self.lead_time is None else self.lead_time
 
     def _predictable(self, i: int, lead: Number) -> Rule:
-        """Return the rule that `matrix.expm1` can compute the motion of a mode over the lead."""
+        """Return the rule that the lead (s) is short enough for `matrix.expm1` to predict the motion of mode `i`."""
         mode = self.modes[i]
         # 2 (1 + ζ) ω lead is the largest row sum of the matrix in `_hold`
         most = matrix.LARGEST_NORM / (2.0 * (1.0 + mode.damping_ratio) * mode.omega())
@@ -118,7 +119,7 @@ class ModeCompensation(Compensation):
         )
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute the matrix exponentials of the modes."""
+        """Compute the exact hold of each mode over a sample and over the lead time."""
         made = self.observer.prepare(T)
         lead = self._lead(made, T)
         samples, leads, modes = [], [], []
@@ -186,7 +187,7 @@ def _hold(mode: MachineMode, span: Number) -> Matrix:
 
 
 def _moved(hold: Matrix, before: tuple[Number, Number], force: Number) -> tuple[Number, Number]:
-    """Return position and velocity of a mode after a hold interval with constant force."""
+    """Return position and velocity of a mode after an interval of constant force."""
     (a, b, c), (d, e, f) = hold
     x, v = before
     # Φ - 1 is added to the state: Φ itself would lose the digits of the small change in a sample

@@ -21,11 +21,11 @@ class PitchCompensation(Compensation):
     tables; after a reversal it is blended in over `reversal_distance` of the set path, so that the setpoint does not
     jump.  Before the first motion the mean of both tables is used.
 
-    When to use: with an encoder on the motor and a repeatable error, known from a laser, a step gauge or a run
-    (`learned_pitch`).  Not suitable for errors that the encoder of the law measures anyway, or for backlash inside the
-    position loop of a load encoder.
-    Source: the screw error compensation of CNC controls; ISO 230-2 for the errors; the blend over a distance is this
-    library's.
+    When to use: with an encoder on the motor and a repeatable error that was measured by laser or step gauge, or
+    learned from a run (`learned_pitch`).  Not suitable for errors that the law's encoder already measures, or for
+    backlash inside the position loop of a load encoder.
+    Source: the screw error compensation of CNCs; ISO 230-2 for the errors; blending over a distance is specific to this
+    library.
     """
 
     forward: Any = table("m", "correction of motion towards larger positions, along the travel")
@@ -55,7 +55,7 @@ class PitchCompensation(Compensation):
         return 0.5 * (forward + backward) + side * (0.5 * (forward - backward))
 
     def start(self, prepared: object, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state midway between both directions of motion."""
+        """Return the state midway between the two directions of motion."""
         side = ops.zero(setpoint.position)
         return self.State(side, self._shift(side, setpoint.position), setpoint.position)
 

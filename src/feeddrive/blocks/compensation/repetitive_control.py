@@ -25,12 +25,12 @@ class RepetitiveControl(Compensation):
         |S_with / S_without| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
     is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and
-    pauses while the force is limited; a trip or an enable clears the memory. The end of a motion does not clear it:
-    enable again before another motion.
+    pauses while the force is limited.  A trip, or enabling the loop, clears the memory, but the end of a motion does
+    not: enable the loop again before a different motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  Not
-    suitable for a contour that does not repeat, or for a period known only to 1 %, which spoils the result.
-    An export stores each memory cell as a separate number; N - l - n must then be at most 256.
+    suitable for a contour that does not repeat, or for a period known only within 1 %: such an error spoils the result.
+    Exported code stores each memory cell in a separate variable, so that N - l - n must be at most 256.
     Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
     """
 
@@ -67,7 +67,7 @@ class RepetitiveControl(Compensation):
             )
 
     def settled(self) -> Self:
-        """Return the block with learning enabled."""
+        """Return the block as it acts once learning has started."""
         return replace(self, waits=False) if self.waits else self
 
     def prepare(self, T: Number) -> Prepared:

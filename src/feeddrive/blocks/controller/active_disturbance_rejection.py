@@ -24,9 +24,9 @@ class ActiveDisturbanceRejection(Law):
         u     = a_set - α1 (v̂ - v_set) - α0 (x - x_set) - share · disturbance / mass
         force = mass · u,        α1 = 2 zeta_c omega_c,  α0 = omega_c²
 
-    v̂ and the disturbance come from the observer, which receives the force after the limit; this prevents windup.  With
+    The observer estimates v̂ and the disturbance; it receives the force after the limit, which prevents windup.  With
     the exact disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
-    m/s², leaves the error ξ / omega_c²: 23 mm for a hanging axis at 12 rad/s.
+    m/s², leaves the error ξ / omega_c²: 23 mm for a vertical axis at 12 rad/s.
     The set acceleration acts over the whole sample and is evaluated at its middle.
 
     When to use: a stiff axis with friction and cutting forces for which there is no model.  Not suitable for a
@@ -51,10 +51,10 @@ class ActiveDisturbanceRejection(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return three forms: with five, three and one Taylor states for the disturbance.
+        """Return three variants whose observers model the disturbance by five, three and one Taylor states.
 
-        The observer's poles start well damped and thus wide apart: a fast observer amplifies disturbances near its own
-        frequency.
+        The observer's poles start well damped and thus far apart, since a fast observer amplifies disturbances near its
+        own frequency.
         """
         starts = []
         for states, slower, damping in ((5, 1.0, 3.0), (3, 1.0, 3.0), (1, 0.5, 1.5)):
@@ -76,7 +76,7 @@ class ActiveDisturbanceRejection(Law):
         observer: Any
 
     def position_gain(self) -> Number:
-        """Return α0/α1, 1/s."""
+        """Return the position gain α0/α1, 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Any:
@@ -100,7 +100,7 @@ class ActiveDisturbanceRejection(Law):
         return self.State(self.observer.retune(state.observer, old.observer, old_prepared, prepared))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule: the loop on a rigid axis of this mass is stable with the observer's dead time."""
+        """Yield the validity rule: the loop with a rigid axis of this mass and the observer's dead time is stable."""
         yield Rule(
             matrix.decays(self._sample(T)),
             "the loop on a rigid axis of this mass is stable, with the dead time that the observer knows of",
@@ -108,7 +108,7 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _refusal(self, T: float) -> str:
-        """Return the error message: the excess over the limit, and the nearest admissible sample time and tunables."""
+        """Return the error message: how far the limit is exceeded, and the nearest admissible values."""
         growth, remedies = self._growth(T), list[str]()
         slowest = _nearest(self._growth, T)
         if slowest is not None:
@@ -128,11 +128,11 @@ class ActiveDisturbanceRejection(Law):
         )
 
     def _with(self, path: str, value: Any) -> Self:
-        """Return the law with another value, or with a batch of values, for one parameter."""
+        """Return a copy of the law in which the parameter at `path` is `value`, a number or a batch of numbers."""
         return tree.rebuild(self, (value if path == name else old for name, old in tree.leaves(self)))
 
     def _growth(self, T: Number) -> Any:
-        """Return the spectral radius of the loop of law, observer, dead time and a free mass."""
+        """Return the spectral radius of the closed loop of law, observer, dead time and free mass."""
         return matrix.growth(self._sample(T))
 
     def _sample(self, T: Number) -> list[list[Any]]:
@@ -168,7 +168,7 @@ class ActiveDisturbanceRejection(Law):
 
 
 def _nearest(growth: Callable[[Any], Any], refused: float) -> float | None:
-    """Return the largest admissible value below a rejected one, or None; the search takes small, then large steps."""
+    """Return the largest admissible value below `refused`, or None; the search takes small, then large steps."""
     # 0.7²⁰ covers three decades closely; a value that is wrong by its unit lies further off
     steps = accumulate((*(0.7,) * 20, *(0.01,) * 20), operator.mul, initial=refused)
     return matrix.edge(lambda value: growth(value) < _SURE, list(steps))

@@ -13,8 +13,8 @@ class Interpolator(NamedTuple):
 
     It changes in n equal steps and reaches `new` one sample before the position loop runs again.
 
-    passed     samples since the last run
-    last, new  velocity commands before and after the last run, m/s
+    passed     samples since the last run of the position loop
+    last, new  velocity commands before and after that run, m/s
     """
 
     passed: Number
@@ -23,7 +23,7 @@ class Interpolator(NamedTuple):
 
 
 def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
-    """Return the initial state, in which the position loop runs at once; empty if it runs in every sample."""
+    """Return the initial state, with which the position loop runs at once; empty if it runs in every sample."""
     return () if every == 1 else (Interpolator(zero, zero, zero),)
 
 
@@ -43,7 +43,7 @@ def interpolated(
 
 
 class ReferenceModel(NamedTuple):
-    """A free mass m with d samples of dead time under a P velocity loop: the velocity that the integral expects.
+    """A free mass m with d samples of dead time under P velocity control, whose velocity the integral expects.
 
         u(k) = Kp (command - v_m(k)),   v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
 
@@ -66,7 +66,7 @@ def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceMo
 def expected_velocity(
     state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
 ) -> tuple[tuple[ReferenceModel, ...], Number]:
-    """Return the new state and the velocity (m/s) that the integral expects: `wanted` itself without a model."""
+    """Return the new state and the velocity (m/s) that the integral expects, which is `wanted` without a model."""
     if not state or mass is None:
         return (), wanted
     before = state[0]

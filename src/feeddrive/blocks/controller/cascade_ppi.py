@@ -29,17 +29,18 @@ class CascadePPI(Law):
     Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
     With two encoders the position loop uses the load's encoder and the velocity loop the motor's.
-    With `position_every` above 1 the position loop is slower, and an `Interpolator` sits between the loops.  With
+    With `position_every` above 1 the position loop is slower, and an `Interpolator` connects the two loops.  With
     `model_mass` the integral compares v with the velocity of a `ReferenceModel` instead of the command: the position
     loop then includes the lag of the model, so check Ms again; at the force limit the model is faster than the axis.
 
-    With `viscous` the law compensates the viscous friction of the guideway by the measured velocity; the paper's closed
+    With `viscous` the law cancels the viscous friction of the guideway, using the measured velocity; the paper's closed
     form (7) is exact only then.  An `Inertia` in the same controller then feeds the acceleration forward and keeps its
     own `viscous` at 0.
 
     When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
     times the wanted crossover, a law that damps it performs better.
-    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced as the measured one is.
+    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is the same difference as the measured
+    one.
     """
 
     tunables = ("Kv", "Kp", "Tn")
@@ -74,10 +75,10 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values from the present gains or from the rate, with an integral and at the present loop rates.
+        """Return two variants: with an integral, and without one.
 
-        Without an integral the cascade is tried only with a disturbance observer, which then provides the integral
-        action.
+        The first has the gains of the current cascade if that has an integral, else gains derived from `axis.rate`. The
+        second is tried only with a disturbance observer, which then provides the integral action.
         """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)
@@ -157,5 +158,5 @@ class CascadePPI(Law):
 
 
 def _observed(law: CascadePPI) -> Start:
-    """Return the P-P cascade, tried only with an observer that provides integral action."""
+    """Return the P-P cascade, to be tried only with an observer that provides the integral action."""
     return Start("P-P", replace(law, Tn=None), "the observer is its integral", only_with=("DOB",))

@@ -54,24 +54,24 @@ class DADSC(Law):
     velocity_encoder: str = choice("encoder of the velocity", options=("motor", "load"), default="motor")
 
     class Prepared(NamedTuple):
-        """g1 and g2 of (5), N s/m."""
+        """The gains g1 and g2 of equation (5), N s/m."""
 
         g1: Number
         g2: Number
 
     class State(NamedTuple):
-        """The last position of the velocity's encoder (m), s(k-1) (m/s) and F̂d (N)."""
+        """The last position of the velocity encoder (m), s(k-1) (m/s) and F̂d (N)."""
 
         position: Number
         sliding: Number
         estimate: Number
 
     def position_gain(self) -> Number:
-        """Return λ: s contains λ e_x + e_v."""
+        """Return the position gain λ in 1/s, as in s = λ e_x + e_v."""
         return self.tracking_rate
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute g1 = m Q ω_d and g2 = adaptation_ratio · g1/Q."""
+        """Return g1 = m Q ω_d and g2 = adaptation_ratio · g1/Q."""
         # m ω_d first, so that g1/Q needs no division
         g2 = self.mass * self.adaptation_rate
         return self.Prepared(g2 * (1.0 + self.reaching_rate * T), self.adaptation_ratio * g2)
@@ -99,7 +99,7 @@ class DADSC(Law):
         return self.State(position, s, estimate), force
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the integral in (5), F̂d + g2 s(k), which is a force; the term -g2 s(k) gets the new g2."""
+        """Keep the integral in (5), the force F̂d + g2 s(k); the remaining term -g2 s(k) then uses the new g2."""
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
@@ -112,7 +112,7 @@ class DADSC(Law):
         )
 
     def _refusal(self, rates: tuple[Number, Number, Number], T: Number) -> str:
-        """Return the error message: the violated bounds and the nearest admissible values."""
+        """Return the error message, with the violated bounds and the nearest admissible values."""
         ratio = self.adaptation_ratio
         if ratio != 1.0 and _stable(rates, 1.0, T):
             nearest = 1.0 + (ratio - 1.0) * largest_share(lambda part: _stable(rates, 1.0 + part * (ratio - 1.0), T))
@@ -146,7 +146,7 @@ class DADSC(Law):
 
 
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
-    """Return True if the loop around m x'' = F, held over the sample, is stable with these rates λ, K, ω_d.
+    """Return True if the loop around m x'' = F, with F held over the sample, is stable with `rates` = λ, K, ω_d.
 
     With q = z⁻¹ and D = 1 - q its characteristic equation is
     D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0, where

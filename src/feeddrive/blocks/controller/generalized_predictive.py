@@ -17,7 +17,7 @@ _HORIZON = 7.5
 
 
 class GeneralizedPredictive(Law):
-    """Generalized predictive control: the first of the forces that bring the predicted path closest to the set path.
+    """Generalized predictive control: apply the first force of the sequence that minimizes the predicted error.
 
         A y(k) = q B u(k-1) + C ξ(k)/Δ,   Δ = 1 - q,   q = one sample of delay;   y'' m + y' b = u, held, d samples late
         C = (1 - e^(-omega_o T) q)²       the observer of the prediction
@@ -26,8 +26,8 @@ class GeneralizedPredictive(Law):
 
     With the divisions C = E_j A Δ + q^j F_j and E_j B = G_j C + q^j H_j, and g, the first row of
     (GᵀG + move_weight)⁻¹ Gᵀ (G_ji = step response of the axis after j - i samples), R = Σ g_j F_j and
-    S = C + q Σ g_j H_j.  The set path is extrapolated by its derivatives to snap: Σ g_j w(k+j) = Σ τ_i w⁽ⁱ⁾,
-    τ_i = Σ g_j (jT)ⁱ/i!.  The last Δu is taken after the limit, which prevents windup.
+    S = C + q Σ g_j H_j.  The set path is extrapolated by its derivatives up to snap: Σ g_j w(k+j) = Σ τ_i w⁽ⁱ⁾,
+    τ_i = Σ g_j (jT)ⁱ/i!.  The last Δu is computed from the limited force, which prevents windup.
 
     Tune `horizon` and omega_o: a short horizon makes the loop fast, a slow observer makes it quiet.  One move without a
     weight is enough; three moves leave too little delay margin.
@@ -56,9 +56,9 @@ class GeneralizedPredictive(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with a short horizon, the best on a rigid axis, and with one twice as long.
+        """Return two variants: with a short horizon, which is best for a rigid axis, and with one twice as long.
 
-        Both start with a slow observer.
+        Both variants start with a slow observer.
         """
         shorter = min(max(round(_HORIZON * (axis.delay_samples + 1)), 12), 100)
         return tuple(
@@ -87,7 +87,7 @@ class GeneralizedPredictive(Law):
         previews: tuple[Number, ...]
 
     def check(self) -> None:
-        """Raise StructureError unless at least as many errors are weighted beyond the dead time as there are moves."""
+        """Raise StructureError if the horizon beyond the dead time contains fewer weighted errors than moves."""
         least = self.delay_samples + 1 + self.moves
         if self.horizon < least:
             raise StructureError(
@@ -96,7 +96,7 @@ class GeneralizedPredictive(Law):
             )
 
     def prepare(self, T: Number) -> Prepared:
-        """Divide the polynomials for all j at once.
+        """Compute R, S and τ; the divisions for all j are done in one pass.
 
         F_j is the remainder of C after j steps; each step adds a term to E_j and G_j.
         """
@@ -126,7 +126,7 @@ class GeneralizedPredictive(Law):
         return self.Prepared(T, R, tuple(S), C[1:], tuple(preview))
 
     def _model(self, T: Number) -> tuple[Row, Row]:
-        """Return A Δ, and B with the dead time in front, from the exact hold of the mass."""
+        """Return A Δ and B from the exact hold of the mass; B begins with one zero per sample of dead time."""
         change = matrix.expm1(((0.0, T, 0.0), (0.0, -self.viscous * T / self.mass, T / self.mass), (0.0, 0.0, 0.0)))
         x_of_v, x_of_u, kept, v_of_u = change[0][1], change[0][2], 1.0 + change[1][1], change[1][2]
         A = (1.0, -(2.0 + kept), 1.0 + 2.0 * kept, -kept)
@@ -134,7 +134,7 @@ class GeneralizedPredictive(Law):
         return A, B
 
     def _first_row(self, steps: list[Any], counted: Iterable[int]) -> list[Any]:
-        """Return the weights g_j of the first move for the samples j that count."""
+        """Return the weights g_j of the predicted errors in the first move, for the samples j in `counted`."""
         G = [[_at(steps, j - 1 - i, j) for i in range(self.moves)] for j in counted]
         columns = list(zip(*G, strict=True))
         normal = [[matrix.dot(a, b) for b in columns] for a in columns]
@@ -156,7 +156,7 @@ class GeneralizedPredictive(Law):
     def step(
         self, prepared: Prepared, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Compute Δu from S Δu = -R y + C Σ g_j w."""
+        """Solve S Δu = -R y + C Σ g_j w for Δu, and return the new state and the force."""
         here = reading.position(self.encoder)
         changes = (state.changes[0] + (reading.applied - reading.requested), *state.changes[1:])
         preview = matrix.dot(prepared.preview, setpoint)
@@ -170,7 +170,7 @@ class GeneralizedPredictive(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the previews to the new weights, keeping position and velocity of the set path.
 
-        Both are computed from the last two previews.
+        Position and velocity are computed from the last two previews.
         """
         before, now = old_prepared.preview, prepared.preview
         ratio = now[0] / before[0]
@@ -180,7 +180,7 @@ class GeneralizedPredictive(Law):
 
 
 def _series(B: Row, A: Row, count: int) -> list[Any]:
-    """Return the first coefficients of B/A, where A begins with 1: the step response if A contains the factor Δ."""
+    """Return the first coefficients of the series B/A, A[0] = 1; this is the step response if A has the factor Δ."""
     coefficients = list[Any]()
     for j in range(count):
         total: Any = B[j] if j < len(B) else 0.0
@@ -191,7 +191,7 @@ def _series(B: Row, A: Row, count: int) -> list[Any]:
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:
-    """Return an entry of a row if it is among the first `count`, else 0.0."""
+    """Return `row[place]` if `place` is in 0 .. count - 1, else 0.0."""
     return row[place] if 0 <= place < count else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Linear active disturbance rejection with two bandwidths: of the controller and of a third-order observer."""
+"""Linear active disturbance rejection with two bandwidths, those of the controller and of a third-order observer."""
 
 from typing import Any, NamedTuple, Self
 
@@ -10,7 +10,7 @@ from feeddrive.language.block import Number, choice, parameter
 
 
 class LinearADRC(Law):
-    """Linear ADRC of a rigid axis m x'' = F + F_d: all other forces are one disturbance, which is subtracted.
+    """Linear ADRC of a rigid axis m x'' = F + F_d; F_d, the sum of all other forces, is estimated and canceled.
 
         predict   f = (F(k-1-d) + F̂d)/m,   x⁻ = x̂ + T v̂ + ½T² f,   v⁻ = v̂ + T f,   d = delay_samples
         correct   e = y(k) - x⁻,   (x̂, v̂, F̂d) = (x⁻, v⁻, F̂d) + l e,   β = e^(-omega_o T)
@@ -19,14 +19,14 @@ class LinearADRC(Law):
 
     All poles of the observer's error lie at β.  F is the `applied` force, which prevents windup.  x̂ - y is stored
     instead of x̂, so that no precision is lost far from zero.  With `position` = "load" the load's reading replaces x̂
-    in the last bracket, for an observer on the motor of an axis with two encoders.
+    in x_set - x̂; use this if an axis has two encoders and the observer reads the motor's.
 
     When to use: slow friction and gravity for which there is no model, one encoder, a stiff axis.  Not suitable with
     the observer on a load encoder behind a spring, where it performs six times worse than P-PI.  With omega_c fixed a
     faster observer improves margins and stiffness, but force noise grows with omega_o².  Disturbances near omega_o are
     amplified by 1.3.
-    It equals `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)`, except that this observer
-    needs no reading between samples, and that x̂ replaces the reading.
+    The law equals `ActiveDisturbanceRejection` with `GpiObserver(taylor_states=1, zeta_o=1)`, with two exceptions: the
+    observer here needs no reading between samples, and the feedback uses x̂ in place of the reading.
     Source: Gao 2003 (bandwidths) and Miklosovic, Radke & Gao 2006 (the current form of the observer).
     """
 
@@ -45,14 +45,14 @@ class LinearADRC(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with the observer on the velocity encoder, four times as fast as the controller."""
+        """Return one variant: its observer uses the velocity encoder and is four times as fast as the controller."""
         encoder = axis.velocity_encoder
         position = "load" if axis.encoders == 2 and encoder == "motor" else "estimate"
         law = begun(cls, axis, omega_c=0.5 * axis.rate, omega_o=2.0 * axis.rate, encoder=encoder, position=position)
         return (Start(cls.title, law, axis.sentence()),)
 
     class Prepared(NamedTuple):
-        """The gains l in 1, 1/s and N/m, and β³."""
+        """The gains l (dimensionless, in 1/s and in N/m) and β³."""
 
         gain: tuple[Number, Number, Number]
         kept: Number
@@ -67,7 +67,7 @@ class LinearADRC(Law):
         pending: tuple[Number, ...]
 
     def position_gain(self) -> Number:
-        """Return omega_c/(2 zeta_c), 1/s."""
+        """Return the position gain omega_c/(2 zeta_c), 1/s."""
         return self.omega_c / (2.0 * self.zeta_c)
 
     def prepare(self, T: Number) -> Prepared:

@@ -13,7 +13,7 @@ from feeddrive.language.block import Number, choice, parameter, part
 
 
 class LinuxcncPid(Law):
-    """A controller made of LinuxCNC's components `pid`, `ddt`, `sum2` and `biquad`, connected as in the export.
+    """A controller built from LinuxCNC's components `pid`, `ddt`, `sum2` and `biquad`, connected as in an export.
 
         command  = units x_set,   feedback = units x_load
         motor    = (units x_motor - units x_motor,₋₁)/T                                      ddt
@@ -30,12 +30,12 @@ class LinuxcncPid(Law):
     With one encoder, one pid is equivalent to both if Pgain = Kp (Kv + 1/Tn)/c, Igain = Kp Kv/(c Tn), Dgain = Kp/c.
     Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a controller with this law needs no other limit.
-    Parameters that change in a running loop change the force at once, as `setp` does: a pid integrates the error, so
-    that a new Igain rescales the whole accumulated integral, and a biquad keeps the delayed sums of its old
-    coefficients.
+    A parameter that is changed in a running loop changes the force at once, as `setp` does.  A pid integrates the
+    error, so that a new Igain rescales the whole accumulated integral.  A biquad keeps the delayed sums that it
+    computed with its old coefficients.
 
     When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  Not needed with
-    the component that the export target `linuxcnc` writes: it computes the design itself.
+    the component that the export target `linuxcnc` writes, which computes the original design.
     Source: LinuxCNC manual pages pid(9), ddt(9), sum2(9), biquad(9), limit1(9), motion(9).
     """
 
@@ -44,7 +44,7 @@ class LinuxcncPid(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return no start values: a comparison omits this law, a P-PI cascade in LinuxCNC's parameters."""
+        """Return no variants: a comparison omits this law, which is a P-PI cascade with LinuxCNC's parameters."""
         return ()
 
     position: StockPid = part("pid on the position of the load")
@@ -87,7 +87,7 @@ class LinuxcncPid(Law):
         return self.Prepared(T)
 
     def settled(self) -> Self:
-        """Return the law without the limits of its pids."""
+        """Return the law with the limits of its pids removed."""
         velocity = None if self.velocity is None else self.velocity.unlimited()
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
@@ -109,7 +109,7 @@ class LinuxcncPid(Law):
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
-        """Run the functions in thread order: ddt, sum2, the pids, the filters between two sums, the limit."""
+        """Run the HAL functions in thread order: ddt, sum2, the pids, the filters between two sums, the limit."""
         motor = self.units * reading.position_motor
         speed = (motor - state.motor) / T
         forward = self._forward(setpoint)
@@ -136,7 +136,7 @@ class LinuxcncPid(Law):
     def _filtered(
         self, states: tuple[Any, ...], output: Number, forward: Number | None
     ) -> tuple[tuple[Any, ...], Number]:
-        """Return the filter states and the limited output; the feedforward bypasses the filters."""
+        """Return the new filter states and the limited output; the feedforward bypasses the filters."""
         if not self.filters:
             return states, output
         last = self.position if self.velocity is None else self.velocity

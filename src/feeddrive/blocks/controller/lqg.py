@@ -49,7 +49,7 @@ def steady(transition: Matrix, measured: Matrix, added: Matrix) -> Matrix:
 
 
 def outer(column: Row, factor: Any = 1.0) -> Matrix:
-    """Return factor · c cᵀ."""
+    """Return the matrix factor · c cᵀ of a column c."""
     scaled = [factor * x if not matrix.is_zero(x) else 0.0 for x in column]
     return tuple(tuple(0.0 if matrix.is_zero(x) or matrix.is_zero(y) else x * y for y in column) for x in scaled)
 
@@ -59,7 +59,7 @@ def _transposed(a: Matrix) -> Matrix:
 
 
 def _symmetric(a: Sequence[Row], b: Sequence[Row]) -> Matrix:
-    """Return the product A·B, known to be symmetric."""
+    """Return the product A·B, which must be symmetric: only one half is computed."""
     columns = list(zip(*b, strict=True))
     n = len(a)
     upper = [[matrix.dot(a[i], columns[j]) if j >= i else 0.0 for j in range(n)] for i in range(n)]
@@ -73,15 +73,15 @@ _STRAY = 1e-3
 
 
 class LQG(Law):
-    """Linear-quadratic state feedback on a Kalman filter that has the disturbance as an additional state.
+    """Linear-quadratic state feedback with a Kalman filter that estimates the disturbance as an additional state.
 
         predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ a random walk           exact hold of `model`
         correct   z  = z⁻ + L (y - C z⁻)
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
         K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
-        L         minimizes the error variance, with the reading's noise as unit: F̂ moves by m omega_o³ T in a sample,
-                  the drive's force has a noise of recovery m omega_o²; with two masses each velocity has one of
-                  0.001 omega_o² T
+        L         minimizes the error variance, relative to the noise of the reading: the process noise is
+                  m omega_o³ T per sample in F̂, recovery m omega_o² in the drive's force, and, with two masses,
+                  0.001 omega_o² T in each velocity
 
     m is the total mass.  x* and F* are the set motion and its force: for one mass (x_r, v_r) and m a_r + b v_r in the
     middle of the sample; for two masses the motor leads the load by the deflection of the spring under that motion
@@ -89,8 +89,8 @@ class LQG(Law):
     windup.  Without `recovery` the poles are a pair at omega_c with a damping of 0.707 and those of a third-order
     Butterworth filter at omega_o.
 
-    With two readings but one disturbance, a wrong spring, friction at the motor or misaligned encoders leave a
-    steady-state error.  With `offset_rate` the motor's reading is shifted until the spring balances:
+    With two readings but one disturbance, a wrong spring stiffness, friction at the motor or misaligned encoders leave
+    a steady-state error.  With `offset_rate` the motor's reading is shifted until the spring balances:
 
         y1 = reading - offset,   offset <- offset + offset_rate T (y1 - y2 - lead(set motion) - (F - F*)/k)
 
@@ -98,9 +98,9 @@ class LQG(Law):
     noisier.
     When to use: two encoders and an identified spring, where it halves the error of a P-PI cascade of the same Ms.
     Not suitable for an unknown spring, or without recovery for a lightly damped plant.  Optimality does not guarantee
-    margins: check each plant that it must control.
-    Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the offset
-    is this library's.
+    margins: check them for every plant that the law must control.
+    Source: Kalman 1960; Åström & Wittenmark 1997 (sampled, delay as states); Doyle & Stein 1979 (recovery); the
+    estimated offset is specific to this library.
     """
 
     feeds = ("acceleration", "velocity")
@@ -123,7 +123,7 @@ class LQG(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values with two masses and two encoders if the axis has them, else with one mass."""
+        """Return one variant: with two masses and two encoders if the axis has them, else with one mass."""
         model: Plant = Rigid(mass=axis.mass, viscous=axis.viscous)
         model_text = ""
         if axis.encoders > 1:
@@ -142,7 +142,7 @@ class LQG(Law):
         return (Start(cls.title, law, model_text + axis.sentence()),)
 
     class Prepared(NamedTuple):
-        """Φ - 1, Γ of drive and load, L, K and Kᵢ in SI."""
+        """Φ - 1, Γ of drive and load, L, K and Kᵢ in SI units."""
 
         change: Matrix  # of positions (m), then velocities (m/s)
         drive: Row  # per N
@@ -184,7 +184,7 @@ class LQG(Law):
         return self.Prepared(change, drive, load, self._gain(hold, T), feedback, pending)
 
     def _hold(self, T: Number) -> Matrix:
-        """Return [Φ - 1, Γ of the drive, Γ at the load] of the model, with velocities in 1/T and forces in m/T²."""
+        """Return [Φ - 1, Γ of the drive, Γ of the load], with T as unit of time and the total mass as unit of mass."""
         mechanics, total = self.model.mechanics(), self.model.rigid_mass()
         bodies = len(mechanics.mass)
         n = 2 * bodies
@@ -206,7 +206,7 @@ class LQG(Law):
         return matrix.expm1([*moves, *pulled, *still], at_least=2)[:n]
 
     def _feedback(self, hold: Matrix, T: Number) -> tuple[Row, Row]:
-        """Return K of positions and velocities (N/m, N s/m), and the gains of the commands that have not acted yet."""
+        """Return K for positions and velocities (N/m, N s/m), and the gains of the commands that have not acted yet."""
         n = len(hold)
         w = self.omega_c * T
         change, drive, _ = _split(_in_units(hold, w, w * w), n)
@@ -254,7 +254,7 @@ class LQG(Law):
         return self.State(motion, disturbance, offset, (reading.applied,) * late, (steady_force,) * (late + 1))
 
     def _dragged(self) -> Number:
-        """Return the viscous friction of the whole model, N s/m."""
+        """Return the total viscous coefficient of the model, N s/m."""
         damping = self.model.mechanics().damping
         ones = (1.0,) * len(damping)
         return matrix.dot([matrix.dot(row, ones) for row in damping], ones)
@@ -294,8 +294,8 @@ class LQG(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the force is continuous.
 
-        A change of friction is not counted as a disturbance, and a changed spring gets the deflection that it now
-        needs.
+        A change of the friction parameter is not mistaken for a disturbance, and a spring of changed stiffness gets the
+        deflection that it now needs.
         """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed
@@ -332,7 +332,7 @@ _NONE = (0.0,) * 8
 
 
 def _stretch(bodies: TwoBodies, speed: Number, disturbance: Number) -> Number:
-    """Return the distance in m by which the motor leads the load in steady motion under a force on the load."""
+    """Return the lead of the motor over the load in m, in steady motion with the force `disturbance` on the load."""
     return (bodies.dragged * speed - disturbance) / bodies.k
 
 
@@ -349,7 +349,7 @@ def _times(x: Any, factor: Any) -> Any:
 
 
 def _in_units(hold: Matrix, velocity: Number, force: Number) -> Matrix:
-    """Return [Φ - 1, Γ, Γ] with velocities and forces in other units."""
+    """Return [Φ - 1, Γ, Γ] after multiplying the units of velocity and force by these factors."""
     n = len(hold)
     still = n // 2
     over: Row = (1.0,) * still + (velocity,) * still + (force,) * 2

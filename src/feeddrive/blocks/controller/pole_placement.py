@@ -30,7 +30,7 @@ AXIAL_SHARE = 0.975
 
 
 class PolePlacement(Law):
-    """State feedback of screw and table, with all five poles of the closed loop chosen.
+    """State feedback of screw and table that places all five poles of the closed loop.
 
         force = K1 (x1r - x1) + K2 (x2r - x2) + K3 (v1r - v1) + K4 (v2r - v2) + Ki Σ T (x2r - x2)
         v1 = (x1(k) - x1(k-1)) / T,  v2 likewise;  x2r, v2r are the setpoint, x1r = x2r + lead, v1r = v2r + lead'
@@ -43,14 +43,14 @@ class PolePlacement(Law):
     limit the loop.
 
     `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
-    blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" is the series in
-    c/k, "exact" the discrete lag of c/k by first-order hold.  "rigid" sets both positions equal; it needs no model of
-    the spring and loses most of the accuracy.
+    blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" uses a truncated series
+    in c/k, "exact" the lag with time constant c/k, discretized by first-order hold.  "rigid" sets both positions equal,
+    which needs no model of the spring but loses most of the accuracy.
 
-    If the force was limited, the term of that sample is removed from the integral one sample later.
+    If the force was limited in a sample, the term that this sample added to the integral is removed one sample later.
     When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
-    the motor and one on the table.  Not suitable for a single encoder, or if the axial mode shifts by more than a fifth
-    along the travel.
+    the motor and one on the table.  Not suitable for a single encoder, or if the frequency of the axial mode changes by
+    more than a fifth along the travel.
     Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
     """
 
@@ -76,7 +76,7 @@ class PolePlacement(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return start values from screw and table of the axis's plant, with the inverse dynamics of the same model."""
+        """Return one variant that uses the screw and table of the axis's plant, with matching `InverseDynamics`."""
         if axis.encoders < 2:
             raise StructureError(
                 "pole placement needs the position of the motor and that of the load; the controller reads one encoder"
@@ -94,7 +94,7 @@ class PolePlacement(Law):
         return (Start(cls.title, law, remark, InverseDynamics(model=model)),)
 
     class Prepared(NamedTuple):
-        """The gains, and the coefficients of the exact lag: for its last value, the last input and the new input."""
+        """The gains, and the coefficients of the exact lag for its last output, the last input and the new input."""
 
         gains: Gains
         kept: Number = 0.0
@@ -102,18 +102,18 @@ class PolePlacement(Law):
         new: Number = 0.0
 
     class Lead(NamedTuple):
-        """The state of the exact lag: the last leads for an undamped spring, and the leads after the lag (m, m/s)."""
+        """The state of the exact lag: its last inputs, the leads for an undamped spring, and its outputs (m, m/s)."""
 
         relaxed: tuple[Number, Number]
         lead: tuple[Number, Number]
 
     class Series(NamedTuple):
-        """The state of the series: the lead of the last sample (m), for a live change."""
+        """The state of the series: the lead in the last sample (m), used only at a live change."""
 
         position: Number
 
     class State(NamedTuple):
-        """The last readings (m), their difference at the start (m), Σ T e and its last term (m s), the screw's lead."""
+        """The last readings and their difference at the start (m), Σ T e and its last term (m s), the screw's lead."""
 
         position_motor: Number
         position_load: Number
@@ -138,7 +138,7 @@ class PolePlacement(Law):
             )
 
     def _unstable_lag(self, bodies: TwoBodies) -> str:
-        """Return the error message: why the exact filter of the screw's set position cannot be used."""
+        """Return the error message that explains why the exact filter of the screw's set position cannot be used."""
         m12, c, k = bodies.m12, -bodies.c12, bodies.k
         if m12 > 0.0:
             pole = (c + ops.sqrt(c * c + 4.0 * m12 * k)) / (2.0 * m12)
@@ -190,7 +190,7 @@ class PolePlacement(Law):
         return place(two_bodies(self.kind, self.model), self.polynomial())
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute the gains; for the exact lag of c/k also its coefficients with a first-order hold."""
+        """Compute the gains and, for "exact", the first-order-hold coefficients of the lag c/k."""
         if self.commands != "exact":
             return self.Prepared(self.gains())
         # without damping the lag is 0, and the floor keeps its inverse finite
@@ -201,7 +201,7 @@ class PolePlacement(Law):
         return self.Prepared(self.gains(), kept, mean - kept, 1.0 - mean)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at rest at the measured position, with aligned encoders and the force as integral."""
+        """Return the state at rest, with the encoders aligned and the integral providing the acting force."""
         zero = ops.zero(reading.position_load)
         lead: Any = Nothing()
         if self.commands == "exact":
@@ -253,7 +253,7 @@ class PolePlacement(Law):
         return state._replace(integral=integral, added=ratio * state.added)
 
     def _followed(self, prepared: Prepared, state: Lead, setpoint: Setpoint) -> Lead:
-        """Advance (c s + k) lead = k relaxed_lead and its derivative by one sample, with inputs linear in between."""
+        """Advance (c s + k) lead = k relaxed_lead and its derivative by one sample, with linearly changing inputs."""
         made = relaxed_lead(two_bodies(self.kind, self.model), setpoint)
         now = (made.position, made.velocity)
         position, velocity = (
@@ -264,7 +264,7 @@ class PolePlacement(Law):
 
 
 def _below_nyquist(kind: str, name: str, frequency: Number, damping: Number, spread: Number, nyquist: Number) -> Rule:
-    """Return the rule that a pair's fastest pole, `spread` times its frequency, is below half the sample rate (Hz)."""
+    """Return the rule that the fastest pole of a pair, at `spread` · `frequency`, lies below `nyquist` (Hz)."""
     fastest = frequency * spread
     return Rule(
         fastest < nyquist,

@@ -1,4 +1,4 @@
-"""Stability of a polynomial, for rules evaluated on numbers or in a trace."""
+"""Stability of a polynomial, for validity rules that are evaluated with numbers or traced."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -30,7 +30,7 @@ def product(a: Sequence[Number], b: Sequence[Number]) -> list[Any]:
 
 
 def largest_share(admits: Callable[[float], bool]) -> float:
-    """Return the largest admissible share in [0, 1], to 12 digits from below; 0 if there is none.
+    """Return the largest admissible share in [0, 1], approached from below by bisection; 0 if there is none.
 
     All smaller shares must be admissible too.
     """

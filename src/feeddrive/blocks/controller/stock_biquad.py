@@ -12,7 +12,7 @@ class StockBiquad(Block):
         H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
 
     Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 holds any second-order filter.
-    Source: LinuxCNC manual page biquad(9); the order of the operations from tests of the component itself.
+    Source: LinuxCNC manual page biquad(9); the order of the operations was found by tests of the component itself.
     """
 
     n0: Number = parameter("", "coefficient of the input", default=1)
@@ -28,7 +28,7 @@ class StockBiquad(Block):
         s2: Number
 
     def start(self, zero: Number) -> State:
-        """Return the state with which HAL loads the component: all zeros."""
+        """Return the state in which HAL loads the component: all zeros."""
         return self.State(zero, zero)
 
     def step(self, state: State, value: Number) -> tuple[State, Number]:

@@ -63,7 +63,7 @@ class StockPid(Block):
     def start(self, command: Number, feedback: Number, commandD: Number = 0.0, feedbackD: Number = 0.0) -> State:
         """Return the state of a disabled pid with constant rates of command and feedback.
 
-        HAL itself loads the component with all zeros.
+        HAL itself initializes the component with zeros.
         """
         zero = ops.zero(command)
         rate, back = zero + commandD, zero + feedbackD
@@ -88,10 +88,10 @@ class StockPid(Block):
         enable: Number | None = None,
         index_enable: Number | None = None,
     ) -> tuple[State, Number]:
-        """Compute one call of do-pid-calcs.
+        """Carry out one call of the HAL function `do-pid-calcs`.
 
-        A pin that is None is not connected: without `enable` the pid is enabled. A connected `bias` replaces the
-        parameter.
+        None means that a pin is not connected; if `enable` is not connected, the pid is enabled. A connected `bias`
+        replaces the parameter.
         """
         # the component multiplies by the reciprocal; a division gives other last bits
         per_second = 1.0 / T
@@ -140,5 +140,5 @@ def limited(value: Number, most: Number) -> Number:
 
 
 def _unless(falls: object, held: Number, value: Number) -> Number:
-    """Return `held` in the sample in which the index enable falls, else the value."""
+    """Return `held` in the sample in which `index_enable` falls (`falls` is true), else `value`."""
     return value if falls is None else ops.where(falls, held, value)

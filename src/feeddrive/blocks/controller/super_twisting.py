@@ -27,7 +27,7 @@ class SuperTwisting(Law):
         u     = k1 √|s| sgn s + w,   w' = k2 sgn s,      k1 = root_factor √L,   k2 = sign_factor L
 
     L is the largest rate of change of the disturbance divided by the mass, |dF_d/dt| / m; it must stay below k2.
-    `form` selects how this is sampled:
+    `form` selects how the law is sampled:
 
         explicit   u and w as written, w(k+1) = w + T k2 sgn s
         implicit   β = s - T w:  w⁺ = w + c/T,      u = w⁺ + k1 y sgn β       c, y of β with h = T
@@ -47,10 +47,10 @@ class SuperTwisting(Law):
     When to use: to bound the rate of the force of a stiff PID.  Do not use it to gain more robustness than that of a
     PID of equal delay margin; a well-tuned loop hardly ever leaves the zone.  The explicit form always chatters.  The
     implicit form keeps an error of T F_d/(m λ), and chatters with a dead time of one sample or more.  A linear model
-    shows neither effect: it is refused for the explicit form, and for the implicit form it is valid inside the zone
-    only.
-    Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is this
-    library's.
+    shows neither effect: linearization is refused for the explicit form, and for the implicit form it is valid inside
+    the zone only.
+    Source: Levant 1993 (the law, and L); Brogliato, Polyakov & Efimov 2020 (the implicit form); the zone is specific to
+    this library.
     """
 
     feeds = ("acceleration", "velocity")
@@ -76,10 +76,10 @@ class SuperTwisting(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return slow start values in the zone form.
+        """Return one variant, in the zone form with slow start values.
 
-        L, and thus the width of the zone, is set for disturbances that change by 50 m/s² per millisecond, and for the
-        reading noise.
+        L, and thus the width of the zone, suits disturbances that change by 50 m/s² per millisecond, and is larger if
+        the reading noise requires it.
         """
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings
@@ -92,14 +92,14 @@ class SuperTwisting(Law):
         return (Start(cls.title, law, Text(f"{axis.sentence()}; L = {Quantity(rate, 'm/s3')}")),)
 
     class Prepared(NamedTuple):
-        """h (the sample time if none is given), k1 and k2."""
+        """h (the sample time if `zone_time` is not specified), k1 and k2."""
 
         h: Number  # s
         k1: Number  # (m/s)^½ / s
         k2: Number  # m/s³
 
     class State(NamedTuple):
-        """The last position of the velocity's encoder (m), and w (m/s²)."""
+        """The last position of the velocity encoder (m), and w (m/s²)."""
 
         position: Number
         twist: Number
@@ -117,7 +117,7 @@ class SuperTwisting(Law):
             raise StructureError(f"{self.kind}.disturbance_rate is missing: form = 'explicit' needs it, in m/s3")
 
     def position_gain(self) -> Number:
-        """Return λ: s contains λ e_x + e_v."""
+        """Return the position gain λ in 1/s, as in s = λ e_x + e_v."""
         return self.tracking_rate
 
     def settled(self) -> Self:
@@ -134,7 +134,7 @@ class SuperTwisting(Law):
         )
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state at rest at the measured position with s = 0 and w from the acting force."""
+        """Return the state at rest at the measured position, with s = 0 and the acting force provided by w."""
         return self.State(reading.position(self.velocity_encoder), reading.applied / self.mass)
 
     def step(
@@ -174,11 +174,11 @@ class SuperTwisting(Law):
         return held, k1 * y * ops.sign(s)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Convert w so that its force is continuous."""
+        """Rescale w so that the force m w stays continuous."""
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule that inside its zone the loop around m x'' = F without dead time is stable."""
+        """Yield the validity rule: inside the zone, the loop around m x'' = F without dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),
@@ -187,7 +187,7 @@ class SuperTwisting(Law):
             )
 
     def _stable(self, slower: Number, T: Number) -> Any:
-        """Return True if the loop around m x'' = F, held over the sample, is stable with λ and 1/h times `slower`.
+        """Return True if the loop around m x'' = F (F held) is stable with λ and 1/h multiplied by `slower`.
 
         In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
         D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)]; for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].
@@ -204,7 +204,7 @@ class SuperTwisting(Law):
         return is_stable([*outer[:3], outer[3] + 8.0, 8.0])
 
     def _refusal(self, T: float) -> str:
-        """Return the error message: how much slower the law must be."""
+        """Return the error message, which states how much slower the law must be."""
         share = largest_share(lambda slower: bool(self._stable(slower, T)))
         most = Quantity(share * self.tracking_rate, "1/s", bare=True)
         bounds = Text(f"tracking_rate = {Quantity(self.tracking_rate, '1/s'):6} (must be below {most})")

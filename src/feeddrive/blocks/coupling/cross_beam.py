@@ -6,16 +6,17 @@ from feeddrive.language.errors import StructureError
 
 
 class CrossBeam(Coupling):
-    """The cross beam of an axis with two drives, a spring and a damper against their skew.
+    """The cross beam of an axis with two drives: a spring and a damper that resist the skew of the drives.
 
         f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, in opposite directions
 
-    Each drive has its own plant, controller and encoder; half of the beam is part of the mass of each.  The word of a
-    part program that moves `axis` moves both.  Both are integrated in one exact hold, so that the beam may have any
-    stiffness. The remaining difference between their tables is the skew, in m; divided by their distance it is an
-    angle.
-    Do not use it for a slide on the beam that shifts mass from one drive to the other, since their shares are constant
-    here.  If the beam is guided so softly that its rotation is a separate degree of freedom, add a structure mode.
+    Each drive has its own plant, controller and encoder; the mass of each includes half of the beam.  A word of a part
+    program that moves `axis` moves both drives.  The plants of both are integrated together in one exact hold, so that
+    the beam may have any stiffness. The position difference between the two tables is the skew in m; divided by the
+    distance between the drives it is an angle.
+    Do not use it if a slide moves along the beam and shifts mass from one drive to the other, since both masses are
+    constant here.  If the beam is guided so softly that its rotation is a separate degree of freedom, add a
+    `StructureMode`.
     """
 
     axis: str = choice("axis whose word of a part program moves both drives", default="y")
@@ -31,12 +32,12 @@ class CrossBeam(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return both drives."""
+        """Return the axis names of the two drives."""
         return (self.axis, self.follower)
 
     def springs(self) -> tuple[SharedSpring, ...]:
         return (SharedSpring(self.stiffness, self.damping, {self.axis: 1.0, self.follower: -1.0}),)
 
     def follows(self) -> dict[str, str]:
-        """Return the second drive as follower of the first."""
+        """Return the second drive as a follower of the first."""
         return {self.follower: self.axis}

@@ -20,17 +20,17 @@ class CrossCoupled(Coupling):
     `normal` is the vector from the tool back to the path, to second order in e, or with `estimate = "linear"` without
     the curvature.  Identical axes follow exactly as with the position gain Kv + contour_gain across the path and Kv
     along it; so the largest contour_gain is the largest stable Kv minus Kv.  Axes that differ have the contour error
-    e0/(1 + contour_gain n C P n) instead of e0 without this coupling, with the unit normal n, and the velocity
-    controller C and the compliance P of each axis.  Below `freeze_velocity` the frame keeps its last direction; before
-    the first motion nothing is added.  The readings are those of the same sample; while an axis is off, tripped or
-    without a reading, nothing is added to the others.
+    e0/(1 + contour_gain n C P n), where e0 is the error without this coupling, n the unit normal, and C and P the
+    velocity controller and the compliance of each axis.  Below `freeze_velocity` the frame keeps its last direction;
+    before the first motion nothing is added.  The readings are those of the same sample; while an axis is off, tripped
+    or without a reading, nothing is added to the others.
     The coupling runs on the controller, and is exported with the controllers of the machine.
 
     When to use: for contours of axes that differ, or that lag because they have no feedforward.  Do not use it instead
-    of feedforward and equal gains, which cost nothing; against the lag along the path, which it does not see; or at a
-    sharp corner, where the normal jumps.
+    of feedforward and equal gains, which cost nothing; to reduce the lag along the path, which it does not affect; or
+    at a sharp corner, where the normal jumps.
     Source: Koren & Lo 1991 (variable gain), in the task frame of Chiu & Tomizuka 2001; their circular estimate has the
-    term |e|²/2R where the second order is e_t²/2R.
+    term |e|²/2R, whereas the correct second-order term is e_t²/2R.
     """
 
     controls = True
@@ -54,7 +54,7 @@ class CrossCoupled(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes of the contour."""
+        """Return the names of the axes that trace the contour."""
         return self.contour_axes
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> State:
@@ -65,7 +65,7 @@ class CrossCoupled(Coupling):
     def _direction(
         self, last: tuple[Number, ...], setpoints: Mapping[str, Setpoint]
     ) -> tuple[tuple[Number, ...], Any, Number]:
-        """Return the unit tangent, True if the path moves, and the square of its feed, or 1 at standstill."""
+        """Return the unit tangent, True if the set path moves, and the square of the feed (1 at standstill)."""
         speeds = tuple(each.velocity for each in setpoints.values())
         square = _dot(speeds, speeds)
         moves = square > self.freeze_velocity * self.freeze_velocity

@@ -22,9 +22,9 @@ class Settings(NamedTuple):
 class CutSections(Block):
     """Depth of cut, engagement, spindle speed and feed direction, constant within each section of time.
 
-    An absent row keeps the values of the cut and its cutter.  Section i is active for start[i] <= t < start[i+1], the
-    last one until the end, the first one also before its start; a section must not be shorter than a substep.  An
-    axial_depth of 0 m means that the tool is out of the work.
+    A quantity whose row is absent keeps the value of the cut or its cutter.  Section i is active for start[i] <= t <
+    start[i+1], the last one until the end, the first one also before its start; a section must not be shorter than a
+    substep.  An axial_depth of 0 m means that the tool does not cut.
     `entry` and `exit` are those of the chip: 0 .. π in a slot, 0 .. arccos(1 - 2 width / diameter) in up milling.
     Raises ParameterError, naming the section, for conditions that no tool can cut.
     """
@@ -72,7 +72,7 @@ class CutSections(Block):
                 )
 
     def rows(self) -> dict[str, list[float]]:
-        """Return the rows that are given, as numbers; no rows in a trace."""
+        """Return the rows that are present as lists of numbers by name; empty while tracing."""
         names = ("start", "axial_depth", "entry", "exit", "spindle_speed", "direction")
         present: dict[str, Any] = {name: row for name in names if (row := getattr(self, name)) is not None}
         if isinstance(self.start, Symbol):
@@ -80,12 +80,12 @@ class CutSections(Block):
         return {name: row.tolist() for name, row in present.items()}
 
     def cutting(self) -> list[bool]:
-        """Return, for each section, whether the tool is engaged."""
+        """Return one value per section: True if the tool cuts."""
         rows = self.rows()
         return [depth > 0.0 for depth in rows.get("axial_depth", [1.0] * len(rows["start"]))]
 
     def section(self, before: Any, time: Number) -> Any:
-        """Return the index of the section at a time in s: that of the previous substep, or the next one."""
+        """Return the index of the section at a time in s: `before`, that of the previous substep, or the next one."""
         start: Any = self.start
         # no section is shorter than a substep, so that the table need not be searched
         after = before + 1.0
@@ -93,7 +93,7 @@ class CutSections(Block):
         return ops.where(there, after, before)
 
     def settings(self, section: Any, usual: Settings) -> Settings:
-        """Return the cutting conditions within a section."""
+        """Return the conditions in a section; a quantity without a row keeps its value in `usual`."""
         changing = ("axial_depth", "entry", "exit", "spindle_speed", "direction")
         rows: dict[str, Any] = {name: row for name in changing if (row := getattr(self, name)) is not None}
         changed_rows = {name: ops.gather(row, section) for name, row in rows.items()}

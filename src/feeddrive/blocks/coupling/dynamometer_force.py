@@ -12,13 +12,13 @@ from feeddrive.language.errors import StructureError
 
 
 class DynamometerForce(Coupling):
-    """The components of a measured cutting force, each on its axis, at the instants of the substeps.
+    """The components of a measured cutting force, each applied to its own axis and updated in every substep.
 
         F_axis(t) = gain · row((t - offset) / interval)      linear between samples, 0 N before and after them
 
     Unlike a `Load`, which is sampled with the controller and held, it changes from substep to substep, and one record
     acts on all axes at the same instants.
-    Do not use it where the force depends on the motion, such as in chatter; use `MillingCut`.
+    Do not use it where the force depends on the motion, as in chatter; use `MillingCut` there.
     """
 
     components: tuple[ForceRecord, ...] = part("components of the force, one an axis")
@@ -36,7 +36,7 @@ class DynamometerForce(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes with a component."""
+        """Return the names of the axes on which a component acts."""
         return tuple(component.axis for component in self.components)
 
     def step(

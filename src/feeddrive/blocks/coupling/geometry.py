@@ -8,15 +8,15 @@ from feeddrive.language.errors import StructureError
 
 
 class Geometry(Block):
-    """Scale, squareness and straightness errors: the tool point from the true positions of the tables.
+    """Scale, squareness and straightness errors, which relate the tool point to the true positions of the tables.
 
         tool.x = x + scale_x x + squareness_xy y + squareness_xz z + straightness
         tool.y = y + scale_y y + squareness_yz z + straightness
         tool.z = z + scale_z z + straightness
 
-    A positive squareness means that the tool goes towards larger x while y grows: the angle between the axes is less
-    than a right angle.  No encoder of an axis sees these errors; they appear only in measurements at the tool, such as
-    a circle test or a part.  Cutting forces and controllers act on the axes and do not see these errors.
+    A positive squareness means that the tool moves towards larger x while y increases: the angle between the axes is
+    less than a right angle.  No axis encoder measures these errors; they appear only at the tool, for instance in a
+    circle test or on a part.  They do not affect cutting forces and controllers, which act on the axes.
     Source: ISO 230-1; signs as in the circle test, x += squareness_xy y.
     """
 
@@ -34,7 +34,7 @@ class Geometry(Block):
     straightness: tuple[Straightness, ...] = part("straightness errors of the guideways", default=())
 
     def check(self) -> None:
-        """Raise StructureError if two directions share an axis, or if a straightness error is not across a motion."""
+        """Raise StructureError for an axis used twice, or for a straightness error with an invalid direction."""
         if len(set(self.axes().values())) < len(self.axes()):
             raise StructureError(
                 f"geometry: x, y and z must be moved by different axes, not {', '.join(self.axes().values())}"
@@ -50,7 +50,7 @@ class Geometry(Block):
                     raise StructureError(f"geometry.straightness.{i}: no axis moves the tool along {way}")
 
     def axes(self) -> dict[str, str]:
-        """Return the axis that moves the tool, by direction."""
+        """Return, for each direction, the name of the axis that moves the tool in it."""
         third = {} if self.along_z is None else {"z": self.along_z}
         return {"x": self.along_x, "y": self.along_y, **third}
 

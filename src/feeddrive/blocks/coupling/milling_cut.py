@@ -27,25 +27,26 @@ class MillingCut(Coupling):
         angle    = start_angle + 2π (spindle_speed / 60) t
         F_x, F_y = F_feed t + F_normal n,   F_z = -F_axial
 
-    F_feed, F_normal and F_axial are the coefficients of the cutter on this chip, integrated over each engaged slice;
-    t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
-    (regeneration); where it lifts a tooth out of the work, a later tooth cuts the chip of several steps, so that at
-    least three surfaces are needed.  A vibration that repeats with the period τ leaves the chip of the feed, and thus
-    the force, unchanged except for rounding.
+    F_feed, F_normal and F_axial follow from the cutter's force coefficients and this chip, integrated over each engaged
+    slice; t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
+    (regeneration); where it lifts a tooth out of the work, a later tooth removes the chip of several tooth periods, so
+    that at least three surfaces are needed.  A vibration that repeats with the period τ leaves the chip of the feed,
+    and thus the force, unchanged except for rounding.
 
     r is taken at the predicted middle of a substep; r(t - mτ) is predicted in the same way, by cubic Hermite
-    interpolation of the positions and velocities at the ends of the substeps.  The force of a straight tooth that
-    enters is the mean over the substep, as is that of a helical one if its slice turns by less than the spindle in a
-    substep.
+    interpolation of the positions and velocities at the ends of the substeps.  While a straight tooth enters the cut,
+    its force is averaged over the substep.  The same holds for a helical tooth whose slices each span a smaller angle
+    than the spindle turns in a substep.
 
     Without `direction` the feed has the direction of the motion over the last turn of the spindle, which a vibration as
-    large as the feed distorts: give a direction, or sections with directions, where the tool may chatter. At the start
+    large as the feed distorts: specify a direction, or sections with directions, if the tool may chatter. At the start
     the tool has been at rest outside the workpiece: the chip is 0 and grows over the first tooth periods.  If `moves`
     is "table", the axis moves the workpiece: r is minus the position of the axis, and the force on the axis is
     reversed.  The force acts for cut_from <= t < cut_to, with a separate depth, width, speed or direction in each of
-    the `sections`; the spindle always turns.  Where its speed changes, τ is the time since the spindle was one tooth
-    pitch back, found in a ring buffer of its turns. With process_damping C the flank rubs: F = -C a (ṙ · e_r) /
-    (cutting speed) along e_r on each engaged height a of an edge, with ṙ extrapolated from the last two velocities.
+    the `sections`; the spindle always turns.  Where its speed changes, τ is the time in which the spindle has turned by
+    one tooth pitch, found in a ring buffer of its rotation angle. With process_damping C the flank rubs on the
+    workpiece: F = -C a (ṙ · e_r) / (cutting speed) along e_r on each engaged height a of an edge, with ṙ extrapolated
+    from the last two velocities.
     Do not use it with substeps longer than a tenth of τ, or for a motion along the spindle, which does not change the
     chip.
     Source: forces Budak, Altintas & Armarego 1996; regeneration Altintas & Budak 1995, eq. (2); several surfaces Tlusty
@@ -72,7 +73,7 @@ class MillingCut(Coupling):
     remembered: int = choice("substeps of motion that are stored; they must cover the surfaces", default=4096, least=4)
 
     class State(NamedTuple):
-        """The track of tool against workpiece (m, m/s), with the spindle's turns if its speed changes; the section."""
+        """The track of the tool relative to the workpiece (m, m/s), the section, and the spindle's turns."""
 
         path: Track
         section: Any = None
@@ -95,7 +96,7 @@ class MillingCut(Coupling):
                 )
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the validity rules: the cut ends after it begins, and its slices are short."""
+        """Yield the validity rules: the cut ends after it begins, and a slice spans at most a quarter of a turn."""
         begin, end = self.cut_from, self.cut_to
         if end is not None:
             yield Rule(
@@ -114,11 +115,11 @@ class MillingCut(Coupling):
         return [] if self.sections is None else self.sections.rows().get("axial_depth", [])
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes that move the tool or the table."""
+        """Return the names of the axes that move the tool or the table."""
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """Return τ in s, the longest of all sections that cut."""
+        """Return the tooth period τ in s, the longest among the sections that cut."""
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:
@@ -231,7 +232,7 @@ class MillingCut(Coupling):
         return section, self.sections.settings(section, usual)
 
     def _ago(self, teeth: int, path: Track, turns: Any, rate: Any, h: Any) -> Any:
-        """Return how many substeps ago the spindle was this many teeth back, by Newton's method if its speed varies."""
+        """Return the number of substeps in which the spindle last turned by `teeth` tooth pitches (not an integer)."""
         # the track has no turns: at constant speed the pitch has a fixed time, and nothing is searched
         if len(path.values) == 2:
             return float(teeth) / (self.cutter.teeth * rate * h)
@@ -245,7 +246,7 @@ class MillingCut(Coupling):
         return ago
 
     def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
-        """Return the displacement of the tool along x and y over a number of substeps."""
+        """Return the displacement of the tool along x and y over the last `ago` substeps."""
         x, y = path.ago(ago, h, 0.5)[:2]
         return place[0] - x, place[1] - y
 

@@ -14,10 +14,10 @@ class StructureMode(Coupling):
         it adds motor · η and load · η to the positions of the two bodies of each of these axes
 
     Several modes act in parallel, as the modes of a measured response matrix do.  A structure in series, such as a
-    column on a bed, is given by the modes of the whole: its undamped modes with their shapes again form such a sum,
-    which is exact for modal damping.  Modes and axes are integrated in one exact hold: the response from any force to
-    any position of the coupled machine has only rounding errors.  Friction acts on the position of a body including its
-    modes, as on a guideway that does not move.
+    column on a bed, is described by the modes of the complete structure: its undamped modes and their shapes form such
+    a sum too, which is exact for modal damping.  Modes and axes are integrated in one exact hold: the response of any
+    position of the coupled machine to any force is exact except for rounding.  Friction acts on the position of a body
+    including its modes, as on a guideway that does not move.
     Do not use it for a mode that changes with the position of an axis, since shapes are constant.
     Source: modal superposition, Ewins 2000, ch. 2; shapes may have either sign.
     """
@@ -36,7 +36,7 @@ class StructureMode(Coupling):
             )
 
     def axes(self) -> tuple[str, ...]:
-        """Return the axes with a shape."""
+        """Return the names of the axes in `shapes`."""
         return tuple(shape.axis for shape in self.shapes)
 
     def modes(self) -> tuple[SharedMode, ...]:

@@ -18,7 +18,7 @@ LEAST_ANGLE = 1e-6  # rad; least angle over which a straight edge enters and lea
 
 
 def arc(milling: str, radial_depth: Number | None, diameter: Number) -> tuple[Any, Any]:
-    """Return entry and exit of the chip in rad for a radial depth in m; without a depth, those of a slot.
+    """Return the entry and exit angle of the chip in rad for a radial depth in m, or for a slot if it is None.
 
     up 0 .. a,   down π - a .. π,   a = arccos(1 - 2 radial_depth / diameter)
     symmetric π/2 ∓ arcsin(radial_depth / diameter)
@@ -55,7 +55,7 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
 
 
 def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) -> Any:
-    """Return the chip thickness in m of a tooth on its true path, a trochoid; chip_load · sin angle is its first order.
+    """Return the chip thickness (m) of a tooth on its true path, a trochoid; to first order it is chip_load · sin v.
 
         R sin δ = (c - ρδ) cos v,   h = R (1 - cos δ) + (c - ρδ) sin v,   ρ = c teeth / 2π, the feed per rad
 
@@ -63,7 +63,7 @@ def trochoid_chip(angle: Number, chip_load: Number, radius: Number, teeth: int) 
     chip_load  feed per tooth c, m
     radius     radius R of the tool, m
 
-    The two differ most at entry and exit, by c²/2R, where a tooth already cuts before 0 and still cuts after π.
+    The two values differ most, by c²/2R, at entry and exit, since on its true path a tooth cuts before 0 and after π.
     """
     feed = chip_load * float(teeth) / (2.0 * ops.pi)
     sine, cosine = ops.sin(angle), ops.cos(angle)
@@ -102,7 +102,7 @@ def lag(edge: Edge) -> Any:
 def fits_slices(kind: str, edge: Edge) -> Rule:
     """Return the rule that a slice spans at most a quarter of a turn.
 
-    The closed forms require that no slice reaches around the unengaged part.
+    The closed forms require that no slice spans the whole unengaged arc.
     """
     turn, slices = lag(edge), edge.slices
     return Rule(
@@ -122,14 +122,14 @@ def cut(
 
     steps  the motion of the tool along t and n in m since each earlier tooth, latest first, was at this angle
 
-    The chip of a slice is the least over the surfaces left by earlier teeth; where it is not positive there is no
-    force, not even an edge force:
+    The chip thickness of a slice is the smallest over the surfaces left by earlier teeth; where it is not positive,
+    there is no force, not even an edge force:
 
         h(v) = min over m of (step_m + o(angle) - o(angle - 2π m/teeth)) · e(v),    e = (sin v, cos v)
 
     with the run-out o as a displacement of the tool center, exact to first order in offset / diameter.  Over the
-    engaged part of a slice h sin v, h cos v and h are integrated in closed form, over the sweep if that exceeds the lag
-    of the slice: the entry of a straight edge is then averaged over the sweep.
+    engaged part of a slice, h sin v, h cos v and h are integrated in closed form.  If the sweep exceeds the lag of the
+    slice, they are integrated over the sweep instead: the entry of a straight edge is thus averaged over the sweep.
     """
     slices, teeth = float(edge.slices), float(edge.teeth)
     turn = lag(edge)
@@ -179,7 +179,7 @@ class _End(NamedTuple):
 
 
 class _Arms(NamedTuple):
-    """The entry and exit of an edge: half the angle between them, and their sines and cosines."""
+    """The engaged arc of an edge: half of its angle, and sine and cosine of entry and exit."""
 
     half: Any
     entry: tuple[Any, Any]
@@ -187,12 +187,12 @@ class _Arms(NamedTuple):
 
     @classmethod
     def of(cls, edge: Edge) -> Self:
-        """Return entry and exit of an edge."""
+        """Return the engaged arc of an edge."""
         begin, end = edge.entry, edge.exit
         return cls(0.5 * (end - begin), (ops.sin(begin), ops.cos(begin)), (ops.sin(end), ops.cos(end)))
 
     def end(self, sine: Any, cosine: Any, turns: Any) -> _End:
-        """Return one end of a slice, clamped to the engaged arc; `turns` is 0 in the middle of the unengaged arc."""
+        """Return a slice end, clamped to the engaged arc; `turns` is its angle from the middle of the unengaged arc."""
         angle = 2.0 * ops.pi * (turns - ops.floor(turns)) - ops.pi
         below, above = angle < -self.half, angle > self.half
         held = ops.where(below, -self.half, ops.where(above, self.half, angle))
@@ -202,10 +202,10 @@ class _Arms(NamedTuple):
 
 
 def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
-    """Return True if an edge cuts the surface left by the previous tooth over its whole length.
+    """Return True if the whole slice cuts into the surface left by the previous tooth.
 
-    The chip thickness is a sine of the angle: if it is not negative at two ends less than π apart, it is not negative
-    between them.
+    The chip thickness is sinusoidal in the angle: if it is not negative at two ends less than π apart, it is not
+    negative between them.
     """
     (x, y), *others = moved
     signs = [(x, y), *((other_x - x, other_y - y) for other_x, other_y in others)]
@@ -218,7 +218,7 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 out of the cut."""
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 without a cut."""
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both
@@ -269,14 +269,14 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
-    """Return sine and cosine of the sum of two angles."""
+    """Return sine and cosine of the sum of two angles, from sine and cosine of each."""
     if s == 0.0 and c == 1.0:
         return sine, cosine
     return sine * c + cosine * s, cosine * c - sine * s
 
 
 def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
-    """Return sine and cosine of the angle of a tooth from the first one."""
+    """Return sine and cosine of the angle between the first tooth and this tooth."""
     angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
     # exact for the first tooth, which `_turned` then leaves as it is
     return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))

@@ -31,13 +31,13 @@ class HelicalCutter(Cutter):
 
     summed over the teeth.  Entry and exit are 0 and π in a slot; with a radial_depth below the diameter up milling cuts
     from 0 to arccos(1 - 2 radial_depth / diameter), down milling over the same angle up to π.  On a straight edge
-    (helix_angle = 0) the chip is that of the tip over the whole length, which is the limit of the equations.
+    (helix_angle = 0) the chip thickness at the tip applies to the whole length, which is the limit of the equations.
 
     The mean over a turn conserves energy: mean torque · ω = specific_energy · volume removed per second.
     `slices` is used only in a `MillingCut`, where the chip follows from the motion of the tool.
-    Not suitable for unequal pitch.  For run-out, or for a worn or rubbing edge, which has a force without a chip, use
-    `MechanisticCutter`.
-    Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed after Kline's model; the
+    Not suitable for unequal pitch.  For run-out, or for a worn or rubbing edge, whose force does not vanish with the
+    chip thickness, use `MechanisticCutter`.
+    Source: Beltrán-Carbajal et al. 2013, eq. (4) and the symbols around it, reconstructed from Kline's model; the
     ratios are not in the paper.
     """
 
@@ -81,7 +81,7 @@ class HelicalCutter(Cutter):
         """Return the paper's tool with the printed u_s = 0.5 kW/(cm³/min) = 30 GJ/m³, and warn.
 
         This is ten times the handbook value for steel; with the printed chip load of 1 mm the force reaches 141 kN and
-        the spindle power 90 kW. Use it only to show this.
+        the spindle power 90 kW. Use it only to demonstrate this error.
         """
         warnings.warn(
             "the printed specific energy of 30 GJ/m3 (0.5 kW per cm3/min) is ten times that of steel; "
@@ -143,8 +143,8 @@ class HelicalCutter(Cutter):
 def _engagement(tip: Any, rest: Any, turn: Any, begin: Any, end: Any) -> tuple[Any, ...]:
     """Return the changes of S, W and -cos over the part of (tip - rest, tip) inside (begin, end), divided by `turn`.
 
-    The length is computed as the whole edge minus the parts outside, not as a difference of its ends, which would lose
-    all precision at a small lag.  A straight edge cuts with its whole length or not at all.
+    The length of this part is computed as the whole edge minus the parts outside, since the difference of its two ends
+    would lose all precision at a small lag.  A straight edge cuts with its whole length or not at all.
     """
     before, after = ops.maximum(0.0, begin - (tip - rest)), ops.maximum(0.0, tip - end)
     length = ops.clip(rest - before - after, 0.0, rest)

@@ -18,10 +18,10 @@ _EDGE = 100.0, 1e6
 
 
 class MechanisticCutter(Cutter):
-    """Forces on an end mill with helical edges by six coefficients: per area of the chip and per length of the edge.
+    """Forces on an end mill with helical edges, from three coefficients per chip area and three per edge length.
 
-    The edge of tooth j at height z is at v = φ + 2πj/teeth - 2 z tan(helix_angle) / diameter, φ = angle.  On a
-    piece dz of it that is between entry and exit and has a chip h > 0
+    The edge of tooth j at height z is at v = φ + 2πj/teeth - 2 z tan(helix_angle) / diameter, φ = angle.  On a piece dz
+    of it between entry and exit with a chip thickness h > 0
 
         F_t = (Ktc h + Kte) dz against its motion,   F_r = (Krc h + Kre) dz towards the axis,   F_a = (Kac h + Kae) dz
         h   = min over m of [m chip_load sin v + R(φ - v) - R(φ - v - 2πm/teeth)]
@@ -34,10 +34,10 @@ class MechanisticCutter(Cutter):
 
     Entry and exit are 0 and π in a slot; with a radial_depth up milling cuts from 0 to arccos(1 - 2 radial_depth /
     diameter), down milling over the same angle up to π, a symmetric face cut π/2 ∓ arcsin(radial_depth / diameter).
-    `entry` and `exit` give them directly instead.
+    Alternatively, `entry` and `exit` specify them directly.
     When to use: for forces with a worn or rubbing edge, for run-out, for a `MillingCut` that may lose contact.
     Not suitable for unequal pitch, or within c²/2R of entry and exit, where the path of a tooth is no longer a circle.
-    Raises ParameterError for coefficients that no material has, which usually have the wrong unit.
+    Raises ParameterError for coefficients outside the range of real materials, usually the result of a wrong unit.
     Source: Budak, Altintas & Armarego 1996; run-out Kline & DeVor 1983.
     """
 
@@ -73,7 +73,7 @@ class MechanisticCutter(Cutter):
     Kae: Number = parameter("N/m", "axial force per length of edge", least=0, default=0)
 
     def check(self) -> None:
-        """Raise ParameterError if the engagement is incomplete or given twice."""
+        """Raise ParameterError if the engagement is incomplete or specified in two ways."""
         if (self.entry is None) != (self.exit is None):
             raise ParameterError(
                 "mechanistic_cutter.entry and .exit (rad) belong together: give both, or neither and a radial_depth"
@@ -161,7 +161,7 @@ class MechanisticCutter(Cutter):
 
 
 def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tuple[float, float]) -> Rule:
-    """Return the rule that a coefficient is 0 or in the range of materials, from foam to the hardest alloys."""
+    """Return the rule that a coefficient is 0 or in the range of real materials, from foam to the hardest alloys."""
     least, most = bounds
     factor = 1e6 if other == "N/mm2" else 1e3
 

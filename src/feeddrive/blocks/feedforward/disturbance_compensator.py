@@ -1,4 +1,4 @@
-"""Feedforward of motion and friction that is linear in its parameters, for tuning by iterative learning."""
+"""Feedforward of inertia and friction, linear in its parameters, for tuning by iterative learning."""
 
 from collections.abc import Sequence
 from typing import Any, Self
@@ -18,20 +18,20 @@ _NO_FRICTION = 1e-9  # N
 
 
 class DisturbanceCompensator(Feedforward):
-    """The force that a set motion needs, as a sum of regressors of the set motion in the middle of the sample.
+    """The force that a set motion requires, as a weighted sum of regressors evaluated in the middle of the sample.
 
         force = φᵀ θ,   all of the setpoint at t + T/2, since the force acts over [kT, (k+1)T]
         θ = [mass, viscous, coulomb_positive, coulomb_negative, stribeck, jerk_feedforward, snap_feedforward]
         φ = [a, v, 1(v > 0), -1(v < 0), sgn(v) e^-(v / stribeck_velocity)², j, s]
 
-    `coulomb_negative` is positive if friction opposes the motion towards smaller positions.  Within the dead band
-    the axis rests and the three columns of friction are 0.  An omitted parameter has no column.  The block
-    feeds forward, and `iterate` tunes, only the given parameters, including those that are 0.
-    In the drive's unit the parameters are divided by its force constant k: a = mass / k in A s²/m, b = viscous / k.
+    `coulomb_negative` is positive if friction opposes the motion towards smaller positions.  Within the dead band the
+    axis counts as at rest, and the three friction regressors are 0.  An omitted parameter has no regressor.  Only the
+    parameters that are present, even those with the value 0, are fed forward and are tuned by `iterate`.  In units of
+    the drive's command, the parameters are divided by the force constant k: a = mass / k in A s²/m, b = viscous / k.
 
-    When to use: with `iterate`, with any law that does not feed the same parts of the motion forward.  Not suitable for
-    friction that drifts from part to part, or for an axis that creeps and sticks, where the set velocity is not that of
-    the axis.
+    When to use: together with `iterate` and any law that does not feed the same parts of the motion forward.  Not
+    suitable for friction that drifts from part to part, or for an axis that creeps and sticks, where the set velocity
+    is not that of the axis.
     Source: Wu, Han, Xiong & Ding 2017, eq. (1) to (7) and the regressors of the disturbance compensator.
     """
 
@@ -41,12 +41,12 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for a law of one rigid mass that feeds nothing forward itself."""
+        """Return True for a law designed for one rigid mass that feeds nothing forward itself."""
         return not law.feeds and law.encoders == 1
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values: the axis's mass and viscous friction, and friction columns fitted to its steady curve.
+        """Return start values: the axis's mass and viscous friction, and dry friction fitted to its friction curve.
 
         The least-squares fit uses speeds from 0.1 mm/s to 0.3 m/s, evenly spaced on a logarithmic scale and equal in
         both directions; of the Stribeck velocities tried, the one with the smallest residual is used. Raises
@@ -98,11 +98,11 @@ class DisturbanceCompensator(Feedforward):
     dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
-        """Raise ParameterError unless the Stribeck column and its velocity are given together."""
+        """Raise ParameterError if only one of `stribeck` and `stribeck_velocity` is specified."""
         check_pair(self.kind, "stribeck", self.stribeck, "stribeck_velocity", self.stribeck_velocity)
 
     def fed(self) -> tuple[str, ...]:
-        """Return the parts of the set motion fed forward by the given parameters."""
+        """Return the parts of the set motion that the specified parameters feed forward."""
         friction = (self.coulomb_positive, self.coulomb_negative, self.stribeck)
         present = (
             any(value is not None for value in (self.mass, self.jerk_feedforward, self.snap_feedforward)),
@@ -112,7 +112,7 @@ class DisturbanceCompensator(Feedforward):
         return tuple(name for name, is_there in zip(self.feeds, present, strict=True) if is_there)
 
     def parameters(self) -> dict[str, Number]:
-        """Return θ by name: the given parameters, in the order of the columns."""
+        """Return θ by name: the specified parameters, in the order of the regressors."""
         named = {
             "mass": self.mass,
             "viscous": self.viscous,
@@ -125,7 +125,7 @@ class DisturbanceCompensator(Feedforward):
         return {name: value for name, value in named.items() if value is not None}
 
     def regressors(self, setpoint: Setpoint, T: Number) -> dict[str, Number]:
-        """Return φ by name for the given parameters; the values may be floats, symbols or arrays over time."""
+        """Return φ by name for the specified parameters; values may be floats, symbols or arrays over time."""
         middle = setpoint.shifted(0.5 * T)
         v = middle.velocity
         forward, backward = v > self.dead_band, v < -self.dead_band
@@ -149,7 +149,7 @@ class DisturbanceCompensator(Feedforward):
         return regressors
 
     def step(self, state: Any, setpoint: Setpoint, T: Number) -> tuple[Any, Number]:
-        """Compute φᵀ θ."""
+        """Return the unchanged state and the force φᵀ θ."""
         columns, parameters = self.regressors(setpoint, T), self.parameters()
         terms = [columns[name] * value for name, value in parameters.items()]
         if not terms:
@@ -163,7 +163,7 @@ class DisturbanceCompensator(Feedforward):
 def _left(
     forces: Sequence[Sequence[Number]], levels: Sequence[Number], extra: Sequence[Number], share: Number
 ) -> Number:
-    """Return the residual sum of squares of a fit with a Coulomb level per direction and a Stribeck curve."""
+    """Return the residual sum of squares when each row of forces is modeled by level + share · extra."""
     return sum(
         (force - level - share * e) * (force - level - share * e)
         for row, level in zip(forces, levels, strict=True)

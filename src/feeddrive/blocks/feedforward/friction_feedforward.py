@@ -11,13 +11,14 @@ from feeddrive.language.block import Number, Rule, parameter
 
 
 class FrictionFeedforward(Feedforward):
-    """The dry friction expected for the set motion, by its direction and speed in the middle of the sample.
+    """The dry friction expected for the set motion, from its direction and speed in the middle of the sample.
 
         force = level(v) · sgn(v),   v = v_set(t + T/2)
         level(v) = coulomb± (+ (breakaway - coulomb±) e^-(v / stribeck_velocity)²)
         sgn(v) = tanh(v / smoothing), or ±1 beyond the dead band and 0 within it
 
-    The reading is not used: friction computed from the measured velocity would bring its noise and lag into the force.
+    The reading is not used: friction computed from the measured velocity would add the noise and lag of that velocity
+    to the force.
     Do not use it with levels that drift (temperature, load), unless they are set a little too small, since
     overcompensation makes the reversal error worse than no compensation.
     Source: Erkorkmaz & Altintas 2001, part III (friction pre-compensation).
@@ -39,11 +40,11 @@ class FrictionFeedforward(Feedforward):
     dead_band: Number = parameter("m/s", "speed below which the axis counts as at rest", least=0, default=1e-9)
 
     def check(self) -> None:
-        """Raise ParameterError unless both parameters of the Stribeck curve are given, or neither."""
+        """Raise ParameterError if only one parameter of the Stribeck curve is specified."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the validity rules: the levels of the Stribeck curve fall with speed."""
+        """Yield the validity rules: the breakaway level is not below the Coulomb levels."""
         yield from levels(self.kind, "coulomb_positive", self.coulomb_positive, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 

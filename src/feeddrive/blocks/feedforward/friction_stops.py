@@ -17,21 +17,22 @@ _WIDTHS = 3.0
 
 
 class FrictionStops(Feedforward):
-    """Friction with presliding: stops (elastic-plastic elements) of widths δ_i and stiffnesses k_i on the set position.
+    """Friction with presliding, from elastic-plastic stops of width δ_i and stiffness k_i driven by the set position.
 
         e_i(k) = clip(e_i(k-1) + x(k) - x(k-1), ±δ_i),    x = x_set(t + T/2)
         force  = c Σ k_i e_i + c r(v),    c = clip(travel/(2 δ_max) - 1, 0, 1)
 
-    A stop forgets its initial state once the axis has moved by its 2 δ_i.  travel is the largest minus the smallest set
-    position since the start: over the first 2 δ_max, while the state of the friction is unknown, no friction is fed
-    forward, and after 4 δ_max all of it. Viscous friction is not included: give it to `Inertia`.
+    A stop forgets its initial state once the axis has moved by 2 δ_i.  `travel` is the largest minus the smallest set
+    position since the start.  Over the first 2 δ_max of travel, where the state of the friction is unknown, no friction
+    is fed forward; beyond 4 δ_max all of it is. Viscous friction is not included; it belongs to `Inertia`.
 
-    The residual r, a Stribeck curve for instance, is a sum of bell curves over the set speed, not a polynomial, which
-    would reach thousands of newtons at twice the range of its data.
+    The residual r, for instance a Stribeck curve, is a sum of bell curves over the set velocity.  A polynomial would
+    reach thousands of newtons at twice the velocity range of its data.
 
         r(v) = clip(Σ w_j e^-½((v - v_j)/residual_width)², ±residual_limit),   0 beyond 3 widths outside of all v_j
 
-    When to use: reversals and quadrant glitches of an axis whose friction repeats; `learned_stops` fits it to a log.
+    When to use: reversals and quadrant glitches of an axis whose friction repeats; `learned_stops` fits the block to a
+    log.
     Not suitable for friction that drifts with temperature or load (widths wrong by 30 % cause seven times the error of
     correct ones), or for set positions spaced wider than the smallest width.
     Source: the sum of stops as the limit of the Maxwell slip model: Al-Bender, Lampaert & Swevers 2004; Lampaert et al.
@@ -43,12 +44,12 @@ class FrictionStops(Feedforward):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for the P-PI cascade, whose reversal errors the stops reduce; they are learned from its log."""
+        """Return True for the P-PI cascade: the stops reduce its reversal errors and are learned from its log."""
         return issubclass(law, CascadePPI)
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return stops of zero stiffness, whose widths and stiffnesses are to be learned.
+        """Return stops of zero stiffness; learning replaces their widths and stiffnesses.
 
         Raises StructureError if the axis has no dry friction.
         """
@@ -65,7 +66,7 @@ class FrictionStops(Feedforward):
     residual_limit: Number | None = parameter("N", "largest residual ever seen", least=0, default=None)
 
     class State(NamedTuple):
-        """The set position in the middle of the last sample, the ends of the travel, and e of each stop (m)."""
+        """The set position in the middle of the last sample, the ends of the travel so far, and e of each stop (m)."""
 
         position: Number
         lowest: Number
@@ -92,7 +93,7 @@ class FrictionStops(Feedforward):
             )
 
     def start(self, setpoint: Setpoint) -> State:
-        """Return the state before any motion."""
+        """Return the state at rest, with no travel yet."""
         x = setpoint.position
         return self.State(x, x, x, (ops.zero(x),) * ops.length(self.width))
 

@@ -8,7 +8,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Inertia(Feedforward):
-    """The force that a rigid axis needs for the set motion, in the middle of the sample in which it acts.
+    """The force that a rigid axis needs for the set motion, evaluated in the middle of the sample in which it acts.
 
     force = mass · a_set(t + T/2) + viscous · v_set(t + T/2)
     """

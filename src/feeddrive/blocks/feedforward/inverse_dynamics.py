@@ -9,14 +9,14 @@ from feeddrive.language.block import Number, choice, part
 
 
 class InverseDynamics(Feedforward):
-    """Inverse dynamics of two masses and a spring, in the middle of the sample in which the force acts.
+    """Inverse dynamics of two masses and a spring, evaluated in the middle of the sample in which the force acts.
 
         force = (m11 + m12) a1 + (c11 + c12) v1 + (m22 + m12) a2 + (c22 + c12) v2
         v2, a2 = v_set, a_set at t + T/2;   v1 = v2 + lead', a1 = a2 + lead'' of the screw (blocks/plant/two_bodies.py)
 
-    which for a diagonal mass matrix is m1 a1 + b1 v1 + m2 a2 + b2 v2, that is
-    (m1 + m2) a + (b1 + b2) v + (m1 b2 + m2 b1) j/k + m1 m2 snap/k + ...   With `order` = "rigid" the spring is left
-    out: a1 = a2, v1 = v2.
+    For a diagonal mass matrix this is m1 a1 + b1 v1 + m2 a2 + b2 v2, that is
+    (m1 + m2) a + (b1 + b2) v + (m1 b2 + m2 b1) j/k + m1 m2 snap/k + ...   With `order` = "rigid" the spring is
+    treated as rigid: a1 = a2, v1 = v2.
 
     When to use: with references that provide jerk and snap, under any law with an encoder on the table.  It helps only
     together with matching set positions of the screw, as in `PolePlacement`.

@@ -13,8 +13,9 @@ class ReversalPulse(Feedforward):
 
         F = s · force · e^(-t / decay_time),   s = sign of the new set velocity, t = time since the reversal
 
-    It helps the drive through presliding, where a constant Coulomb force acts too late.  The set velocity is that of
-    the middle of the sample; standstill between two moves in one direction is no reversal.
+    The pulse helps the drive through presliding, where the feedforward of a constant Coulomb force acts too late.  The
+    set velocity is evaluated in the middle of the sample; a standstill between two moves in the same direction is not a
+    reversal.
     Do not use it with a friction feedforward that was learned on reversals and thus contains the pulse.
     Source: the amplitude-adaptive quadrant compensation of CNC controls; Erkorkmaz & Altintas 2001, section 5.
     """
@@ -29,7 +30,7 @@ class ReversalPulse(Feedforward):
         level: Number
 
     def start(self, setpoint: Setpoint) -> State:
-        """Return the state for motion with the setpoint, long after a reversal."""
+        """Return the state for motion at the set velocity, long after a reversal."""
         return self.State(ops.sign(setpoint.velocity), ops.zero(setpoint.velocity))
 
     def step(self, state: State, setpoint: Setpoint, T: Number) -> tuple[State, Any]:

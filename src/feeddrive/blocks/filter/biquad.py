@@ -1,4 +1,4 @@
-"""Second-order sections (biquads): Tustin with prewarping, steps in direct form II transposed, and a base class."""
+"""Second-order sections (biquads): Tustin design with prewarping, direct form II transposed, and a base class."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from feeddrive.language.text import Text
 
 
 class Section(NamedTuple):
-    """H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is None where it equals b1, as in a notch."""
+    """A section H(z) = (b0 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²); a1 is None where it equals b1, as in a notch."""
 
     b0: Number
     b1: Number
@@ -22,7 +22,7 @@ class Section(NamedTuple):
 
 
 class Delayed(NamedTuple):
-    """The two delayed sums of a section, and its last output, from which a live change starts."""
+    """The two delayed sums of a section, and its last output, which a live change uses."""
 
     first: Number
     second: Number
@@ -30,7 +30,7 @@ class Delayed(NamedTuple):
 
 
 class Polynomial(NamedTuple):
-    """A polynomial c0 + c1 z⁻¹ + c2 z⁻²: (1 + 2 damping s/ω + (s/ω)²)(1 + z⁻¹)² after s -> (2/T)(z - 1)/(z + 1)."""
+    """A polynomial c0 + c1 z⁻¹ + c2 z⁻², such as (1 + 2 damping s/ω + (s/ω)²)(1 + z⁻¹)² with s by Tustin's method."""
 
     c0: Number
     c1: Number
@@ -43,7 +43,7 @@ def prewarped(frequency: Number, T: Number) -> Number:
 
 
 def tustin(frequency: Number, damping: Number, T: Number) -> Polynomial:
-    """Return the polynomial with a natural frequency in Hz, prewarped at that frequency, times w²."""
+    """Return w² times the polynomial (1 + 2 damping s/ω + (s/ω)²)(1 + z⁻¹)², prewarped at `frequency` in Hz."""
     w = prewarped(frequency, T)
     base = 1.0 + w * w
     slope = 2.0 * damping * w
@@ -71,13 +71,13 @@ def notch_section(frequency: Number, damping_zero: Number, damping_pole: Number,
 
 
 def low_pass_section(frequency: Number, damping: Number, T: Number) -> Section:
-    """Return the section ω²/(s² + 2 damping ω s + ω²): after the transform its numerator is w² (1 + z⁻¹)²."""
+    """Return the section for ω²/(s² + 2 damping ω s + ω²), whose transformed numerator is w² (1 + z⁻¹)²."""
     w = prewarped(frequency, T)
     return section(Polynomial(1.0, 2.0, 1.0), tustin(frequency, damping, T), w * w)
 
 
 def settled(made: Section, value: Number) -> Delayed:
-    """Return the state of a section with H(1) = 1 after a constant input."""
+    """Return the steady state of a section with H(1) = 1 at a constant input."""
     return Delayed((1.0 - made.b0) * value, (made.b2 - made.a2) * value, value)
 
 
@@ -92,9 +92,10 @@ def advance(made: Section, state: Delayed, value: Number) -> tuple[Delayed, Numb
 
 
 def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
-    """Return the state after a live change, with its steady part converted from the old `settled` state to the new one.
+    """Return the state after a live change from one section to another.
 
-    The output is continuous: with an input equal to the last output, the next output is that of the old section.
+    The part of the state that belongs to a constant signal is converted from the old section to the new one. The output
+    stays continuous: if the input equals the last output, the next output is that of the old section.
     """
     steady = state.output
     first = state.first + (old.b0 - new.b0) * steady
@@ -103,7 +104,7 @@ def retuned(state: Delayed, old: Section, new: Section) -> Delayed:
 
 
 def below_nyquist(kind: str, name: str, frequency: Number, T: Number) -> Rule:
-    """Return the rule that a frequency in Hz lies below half the sample rate, for a sample time in s."""
+    """Return the rule that a frequency in Hz lies below half the sample rate; `T` is the sample time in s."""
     return Rule(
         frequency < 0.5 / T,
         f"{name} is below half the sample rate",

@@ -9,30 +9,31 @@ from feeddrive.language.block import Number, Rule, parameter
 
 
 class LowPass(Filter):
-    """A first-order low-pass (PT1), by Tustin with prewarping at its own frequency.
+    """A first-order low-pass (PT1), discretized by Tustin's method with prewarping at its corner frequency.
 
         H(s) = 1 / (s/ω + 1),   ω = 2π frequency,   s/ω -> (1/w)(z - 1)/(z + 1),   w = tan(ωT/2)
         y = b (x + x₋₁) - a y₋₁,   b = w/(1 + w),   a = (w - 1)/(w + 1)
 
-    Its gain at `frequency` is -3 dB also after sampling; its phase lag at a frequency f far below is f / frequency rad.
+    Its gain at `frequency` is -3 dB also after discretization; at a frequency f far below `frequency` its phase lag is
+    about f / frequency rad.
     """
 
     frequency: Number = parameter("Hz", "corner frequency", above=0)
 
     class Prepared(NamedTuple):
-        """The coefficients b and a of the equation."""
+        """The coefficients b and a in y = b (x + x₋₁) - a y₋₁."""
 
         b: Number
         a: Number
 
     class State(NamedTuple):
-        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, from which a live change starts."""
+        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, which a live change uses."""
 
         delayed: Number
         output: Number
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule that the corner lies below half the sample rate."""
+        """Yield the validity rule: the corner frequency lies below half the sample rate."""
         yield below_nyquist(self.kind, "frequency", self.frequency, T)
 
     def prepare(self, T: Number) -> Prepared:
@@ -48,6 +49,6 @@ class LowPass(Filter):
         return self.State(prepared.b * value - prepared.a * output, output), output
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the output continuous: convert the steady part of the state from the old start state to the new one."""
+        """Convert the part of the state that belongs to a constant signal, so that the output is continuous."""
         steady = (prepared.b - prepared.a) - (old_prepared.b - old_prepared.a)
         return state._replace(delayed=state.delayed + steady * state.output)

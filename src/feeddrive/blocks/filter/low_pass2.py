@@ -5,7 +5,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class LowPass2(SecondOrderSection):
-    """A second-order low-pass (PT2), by Tustin with prewarping at its own frequency.
+    """A second-order low-pass (PT2), discretized by Tustin's method with prewarping at its own frequency.
 
         H(s) = ω² / (s² + 2 damping ω s + ω²),   ω = 2π frequency
 

@@ -5,7 +5,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Notch(SecondOrderSection):
-    """A second-order notch, by Tustin with prewarping at its own frequency, in direct form II transposed.
+    """A second-order notch by Tustin's method, prewarped at its own frequency, in direct form II transposed.
 
         H(s) = (s² + 2 ζn ω s + ω²) / (s² + 2 ζd ω s + ω²),   ω = 2π frequency
         s -> (2/T)(z - 1)/(z + 1),   ω -> (2/T) tan(ωT/2)

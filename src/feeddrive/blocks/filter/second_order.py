@@ -5,12 +5,12 @@ from feeddrive.language.block import Number, parameter
 
 
 class SecondOrder(SecondOrderSection):
-    """A filter with two zeros, two poles and unit gain at 0 Hz, each pair prewarped at its own frequency.
+    """A filter with two zeros, two poles and unit gain at 0 Hz; each pair is prewarped at its own frequency.
 
         H(s) = (s²/ωz² + 2 damping_zero s/ωz + 1) / (s²/ωp² + 2 damping_pole s/ωp + 1),   ω = 2π frequency
 
-    Far above both frequencies the gain is (frequency_pole / frequency_zero)².  Drives call it the general second-order
-    filter: a low-pass with a stop band, or a lead.  With equal frequencies it is the `Notch`.
+    Far above both frequencies the gain is (frequency_pole / frequency_zero)².  Drive manuals call it the general
+    second-order filter; it can be a low-pass with a stop band, or a lead.  With equal frequencies it is the `Notch`.
     """
 
     frequency_zero: Number = parameter("Hz", "natural frequency of the numerator", above=0)

@@ -18,8 +18,8 @@ class Backlash(Force):
         δ = x_motor (+ e(x_motor)) - x_load
         spring force = stiffness · (δ - clip(δ, ±gap/2)),   so   F_motor = stiffness · (clip(δ, ±gap/2) - e) = -F_load
 
-    The clip is evaluated at the middle of the substep; within the gap this is exact to second order in the substep.
-    The damper of the plant also acts within the gap, as the damping of a lubricated nut does.
+    The clip is evaluated at the middle of the substep; within the gap this is exact to second order in the substep. The
+    damper of the plant acts within the gap too, like the oil film of a lubricated nut.
     Do not use it with substeps longer than a third of the period of the spring mode.
     Source: the dead-zone model, Nordin & Gutman 2002, section 2.
     """

@@ -10,14 +10,14 @@ from feeddrive.language.errors import StructureError
 
 
 class Cogging(Force):
-    """A force between the iron of the motor and its magnets that changes with position, also without current.
+    """A position-dependent force between the iron and the magnets of a motor, present even without current.
 
         F = force · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 
     For a linear motor `period` is the length of a pole pair, for a rotary one the lead divided by the number of pole
     pairs and the gear ratio.
-    Source: the Fourier form in use for permanent-magnet linear motors, Otten, de Vries, van Amerongen, Rankers &
-    Gaal 1997.
+    Source: the Fourier series that is used for permanent-magnet linear motors, Otten, de Vries, van Amerongen, Rankers
+    & Gaal 1997.
     """
 
     force: Number = parameter("N", "the force to which the shares of the harmonics refer", least=0)

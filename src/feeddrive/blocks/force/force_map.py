@@ -9,13 +9,14 @@ from feeddrive.language.block import Number, parameter, table
 
 
 class ForceMap(Force):
-    """A measured force along the travel, constant or oscillating in time, on the load's body.
+    """A measured force on the load's body as a function of position, either constant in time or oscillating.
 
         F = row(x_load) · (mean + swing · sin(2π frequency t + phase))
 
-    `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; for no force
-    beyond its ends, begin and end the row with 0.  The force of a cable chain or a cover is a map that is constant in
-    time (no swing).  The force of a cut along a part of the travel oscillates at the tooth-passing frequency.
+    `row` is interpolated linearly between entries at begin, begin + spacing, ... and held beyond its ends; if no force
+    is to act beyond the ends, begin and end the row with 0.  The force of a cable chain or a cover is a map that is
+    constant in time (no swing).  A cutting force on a part of the travel is a map that oscillates at the tooth-passing
+    frequency.
     """
 
     row: Number = table("N", "forces along the travel")

@@ -1,4 +1,4 @@
-"""A constant force on the load: weight of a vertical axis, or the offset of an identified model."""
+"""A constant force on the load: the weight of a vertical axis, or the force offset of an identified model."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class Gravity(Force):
-    """F = force, on the load's body; negative if it pulls towards smaller positions.
+    """A constant force on the load's body, F = force; negative if it pulls towards smaller positions.
 
     For a vertical axis it is -mass · 9.81 m/s², reduced by the force of a counterweight.
     """

@@ -12,12 +12,13 @@ from feeddrive.language.text import Text
 
 
 class Regeneration(Force):
-    """The cutting force of a chip on the load's body; the chip is the motion since the cut one delay earlier.
+    """The cutting force on the load's body, proportional to the chip: the motion since the cut one delay earlier.
 
         F(t) = -stiffness · (x(t) - x(t - delay))
 
-    x is the actual position in the middle of a substep, interpolated linearly between substeps; before the start the
-    axis was at rest.  This is the linear part of the force in turning and facing, and in a slot cut with many teeth.
+    x is the actual position in the middle of a substep, interpolated linearly between substeps; the axis is assumed at
+    rest before the start.  This is the linear part of the force in turning and facing, and in a slot cut with many
+    teeth.
     Do not use it where vibration lifts the tool out of the cut, or with substeps longer than a tenth of the delay.
     Source: Tobias & Fishwick 1958; Altintas 2012, section 4.2.
     """
@@ -27,7 +28,7 @@ class Regeneration(Force):
     remembered: int = choice("substeps of motion that are stored; they must cover the delay", default=4096, least=2)
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the validity rule that the stored substeps cover the delay."""
+        """Yield the validity rule: the stored substeps cover the delay."""
         yield Rule(
             # the interpolation reads the two stored positions around the delay
             self.delay / h <= float(self.remembered - 1),

@@ -10,12 +10,12 @@ from feeddrive.language.errors import StructureError
 
 
 class Ripple(Force):
-    """A force constant that depends on the position: a part of the drive force varies along the travel.
+    """Variation of the force constant with position: a part of the drive force varies along the travel.
 
         F = drive · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 
     `drive` is the mean of the drive force over the substep.
-    Source: Otten, de Vries, van Amerongen, Rankers & Gaal 1997 (force ripple beside cogging).
+    Source: Otten, de Vries, van Amerongen, Rankers & Gaal 1997 (force ripple in addition to cogging).
     """
 
     period: Number = parameter("m", "table motion after which the ripple repeats", above=0)

@@ -10,13 +10,13 @@ from feeddrive.language.block import Number, part
 
 
 class ScrewError(Force):
-    """The lead error of a screw, which deflects the spring between screw and table.
+    """The force of a screw's lead error, which deflects the spring between screw and table.
 
         spring force = stiffness (x_motor + e(x_motor) - x_load),  so  F_motor = -stiffness e,   F_load = +stiffness e
 
-    The slope e' in the screw's torque and the force of the damper are neglected; both are smaller by a factor of e',
-    about 1e-4.  With backlash, give the lead error in the backlash block, not here.  On a rigid axis it belongs to the
-    rotary encoder.
+    The effects of the slope e' on the screw's torque and on the force of the damper are neglected; both are smaller by
+    a factor of e', about 1e-4.  If the axis has backlash, specify the lead error in the backlash block, not here.  On a
+    rigid axis the lead error belongs to the rotary encoder.
     """
 
     lead_error: LeadError = part("the error along the travel")

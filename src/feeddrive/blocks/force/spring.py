@@ -1,4 +1,4 @@
-"""The check for a spring between motor and load body that a force block can modify."""
+"""The check that a plant has the spring between motor and load body on which a force block acts."""
 
 from feeddrive.blocks.families import Plant
 from feeddrive.language.errors import StructureError

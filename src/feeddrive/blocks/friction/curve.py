@@ -25,7 +25,7 @@ def stribeck_level(
 def levels(
     kind: str, coulomb_name: str, coulomb: Number | None, breakaway_name: str, breakaway: Number | None
 ) -> Iterator[Rule]:
-    """Yield the validity rule that the breakaway level is not below the Coulomb level, if both are given."""
+    """Yield the validity rule that the breakaway level is not below the Coulomb level, if both are specified."""
     if coulomb is not None and breakaway is not None:
         yield Rule(
             breakaway >= coulomb,
@@ -38,7 +38,7 @@ def levels(
 
 
 def check_pair(kind: str, first: str, one: Number | None, second: str, other: Number | None) -> None:
-    """Raise ParameterError if one of two parameters is given without the other."""
+    """Raise ParameterError if only one of two parameters is specified."""
     if (one is None) != (other is None):
         present, missing = (first, second) if other is None else (second, first)
         raise ParameterError(f"{kind}.{present} is given without {kind}.{missing}: give both or neither")

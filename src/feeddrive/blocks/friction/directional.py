@@ -12,7 +12,7 @@ class Directional(Friction):
 
         F ∈ -[coulomb_positive, coulomb_negative](v) · Sgn(v) - [viscous_positive, viscous_negative](v) · v
 
-    The smaller of the two viscous values is part of the linear core and is computed exactly; the difference from the
+    The smaller of the two viscous values is part of the linear core and is computed exactly; the additional part of the
     larger one is evaluated at the velocity in the middle of the substep.
     Source: Janot, Gautier & Brunot 2019, section on direction-dependent friction.
     """
@@ -33,7 +33,7 @@ class Directional(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Compute F = clip(-v_free / mobility, -upper, lower) with levels at the middle velocity of the substep."""
+        """Compute F = clip(-v_free / mobility, -upper, lower); the bounds are the levels at the middle velocity."""
         stopping = -free_velocity / mobility
         guess = free_velocity + mobility * ops.clip(stopping, -self.coulomb_positive, self.coulomb_negative)
         middle = 0.5 * (velocity + guess)
@@ -44,7 +44,7 @@ class Directional(Friction):
         return state, ops.clip(stopping, -upper, lower), stuck
 
     def steady(self, velocity: Number) -> Number:
-        """Return the curve for the direction of v."""
+        """Return the friction force in N at a constant velocity, from the values for the direction of motion."""
         forward = self.coulomb_positive + self.viscous_positive * velocity
         backward = -self.coulomb_negative + self.viscous_negative * velocity
         return ops.where(velocity > 0.0, forward, ops.where(velocity < 0.0, backward, 0.0))

@@ -16,7 +16,8 @@ class DirectionalStribeck(Friction):
         level(v) = coulomb± + (breakaway± - coulomb±) e^-|v / stribeck_velocity|^exponent,  + for v > 0, - for v < 0
         at rest F lies between -breakaway_positive and +breakaway_negative
 
-    Both levels are evaluated at the velocity in the middle of the substep, found by one step with the breakaway levels.
+    Both levels are evaluated at the velocity in the middle of the substep, predicted by a first solution with the
+    breakaway levels.
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 
@@ -43,7 +44,7 @@ class DirectionalStribeck(Friction):
         return self.viscous
 
     def levels(self, velocity: Number) -> tuple[Number, Number]:
-        """Return the two curves in N at |v|: for motion towards v > 0 and towards v < 0."""
+        """Return the friction levels in N at the speed |v|, for positive and for negative motion."""
         v = self.stribeck_velocity
         return (
             stribeck_level(velocity, self.coulomb_positive, self.breakaway_positive, v, self.exponent),

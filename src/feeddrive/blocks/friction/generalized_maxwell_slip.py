@@ -17,21 +17,22 @@ class GeneralizedMaxwellSlip(Friction):
         slipping   F_i' = sgn(v) attraction (α_i - |F_i|/s(v)),   until v changes its sign
         F = -Σ F_i - viscous v,    s(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
 
-    Over a substep h, with s at the velocity at its start, F_i is the clip of a straight line in the velocity v at its
-    end, so that v = v_free + mobility F is a monotone piecewise linear equation, solved between two of its corners:
+    Over a substep h, with s evaluated at the velocity at its start, F_i is a clipped linear function of the velocity v
+    at its end.  Thus v = v_free + mobility F is a monotone, piecewise linear equation, which is solved exactly:
 
         sticking   F_i + k_i h v, limited to ±α_i s
         slipping   A = a F_i + (1 - a) sgn(v) α_i s,  a = e^-(attraction h/s);  A + k_i h v if v turns in the substep
 
-    With breakaway = coulomb it is a sum of stops (Masing, Prandtl-Ishlinskii), whatever the attraction: after a
-    reversal the force runs along the curve of the first loading at twice its scale.  In steady sliding it is the
-    Stribeck curve.
+    With breakaway = coulomb the model is a sum of elastic-plastic stops (Masing, Prandtl-Ishlinskii) for any
+    attraction: after a reversal the force follows the initial loading curve, scaled by two.  In steady sliding the
+    force is that of the Stribeck curve.
 
-    When to use: quadrant errors of some micrometers, where the motion of the table after a reversal depends on its
+    When to use: for quadrant errors of a few micrometers, where the motion of the table after a reversal depends on its
     history.  Do not use it if presliding does not matter (`Stribeck` costs a tenth as much) or if exact standstill is
-    needed.  A mass m vibrates in presliding at ω = √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be a fifth
-    of 1/ω.
-    Source: Lampaert, Al-Bender & Swevers 2003; Al-Bender, Lampaert & Swevers 2005. The implicit step is this library's.
+    needed.  A mass m vibrates in presliding at ω = √(Σ k_i/m), 78 Hz for 9.6 N/um and 40 kg: substeps should be at most
+    a fifth of 1/ω.
+    Source: Lampaert, Al-Bender & Swevers 2003; Al-Bender, Lampaert & Swevers 2005. The implicit step is specific to
+    this library.
     """
 
     coulomb: Number = parameter("N", "level at speed", above=0)
@@ -49,7 +50,7 @@ class GeneralizedMaxwellSlip(Friction):
         slips: tuple[Any, ...]
 
     def check(self) -> None:
-        """Raise ParameterError unless both tables have an entry for each element."""
+        """Raise ParameterError unless both tables have one entry per element."""
         if ops.length(self.stiffness) != ops.length(self.share):
             raise ParameterError(
                 f"{self.kind}: stiffness has {ops.length(self.stiffness)} entries and share {ops.length(self.share)}: "
@@ -61,7 +62,7 @@ class GeneralizedMaxwellSlip(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Return the state in which every element slips with its share; at rest all forces are 0."""
+        """Return the state in which every element slips at its share of the level; at rest all forces are 0."""
         going, level = ops.sign(velocity), self.level(velocity)
         elements = range(ops.length(self.stiffness))
         return self.State(tuple(self._most(i, level) * going for i in elements), tuple(going for _ in elements))
@@ -70,7 +71,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the Stribeck curve in N."""
+        """Return the value of the Stribeck curve at a velocity, N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
@@ -94,7 +95,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(forces, slips), -total, False
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
-        """Return for element i: F_i at standstill, its slope versus v, two bounds, α_i s, and sgn(v) if it slips."""
+        """Return F_i at v = 0, its slope versus v, its two bounds, α_i s, and sgn(v) if it slips (else 0)."""
         level = self.level(velocity)
         most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h
@@ -107,7 +108,7 @@ class GeneralizedMaxwellSlip(Friction):
         return base, slope, low, high, most, going
 
     def _most(self, i: int, level: Number) -> Any:
-        """Return α_i s, N."""
+        """Return α_i s, the largest force of element i, N."""
         whole: Any = 0.0
         for j in range(ops.length(self.share)):
             whole = whole + ops.gather(self.share, float(j))
@@ -122,8 +123,8 @@ class GeneralizedMaxwellSlip(Friction):
 def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
     """Return the unique root v of v = free - mobility Σ clip(base + slope v, low, high).
 
-    miss(v) = v - free + mobility Σ ... increases with v. The root lies on the straight line between the last corner
-    with miss <= 0 and the first with miss >= 0; beyond all corners every element is at its bound.
+    miss(v) = v - free + mobility Σ ... increases with v. Its graph is piecewise linear: the root lies between the last
+    corner with miss <= 0 and the first with miss >= 0; beyond all corners every element is at its bound.
     """
 
     def total(values: list[Any]) -> Any:
@@ -151,7 +152,7 @@ def _end(lines: list[tuple[Any, ...]], free: Number, mobility: Number) -> Any:
 
 
 def _miss(lines: list[tuple[Any, ...]], v: Any, free: Number, mobility: Number) -> Any:
-    """Return the residual of the equation of motion at v, m/s."""
+    """Return v - free + mobility Σ clip(base + slope v, low, high), the residual in m/s at the velocity v."""
     force: Any = 0.0
     for i, (base, slope, low, high, _, _) in enumerate(lines):
         each = ops.clip(base + slope * v, low, high)

@@ -15,16 +15,17 @@ class Lugre(Friction):
         z' = v - bristle_stiffness |v| z / level(v),      level(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
         F  = -bristle_stiffness z - bristle_damping z' - viscous v
 
-    Over a substep h both z and v are evaluated at its end (backward Euler, stable for any stiffness), the level at the
-    velocity in its middle.  With w = |v| the two equations then are one quadratic in w, which is solved in closed form:
+    Over a substep h both z and v are evaluated at its end (backward Euler, stable for any stiffness), but the level at
+    the velocity in its middle.  With w = |v| the two equations reduce to one quadratic equation in w, which is solved
+    in closed form:
 
         a = h bristle_stiffness / level,   A = mobility (bristle_stiffness + bristle_damping / h)
         B = v_free + mobility bristle_damping z / h,   s = sign(B - A z)
         a w² + (1 + A h - s a B) w = |B - A z|,   v = s w
 
-    The order is 1: a substep should not be longer than a fifth of √(mass / bristle_stiffness), or the presliding
-    oscillation is damped too much.  Do not use it if presliding does not matter: Stribeck costs less and has an exact
-    standstill, while an axis with LuGre creeps under oscillating forces below breakaway.
+    The method is of first order: a substep should not be longer than a fifth of √(mass / bristle_stiffness), otherwise
+    the presliding oscillation is damped too much.  Do not use it if presliding does not matter: `Stribeck` needs less
+    computation and has an exact standstill, while an axis with LuGre creeps under oscillating forces below breakaway.
     Source: Canudas de Wit, Olsson, Åström & Lischinsky 1995, eqs. (1) to (4).
     """
 
@@ -52,13 +53,13 @@ class Lugre(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the Stribeck curve in N."""
+        """Return the value of the Stribeck curve at a velocity, N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[State, Number, Any]:
-        """Evaluate the equations in the class docstring, with the level at the initial and then at the middle velocity.
+        """Solve the equations in the class docstring, first with the level at the initial, then at the middle velocity.
 
         The body is never stuck.
         """

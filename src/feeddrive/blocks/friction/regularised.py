@@ -1,4 +1,4 @@
-"""Friction with a smooth sign function, for gradients and for comparison with work that used it."""
+"""Friction with a smooth sign function, for gradients and for comparison with papers that use one."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -14,7 +14,7 @@ _STEPS = 3
 
 
 class Regularised(Friction):
-    """Coulomb or Stribeck friction with tanh in place of the sign.
+    """Coulomb or Stribeck friction with tanh in place of the sign function.
 
         F = -level(v) tanh(v / transition_velocity) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²,    coulomb_negative for v < 0 if given
@@ -24,9 +24,9 @@ class Regularised(Friction):
     transition_velocity has one root u = |v| / transition_velocity, found by a fixed number of Halley steps; F is then
     smooth in all parameters.
 
-    Do not use it as a model of an axis at rest: it creeps under any force, and a step through zero velocity is
-    inaccurate.
-    Source: papers that simulate friction in this way; see `Stribeck` for the curve.
+    Do not use it as a model of an axis at rest: it creeps under any force, and a substep in which the velocity
+    crosses zero is inaccurate.
+    Source: common practice in simulations; see `Stribeck` for the curve.
     """
 
     coulomb: Number = parameter("N", "level at speed", least=0)
@@ -43,11 +43,11 @@ class Regularised(Friction):
     viscous: Number = parameter("N s/m", "viscous part", least=0, default=0)
 
     def check(self) -> None:
-        """Raise ParameterError unless both parameters of the Stribeck curve are given, or neither."""
+        """Raise ParameterError if only one parameter of the Stribeck curve is specified."""
         check_pair(self.kind, "breakaway", self.breakaway, "stribeck_velocity", self.stribeck_velocity)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the validity rules: the levels of the Stribeck curve fall with speed."""
+        """Yield the validity rules: the breakaway level is not below the Coulomb levels."""
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
         yield from levels(self.kind, "coulomb_negative", self.coulomb_negative, "breakaway", self.breakaway)
 
@@ -80,7 +80,7 @@ class Regularised(Friction):
         return state, self._force(level, free_velocity, mobility), False
 
     def _force(self, level: Number, free_velocity: Number, mobility: Number) -> Number:
-        """Return F = -level tanh(v / v_t) with v = v_free + mobility F."""
+        """Return the root F of F = -level tanh(v / transition_velocity) with v = v_free + mobility F."""
         c = mobility * level / self.transition_velocity
         s = ops.absolute(free_velocity) / self.transition_velocity
         # three estimates, each good in one range: both terms linear, tanh = 1, and u small against c tanh u

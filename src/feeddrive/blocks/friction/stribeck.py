@@ -15,8 +15,9 @@ class Stribeck(Friction):
         F ∈ -level(v) · Sgn(v) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
-    The level is evaluated at the velocity in the middle of the substep, found by one step with the breakaway level, so
-    that an axis at rest is held exactly up to the breakaway level.  The force is then clip(-v_free / mobility, ±level).
+    The level is evaluated at the velocity in the middle of the substep, predicted by a first solution with the
+    breakaway level, so that an axis at rest is held exactly up to the breakaway level.  The force is then
+    clip(-v_free / mobility, ±level).
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """
 
@@ -37,7 +38,7 @@ class Stribeck(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the Stribeck curve in N."""
+        """Return the value of the Stribeck curve at a velocity, N."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity, self.exponent)
 
     def contact(

@@ -7,10 +7,10 @@ from feeddrive.language.block import Number, parameter
 
 
 class Viscous(Friction):
-    """F = -viscous · v, computed exactly by the linear core.
+    """Viscous friction, F = -viscous · v, computed exactly by the linear core.
 
-    Use it for an air guideway and for linear studies.  Do not use it where the axis reverses or stands still; without a
-    dry part it has no reversal error and never sticks.
+    Use it for an air guideway and for linear studies.  Do not use it where the axis reverses or stands still; without
+    dry friction an axis shows no reversal error and never sticks.
     """
 
     viscous: Number = parameter("N s/m", "viscous friction", least=0)
@@ -19,13 +19,13 @@ class Viscous(Friction):
         return Nothing()
 
     def linear(self) -> Number:
-        """Return the viscous coefficient, N s/m: all of this friction is in the linear core."""
+        """Return the viscous coefficient, N s/m; the linear core applies all of this friction."""
         return self.viscous
 
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Return no force beyond that of the linear core; the body is never stuck."""
+        """Return a force of zero, since the linear core applies all of this friction; the body never sticks."""
         return state, 0.0, False
 
     def steady(self, velocity: Number) -> Number:

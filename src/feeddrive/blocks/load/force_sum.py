@@ -9,7 +9,7 @@ from feeddrive.language.errors import StructureError
 
 
 class ForceSum(Load):
-    """F(t) = Σ Fᵢ(t) over the loads, in N.
+    """The sum of several loads, F(t) = Σ Fᵢ(t) in N.
 
     Raises StructureError if there is no load.
     """

@@ -11,23 +11,23 @@ from feeddrive.language.errors import StructureError
 
 
 class MillingForce(Load):
-    """F(t) = component along one machine axis of the force on a tool with a feed in a plane.
+    """The component along one machine axis of the force on a milling tool with its feed in the x-y plane.
 
         angle     = start_angle + 2π (spindle_speed / 60) t
         F_x, F_y  = F_feed t + F_normal n,   t = (cos direction, sin direction, 0),  n = z x t
         F_z       = -F_axial:  the force pulls a right-handed helix out of its holder, away from the spindle
 
-    F_feed, F_normal, F_axial come from the cutter.  Its chip load is `chip_load`, along a constant `direction`; or with
-    two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
+    The cutter computes F_feed, F_normal and F_axial.  The chip load is `chip_load`, with a constant `direction` of the
+    feed; or, with two `references`, the motions of x and y, it follows the instantaneous feed v along the path:
 
         chip_load = v / (teeth · spindle_speed / 60),   direction = that of the velocity;   no force without feed
 
     It acts for start <= t < end; the spindle always turns.  The force at kT is held over the sample.  If the table
     moves the workpiece instead of the tool, the force on the axis has the opposite sign.
-    When to use: an axis that must hold its path while cutting; give each axis of a machine its component.
+    When to use: for an axis that must hold its path while cutting; use one block per axis, each with its component.
     Not suitable for chatter, since the chip does not depend on vibration.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c in the paper's axis equations is the negative of this.
-    Raises StructureError without exactly one of chip_load and references.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (4)-(8); F_c in the paper's axis equations is the negative of this force.
+    Raises StructureError unless exactly one of chip_load and references is specified.
     """
 
     cutter: Cutter = part("the tool")
@@ -45,7 +45,7 @@ class MillingForce(Load):
     end: Number | None = parameter("s", "instant at which it ends; absent: it does not end", default=None)
 
     def check(self) -> None:
-        """Raise StructureError unless there is one source of the chip, ParameterError unless end > start."""
+        """Raise StructureError unless the chip load has exactly one source, ParameterError unless end > start."""
         check_single(self)
         check_single(self.cutter)
         check_order(self.kind, self.start, self.end)
@@ -74,7 +74,7 @@ class MillingForce(Load):
         return np.where(acts, components[self.component], 0.0)
 
     def _feed(self, t: np.ndarray) -> tuple[Any, Any, Any]:
-        """Return the chip load in m and the direction of the feed."""
+        """Return the chip load in m, and the components of the feed's unit vector along x and y."""
         if self.chip_load is not None:
             return self.chip_load, float(np.cos(self.direction)), float(np.sin(self.direction))
         x, y = (np.asarray(reference.at(t).velocity) for reference in self.references)

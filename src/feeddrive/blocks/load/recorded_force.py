@@ -8,10 +8,10 @@ from feeddrive.language.block import Number, parameter, table
 
 
 class RecordedForce(Load):
-    """Row k of the table over [kT, (k+1)T), T = sample_time; 0 N before the first and after the last row.
+    """A recorded force: row k of the table over [kT, (k+1)T), T = sample_time; 0 N outside the table.
 
-    A loop with another sample time uses the row that is valid at each of its samples.  A time that misses the
-    start of a row only because of rounding counts as that row.
+    A loop with another sample time uses the row that is valid at each of its samples.  A time that lies before the
+    start of a row only because of rounding belongs to that row.
     """
 
     force: np.ndarray = table("N", "force on the table, row by row")

@@ -15,13 +15,13 @@ _BUTTERWORTH = 0.7071067811865476  # damping ratio of the second order
 
 
 class DisturbanceRecovery(Observer):
-    """Disturbance recovery: the unexplained force on a rigid axis, computed from reading and `applied` alone.
+    """Disturbance recovery: the force on a rigid axis in addition to the drive's, from reading and `applied` alone.
 
         F̂d(k) = m (v(k) - v(k-1))/T + b v(k) - F_m(k-1),    v(k) = (x(k) - x(k-1))/T
 
     Inverting the paper's (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force,
     gives the same result, so that gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or
-    that of `delay_samples` earlier.
+    the one `delay_samples` earlier.
 
         exact        without a filter
         one_pole     F(k) = α F(k-1) + (1 - α) F̂d(k),   α = e^(-2π frequency T), in place of the law's Q/(Q + g1 T/m)
@@ -30,10 +30,10 @@ class DisturbanceRecovery(Observer):
 
     The estimate is a double difference: a resolution q causes noise of √6 m (q/√12)/T² before the filter.  `lag` is the
     delay for a force that is held over each sample while the motor force is constant: 1.5 T plus the delay of the
-    filter, about √2/(2π frequency) for second order.  The delay for a force that rises evenly within the samples is T.
-    Both are T/2 shorter under a law that cancels the force, since F_m(k-1) is then newer than the mean over the two
-    samples that the double difference sees.
-    When to use: under any law, to see a cutting force or to reject it.  Not suitable for an axis mode inside the
+    filter, about √2/(2π frequency) for second order.  For a force that rises linearly within the samples, T
+    replaces 1.5 T.  Both values are smaller by T/2 under a law that cancels the force, since F_m(k-1) is then more
+    recent than the mean over the two samples that the double difference spans.
+    When to use: under any law, to monitor a cutting force or to reject it.  Not suitable for an axis mode inside the
     filter's band; with a coarse encoder use `KalmanRecovery`.
     Source: Altintas & Okwudire 2009, section 3, from eq. (6); the second-order filter is this library's choice.
     """
@@ -49,7 +49,7 @@ class DisturbanceRecovery(Observer):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values with a corner well below the rate of the loop, on the velocity encoder."""
+        """Return start values: the velocity encoder, and 0.2 `axis.rate` as corner frequency in Hz."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):
@@ -67,7 +67,7 @@ class DisturbanceRecovery(Observer):
         filter: tuple[Any, ...]
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule that the corner of the filter lies below half the sample rate."""
+        """Yield the validity rule: the corner frequency of the filter lies below half the sample rate."""
         if self.form != "exact":
             yield biquad.below_nyquist(self.kind, "frequency", self.frequency, T)
 
@@ -114,10 +114,10 @@ class DisturbanceRecovery(Observer):
         return state._replace(filter=(biquad.retuned(state.filter[0], old_prepared.section[0], prepared.section[0]),))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """Return the delay in s for a held disturbance at constant motor force; for others it is up to T shorter.
+        """Return the delay in s for a disturbance that is held over each sample, at constant motor force.
 
-        It is 1.5 T for the double difference, plus α/(1 - α) T for each pole, or the slope of the section's phase at 0
-        Hz.
+        This is the sum of 1.5 T for the double difference and the delay of the filter at 0 Hz, which is α/(1 - α) T for
+        each pole. In other cases the delay is up to T shorter.
         """
         samples: Any = 1.5
         if prepared.pole:

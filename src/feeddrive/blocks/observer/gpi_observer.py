@@ -16,12 +16,13 @@ from feeddrive.language.text import Text
 
 
 class GpiObserver(Observer):
-    """Position, velocity and disturbance of a rigid axis q'' = u + ξ, with ξ a polynomial of degree taylor_states - 1.
+    """An observer of position, velocity and disturbance of a rigid axis q'' = u + ξ, with ξ a polynomial in time.
 
         x̂1' = x̂2 + λ ε,   x̂2' = u + ẑ1 + λ ε,   ẑ1' = ẑ2 + λ ε,  ...,  ẑn' = λ ε         ε = y - x̂1,  u = applied / mass
         velocity = x̂2,   disturbance = mass · ẑ1
 
-    The λ, one for each state, place the poles of the error; with order = 2 + taylor_states its polynomial is
+    The polynomial ξ has the degree taylor_states - 1.  The gains λ, a different one for each state, place the poles of
+    the error; with order = 2 + taylor_states the characteristic polynomial is
 
         (s + p0) (s² + 2 zeta_o omega_o s + omega_o²)^((order - 1)/2)     order odd
                  (s² + 2 zeta_o omega_o s + omega_o²)^(order/2)           order even, without the real pole
@@ -37,9 +38,9 @@ class GpiObserver(Observer):
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  Do not use it to reject
     disturbances near or above omega_o: their estimate has the wrong amplitude and phase, and subtracting it increases
     the error, 4 times at 1.3 omega_o with 5 states, 2.6 times with 3, 1.4 times with one.  Do not use it with an axis
-    mode near omega_o either. `hold = "zero_order"` holds the reading constant instead, for comparison: it admits
-    only a fifteenth of the sample time.
-    Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is this library's.
+    mode near omega_o either. `hold = "zero_order"` holds the reading constant instead, for comparison: the sample time
+    must then be 15 times shorter.
+    Source: Beltrán-Carbajal et al. 2013, eqs. (13)-(18); the sampled form is specific to this library.
     Raises ParameterError for an omega_o too high for the sample time.
     """
 
@@ -62,16 +63,16 @@ class GpiObserver(Observer):
     )
 
     class Prepared(NamedTuple):
-        """F, and the columns of u (with 1/mass) and of the change of y."""
+        """F, and the input columns for u (including 1/mass) and for the change of y."""
 
         F: Matrix
         Gu: Row
         Gy: Row
 
     class State(NamedTuple):
-        """z in m, with z_0 minus the last reading; the last reading in m; commands that have not acted, newest first.
+        """z (m), z_0 relative to the last reading; the last reading (m); commands not yet acting (N, newest first).
 
-        `brake` is the force in N that held the axis before the start; it is 0 from then on.
+        `brake` is the force in N with which a brake held the axis before the start; it is 0 afterwards.
         """
 
         z: tuple[Number, ...]
@@ -80,7 +81,7 @@ class GpiObserver(Observer):
         brake: tuple[Number, ...] = ()
 
     def polynomial(self) -> Row:
-        """Return the coefficients of the error's polynomial in s / omega_o, from the highest power (1) down."""
+        """Return the characteristic polynomial of the error in s / omega_o, highest power (coefficient 1) first."""
         order = 2 + self.taylor_states
         made: Row = (1.0,)
         for _ in range(order // 2):
@@ -90,7 +91,7 @@ class GpiObserver(Observer):
         return made
 
     def gains(self) -> Row:
-        """Return the gains λ, beginning with that of x̂1: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
+        """Return the gains λ, that of x̂1 first: the coefficients of the polynomial in s, in 1/s, 1/s², ..."""
         rate, gains = self.omega_o, []
         for coefficient in self.polynomial()[1:]:
             gains.append(coefficient * rate)
@@ -102,7 +103,7 @@ class GpiObserver(Observer):
         return self._sampled(matrix.expm1(self._rate(T)), 1.0)
 
     def _rate(self, T: Number) -> Matrix:
-        """Return A T for the states, u, and the change of y over a sample."""
+        """Return A T, where A is extended by u and by the change of y over a sample as constant inputs."""
         order = 2 + self.taylor_states
         turn = self.omega_o * T
         rate = matrix.zeros(order + 2, order + 2)
@@ -116,7 +117,7 @@ class GpiObserver(Observer):
         return tuple(map(tuple, rate))
 
     def _sampled(self, change: Matrix, share: Number) -> Prepared:
-        """Return the sampled form from e^(share A T) - 1, for a sample that takes this share of T."""
+        """Return the sampled form for a sample of length `share` · T, from `change` = e^(share A T) - 1."""
         order = 2 + self.taylor_states
         F = tuple(tuple(x + 1.0 if i == j else x for j, x in enumerate(row[:order])) for i, row in enumerate(change))
         per_force = 1.0 / (self.mass * self.omega_o * self.omega_o)
@@ -128,7 +129,7 @@ class GpiObserver(Observer):
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion, with `start_disturbance`, else with that which balances the force."""
+        """Return the state of steady motion; the disturbance is `start_disturbance`, or else balances the force."""
         position = reading.position(self.encoder)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o
@@ -154,7 +155,7 @@ class GpiObserver(Observer):
         return state, Estimate(y + z[0], self.omega_o * z[1], disturbance)
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
-        """Keep the velocity z_1 omega_o, and the disturbance and its derivatives mass · z_i omega_o^i, i >= 2."""
+        """Rescale z so that z_1 omega_o, the velocity, and mass · z_i omega_o^i (i >= 2) stay unchanged."""
         slower, lighter = old.omega_o / self.omega_o, old.mass / self.mass
         z, scale = [state.z[0], slower * state.z[1]], lighter * slower * slower
         for held in state.z[2:]:
@@ -163,15 +164,15 @@ class GpiObserver(Observer):
         return state._replace(z=tuple(z))
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """Return the delay of the estimate of a ramp disturbance: 0.0, except for a single Taylor state."""
+        """Return the delay in s of the estimate of a ramp disturbance: 0.0, except for a single Taylor state."""
         coefficients = self.polynomial()
         return coefficients[-2] / (coefficients[-1] * self.omega_o) if self.taylor_states == 1 else 0.0
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
         """Yield the validity rule that omega_o is slow enough for the sample time.
 
-        A rigid axis with the disturbance subtracted must be stable at T, and at T/2, T/4, ... as well: stability at
-        T beyond an unstable range of shorter sample times is accidental.
+        A rigid axis from which the estimated disturbance is subtracted must be stable at T and also at T/2, T/4, ...:
+        if it is unstable at shorter sample times, its stability at T is accidental.
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))
@@ -187,7 +188,7 @@ class GpiObserver(Observer):
             )
 
     def _refusal(self, T: float) -> str:
-        """Return the error message: by how much omega_o is too fast, and the nearest admissible values."""
+        """Return the error message, which states by how much omega_o is too fast, and the nearest admissible values."""
         real = 1.0 if self.p0 is None else self.p0 / self.omega_o
         most = _fastest(self.taylor_states, self.zeta_o, real, self.hold, self.delay_samples)
         turn = self.omega_o * T
@@ -199,14 +200,14 @@ class GpiObserver(Observer):
         )
 
     def growth(self, T: Number) -> Any:
-        """Return the spectral radius of the loop u = -ẑ1 around q'' = u, with the dead time."""
+        """Return the spectral radius of the loop u = -ẑ1 around q'' = u, including the dead time."""
         return matrix.growth(self._rejecting(self.prepare(T), T))
 
     def _rejecting(self, made: Prepared, T: Number) -> list[list[Any]]:
-        """Return the transition matrix of the loop u = -ẑ1 around q'' = u over one sample, with the dead time.
+        """Return the transition matrix of the loop u = -ẑ1 around q'' = u over one sample, including the dead time.
 
-        Relative to the true motion (z_0 to q, z_1 to q') the observer is autonomous: the loop's other poles, two at 1
-        without a position controller, drop out.
+        With z_0 relative to q and z_1 relative to q', the observer is autonomous.  The two other poles of the loop,
+        which lie at 1 without a position controller, are thus left out.
         """
         order, late = 2 + self.taylor_states, self.delay_samples
         square = self.omega_o * self.omega_o
@@ -224,7 +225,7 @@ class GpiObserver(Observer):
 
 @cache
 def _fastest(taylor_states: int, zeta_o: float, p0: float, hold: str, delay_samples: int) -> float:
-    """Return the first omega_o T at which the loop of `growth` is unstable; stability beyond it is accidental."""
+    """Return the smallest omega_o T at which the loop of `growth` is unstable; stability beyond it is accidental."""
     shape = GpiObserver(
         mass=1.0, omega_o=1.0, p0=p0, taylor_states=taylor_states, zeta_o=zeta_o, hold=hold, delay_samples=delay_samples
     )

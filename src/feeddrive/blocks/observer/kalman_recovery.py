@@ -1,4 +1,4 @@
-"""Disturbance estimate by a Kalman filter of a rigid axis."""
+"""Disturbance estimate by a Kalman filter for a rigid axis."""
 
 from typing import NamedTuple, Self
 
@@ -21,14 +21,14 @@ class KalmanRecovery(Observer):
         correct   x̂(k) = x̂⁻ + L (x(k) - x̂⁻₁),    x̂ = (x, v, F_d)
         L = P Cᵀ/(C P Cᵀ + R),   P = Φ (P⁻¹ + Cᵀ R⁻¹ C)⁻¹ Φᵀ + diag(0, 0, force_step²),   R = resolution²/12
 
-    The gain comes from the Riccati equation by doubling, with lengths in units of the resolution and times in units set
-    by the filter's bandwidth, so that coarse and fine encoders are treated alike.  In these units the gain depends on
-    one ratio, ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
+    The gain follows from the Riccati equation, which is solved by doubling, with lengths in units of the resolution and
+    times in units set by the filter's bandwidth, so that coarse and fine encoders are treated alike.  In these units
+    the gain depends on one ratio, ρ = force_step T² √12/(m resolution): the filter's bandwidth is about ∛ρ/T rad/s.
 
     When to use: in place of `DisturbanceRecovery` where quantization by the encoder dominates.  Not suitable for forces
     that change faster than `force_step` per sample, or if the resolution is unknown.
-    Source: Altintas & Okwudire 2009, section 3, has the exact recovery; the filter is Kalman 1960, the doubling
-    Anderson & Moore 1979, section 6.7.
+    Source: Altintas & Okwudire 2009, section 3 (exact recovery); Kalman 1960 (the filter); Anderson & Moore 1979,
+    section 6.7 (doubling).
     """
 
     tunables = ("force_step",)
@@ -41,7 +41,7 @@ class KalmanRecovery(Observer):
     encoder: str = choice("encoder whose reading is filtered", options=("load", "motor"), default="load")
 
     class Prepared(NamedTuple):
-        """Φ - 1 above its diagonal and at (v, v), in SI, and the gain L."""
+        """The entries of Φ - 1 above its diagonal and at (v, v), and the gain L, in SI units."""
 
         x_of_v: Number  # s
         x_of_force: Number  # m/N
@@ -58,7 +58,7 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute hold and gain from a normalized problem: position noise 1, and random-walk force steps w = ∛ρ."""
+        """Compute hold and gain in normalized units, with position noise 1 and random-walk force steps w = ∛ρ."""
         # 1/√12: the standard deviation of a rounding to counts
         noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)
@@ -98,14 +98,14 @@ class KalmanRecovery(Observer):
         return state
 
     def lag(self, prepared: Prepared, T: Number) -> Number:
-        """Return the delay: the steady-state error under a ramp force, divided by the slope of the ramp."""
+        """Return the delay in s: the steady-state error under a ramp force, divided by the slope of the ramp."""
         x, v, force = prepared.gain
         share = prepared.v_of_v / prepared.x_of_v
         return T * (v - share * x) / (force * (prepared.v_of_force - share * prepared.x_of_force))
 
 
 def riccati(transition: Matrix, walk: Number) -> Matrix:
-    """Return the steady covariance before a correction: a position with noise 1, and a third state on a random walk.
+    """Return the steady covariance before a correction, for position noise 1 and a random walk of the third state.
 
     P = Φ (P⁻¹ + Cᵀ C)⁻¹ Φᵀ + Q, C = (1 0 0), Q = diag(0, 0, walk), by doubling, which covers 2ⁿ samples in n steps:
 

@@ -15,8 +15,8 @@ def chain(
 ) -> Mechanics:
     """Return the matrices of n masses (kg) in a row; spring i (stiffness N/m, damping N s/m) joins masses i and i+1.
 
-    `viscous` is the friction of each mass against the ground, N s/m.  The drive acts on the first mass, the encoder
-    `motor` sits on that mass, the load is the last.
+    `viscous` is the friction of each mass against the ground, N s/m.  The drive acts on the first mass.  The motor
+    encoder is on the mass with the index `motor`.  The last mass is the load.
     """
     n = len(masses)
     mass, damping, stiffness, shape = (matrix.zeros(n, n) for _ in range(4))

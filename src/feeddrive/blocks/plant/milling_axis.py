@@ -1,4 +1,4 @@
-"""An axis of a small milling machine in the parameters of control papers: carriage on a screw, torque as input."""
+"""An axis of a small milling machine with the parameters used in control papers: carriage, screw, torque input."""
 
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.transmission import radians_per_metre, reflected
@@ -6,14 +6,14 @@ from feeddrive.language.block import Number, parameter
 
 
 class MillingAxis(Plant):
-    """A rigid carriage on a screw; a = lead / 2π.
+    """A rigid carriage driven by a screw; a = lead / 2π.
 
         (carriage_mass + inertia / a²) q'' + (c_b + c_t / a²) q' = torque / a + other forces
 
     The force of the loop is torque / a, in N at the carriage.  Dry friction (μ sign q'), gravity and cutting forces are
-    separate blocks.  `ScrewRigid` is the same axis from the motor's data sheet, with a gear.
-    Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers, their rotary equation
-    divided by a.
+    separate blocks.  `ScrewRigid` describes such an axis by data-sheet values and includes a gear.
+    Source: the milling machine in the papers on GPI control by Beltrán-Carbajal and co-workers; their rotary equation
+    is divided by a here.
     """
 
     inertia: Number = parameter("kg m2", "all that turns with the screw", above=0)

@@ -7,7 +7,7 @@ from feeddrive.language.block import Number, parameter, part
 
 
 class Modal(Plant):
-    """A rigid mass with any number of modes in parallel: the same forces drive all, and their motions add up.
+    """A rigid mass and any number of modes in parallel: the same forces excite all of them, and their motions add up.
 
         mass q'' + viscous q' = f_motor + f_load
         x_motor = q + Σ motorᵢ ηᵢ,    x_load = q + Σ loadᵢ ηᵢ,    with ηᵢ of `Mode`
@@ -23,7 +23,7 @@ class Modal(Plant):
     modes: tuple[Mode, ...] = part("structural modes in parallel", default=())
 
     def mechanics(self) -> Mechanics:
-        """Return the diagonal matrices; the rigid coordinate is the last, as the axis needs for exact standstill."""
+        """Return the diagonal matrices; the rigid coordinate is last, as exact standstill requires."""
         n = len(self.modes) + 1
         mass, damping, stiffness = (matrix.zeros(n, n) for _ in range(3))
         for i, mode in enumerate(self.modes):

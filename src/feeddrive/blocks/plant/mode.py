@@ -10,7 +10,7 @@ class Mode(Block):
         mass (η'' + 2 damping_ratio ω η' + ω² η) = motor f_motor + load f_load,      ω = 2π frequency
         it adds motor · η to the position of the motor's body and load · η to that of the load's
 
-    A mode that only the motor's force excites and only the load shows has motor = 1 and load = ±1.
+    If only the response of the load to the motor's force is known, set motor = 1 and load = ±1.
     """
 
     frequency: Number = parameter("Hz", "undamped natural frequency", above=0)

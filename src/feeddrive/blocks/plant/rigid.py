@@ -9,8 +9,8 @@ class Rigid(Plant):
 
         mass · x'' + viscous · x' = force
 
-    Use it for a linear motor, or below about a third of the first mode of a screw drive.  Rotating parts contribute J
-    (2π/lead)² to the mass.  Source: Altintas & Okwudire 2009, eq. (1).
+    Use it for a linear motor, or for a screw drive at frequencies below about a third of its first mode.  Rotating
+    parts with the inertia J contribute J (2π/lead)² to the mass.  Source: Altintas & Okwudire 2009, eq. (1).
     """
 
     mass: Number = parameter("kg", "all that moves, seen at the table", above=0)

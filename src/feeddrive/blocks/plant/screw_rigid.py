@@ -1,4 +1,4 @@
-"""A rigid axis with a screw, in data-sheet parameters: inertias in kg m², lead, gear."""
+"""A rigid axis with a screw, described by data-sheet values: inertias in kg m², lead, gear."""
 
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.transmission import radians_per_metre, reflected
@@ -11,7 +11,8 @@ class ScrewRigid(Plant):
         r = 2π / lead,      total mass = mass + (inertia_screw + gear² inertia_motor) r²
         total mass · x'' + (viscous_load + viscous_bearings r²) x' = force
 
-    The force is the motor's torque · gear · r.  Do not use it above about a third of the first mode of the drive.
+    The force is the motor's torque · gear · r.  Do not use it at frequencies above about a third of the drive's first
+    mode.
     Source: Altintas & Okwudire 2009, eq. (1), with the reflected inertia.
     """
 

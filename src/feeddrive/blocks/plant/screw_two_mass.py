@@ -1,4 +1,4 @@
-"""A ball screw with one axial mode, in data-sheet parameters: inertias in kg m², lead, gear."""
+"""A ball screw with one axial mode, described by data-sheet values: inertias in kg m², lead, gear."""
 
 from feeddrive.blocks.families import Mechanics, Plant
 from feeddrive.blocks.plant.chain import chain

@@ -14,9 +14,9 @@ class ThreeMassChain(Plant):
         Fc = coupling_stiffness (x0 - x1) + coupling_damping (x0' - x1')
         Fn = stiffness (x1 - x2) + damping (x1' - x2')
 
-    Everything is in units of table motion.  The force acts on the motor x0; the motor encoder and the friction of
-    bearings and nut sit on the screw x1, and so do forces such as cogging; the load is the table x2.
-    It serves as the true plant on which designs for a two-mass model are tested.
+    All quantities are referred to table motion.  The force acts on the motor x0.  The motor encoder, the friction of
+    bearings and nut, and forces such as cogging are located at the screw x1.  The load is the table x2.  Use this plant
+    as the true axis on which to test designs made for a two-mass model.
     Source: Gordon & Erkorkmaz 2013, eq. (1), with a coupling before the screw.
     """
 

@@ -1,4 +1,4 @@
-"""Properties of a screw-and-table model: its mode, the displacement between its bodies, and its attainable poles.
+"""Properties of a screw-and-table model: its mode, the displacement between its bodies, and pole placement.
 
 All equations are those of Gordon & Erkorkmaz 2013, eq. (2):
 
@@ -23,7 +23,7 @@ LEAST_CONTROL = 1e-6
 
 
 class TwoBodies(NamedTuple):
-    """The matrices of the equation in the module; a literal 0.0 is a term that is absent."""
+    """The matrices of the equation in the module docstring; a literal 0.0 marks an absent term."""
 
     m11: Number
     m12: Number
@@ -41,7 +41,7 @@ class TwoBodies(NamedTuple):
 
     @property
     def dragged(self) -> Number:
-        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring when both bodies move alike."""
+        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring if both bodies move equally."""
         return self.c22 + self.c12
 
     @property
@@ -61,7 +61,7 @@ class TwoBodies(NamedTuple):
 def two_bodies(where: str, plant: Plant) -> TwoBodies:
     """Return the matrices of a plant with two bodies.
 
-    Raises StructureError, with a remedy, for a plant that is not of this form.
+    Raises StructureError, with a remedy, if the plant does not have this form.
     """
     mechanics = plant.mechanics()
     places = (mechanics.drive, mechanics.motor, mechanics.load)
@@ -82,7 +82,7 @@ def two_bodies(where: str, plant: Plant) -> TwoBodies:
 
 
 def two_mass_model(plant: Plant) -> Plant:
-    """Return the model of screw and table in a plant, on which a law can place poles.
+    """Return the two-mass model of screw and table in a plant, for a law that places poles.
 
     A chain of motor, screw and table is reduced to two masses: motor and screw become one body, which is valid below
     the mode of the coupling. Raises StructureError, with the reason, for a plant that has no such model.
@@ -106,10 +106,10 @@ def two_mass_model(plant: Plant) -> Plant:
 
 
 def controllable(where: str, bodies: TwoBodies) -> Rule:
-    """Return the rule that a force on the screw controls all poles, with gains that do not consist of rounding error.
+    """Return the rule that a force on the screw can place all poles with numerically meaningful gains.
 
-    With q = dragged/led an equal motion e^-qt of both bodies leaves the spring relaxed; it is uncontrollable if it also
-    balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
+    With q = dragged/led, an equal motion e^-qt of both bodies leaves the spring relaxed.  This motion is uncontrollable
+    if it also balances the forces on the table: control = |led² - (c q + m12 q²) led²/k| / m22² = 0,  c = -c12.
     """
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     reached = ops.absolute(led * led + (bodies.c12 * led - bodies.m12 * dragged) * dragged / k)
@@ -122,7 +122,7 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
 
 
 def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
-    """Return the error message: how far the model is from a controllable one, and the nearest admissible value."""
+    """Return the error message: the distance to a controllable model, and the nearest admissible value."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         # with little damping control = (led/m22)²
@@ -145,7 +145,7 @@ def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
 
 
 class Gains(NamedTuple):
-    """u = K1 (x1r - x1) + K2 (x2r - x2) + K3 (v1r - v1) + K4 (v2r - v2) + Ki ∫ (x2r - x2) dt."""
+    """The gains of u = K1 (x1r - x1) + K2 (x2r - x2) + K3 (v1r - v1) + K4 (v2r - v2) + Ki ∫ (x2r - x2) dt."""
 
     K1: Number  # N/m
     K2: Number  # N/m
@@ -170,14 +170,14 @@ def polynomial(real: Number, *pairs: tuple[Number, Number]) -> list[Any]:
 
 
 def place(bodies: TwoBodies, desired: list[Any]) -> Gains:
-    """Return the gains that give the closed loop the polynomial `desired` = [a0, a1, a2, a3, a4, 1].
+    """Return the gains that give the closed loop the characteristic polynomial `desired` = [a0, a1, a2, a3, a4, 1].
 
     With Pij = mij s² + cij s ± k and Δ = P11 P22 - P12², equation (2) closed by the gains has the characteristic
     polynomial
 
         s Δ + s (K1 + K3 s) P22 - (s K2 + s² K4 + Ki) P12 = (m11 m22 - m12²) · desired
 
-    With the sums S1 = K1 + K2 and S3 = K3 + K4 it reads, since P22 + P12 = led s² + dragged s is free of the spring,
+    With the sums S1 = K1 + K2 and S3 = K3 + K4 this is, since P22 + P12 = led s² + dragged s is free of the spring,
 
         s² (K1 + K3 s)(led s + dragged) + (Ki + S1 s + S3 s²)(k - c12 s - m12 s²) = (m11 m22 - m12²) · desired - s Δ
 
@@ -235,7 +235,7 @@ def lag(bodies: TwoBodies) -> Number:
 
 
 def series(bodies: TwoBodies, setpoint: Setpoint) -> ScrewCommand:
-    """Return the displacement by the series in c/k, truncated after its first term: stateless, stable for any m12.
+    """Return the lead from the series in c/k up to first order, which needs no state and is stable for any m12.
 
     The second line of equation (2), solved for x1 - x2 = lead:
 

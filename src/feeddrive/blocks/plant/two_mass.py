@@ -15,8 +15,8 @@ class TwoMass(Plant):
         [m1  m12] [x1'']   [b1+c  -c  ] [x1']   [ k  -k] [x1]   [force + d1]
         [m12 m2 ] [x2''] + [-c    b2+c] [x2'] + [-k   k] [x2] = [d2        ]
 
-    x1 is the screw in units of table motion (rotary encoder), x2 the table (linear encoder).  `coupling_mass` is m12 of
-    the full matrix, absent for the diagonal one.
+    x1 is the screw in units of table motion (rotary encoder), x2 the table (linear encoder).  `coupling_mass` is m12;
+    omit it if the mass matrix is diagonal.
     Source: Gordon & Erkorkmaz 2013, eq. (1), and eq. (2) for the full matrix.
     """
 
@@ -29,7 +29,7 @@ class TwoMass(Plant):
     coupling_mass: Number | None = parameter("kg", "off-diagonal term of the mass matrix", default=None)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the validity rule that the mass matrix is positive definite."""
+        """Yield the validity rule: the mass matrix is positive definite."""
         m12, product = self.coupling_mass, self.mass_motor * self.mass_load
         if m12 is not None:
             yield Rule(

@@ -6,7 +6,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class TrajectoryPrefilter(Prefilter):
-    """A prefilter that adds shares of the higher derivatives to the set motion, truncated above the snap.
+    """A prefilter that adds weighted higher derivatives, up to the snap, to the set motion.
 
         x_out = x + θ1 v + θ2 a + θ3 j + θ4 s
         v_out = v + θ1 a + θ2 j + θ3 s
@@ -14,11 +14,11 @@ class TrajectoryPrefilter(Prefilter):
         j_out = j + θ1 s
         s_out = s
 
-    No difference is formed, since the steps of a snap-limited motion would become impulses.
-    A loop with the tracking error e = θ(s) x for a set motion x, θ(s) = θ1 s + θ2 s² + θ3 s³ + θ4 s⁴, has the error
-    θ(s)² x behind this block: `fit_prefilter` finds θ from one run.
+    No signal is differenced, since the snap of a snap-limited motion has steps, which would become impulses.
+    A loop with the tracking error e = θ(s) x for a set motion x, θ(s) = θ1 s + θ2 s² + θ3 s³ + θ4 s⁴, has only the
+    error θ(s)² x with this block.  `fit_prefilter` computes θ from one run.
     When to use: together with feedforward, on moves whose errors repeat.  Not suitable for a loop without feedforward,
-    where θ is not small, or for references without derivatives.
+    for which θ is not small, or for references without derivatives.
     Source: Gordon & Erkorkmaz 2013, section 2 (trajectory prefilter).
     """
 

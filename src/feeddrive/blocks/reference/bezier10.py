@@ -9,12 +9,12 @@ from feeddrive.language.block import Number, parameter
 
 
 class Bezier10(Move):
-    """x = distance · τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵),   τ = t / travel_time.
+    """The move x = distance · τ⁵(252 - 1050τ + 1800τ² - 1575τ³ + 700τ⁴ - 126τ⁵),   τ = t / travel_time.
 
     All derivatives up to the snap are continuous; the motion is not symmetric in time: four derivatives are 0 at the
     start, five at the end.  The velocity peaks at 2.6018 · distance / travel_time at τ = 4/9.
     Do not use it while cutting, unless the chip load follows the instantaneous feed.
-    Source: the Bezier family of the references of Beltrán-Carbajal et al. 2013; its coefficients follow from the
+    Source: the family of Bezier references in Beltrán-Carbajal et al. 2013; the coefficients follow from the
     derivatives that vanish at the ends.
     """
 

@@ -1,4 +1,4 @@
-"""The durations of the boxcars of a limited move, and the limits that a short distance does not reach."""
+"""The lengths of the boxcars of a limited move, also for distances too short to reach all limits."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
     """Return the shortest move of the boxcar family over a distance > 0 within `limits`, velocity first (SI).
 
     If all limits are reached, the lengths are the usual ones (for the snap-limited move j/s, a/j, v/a and
-    distance/v).  In general they are chosen in ascending order, each as long as possible.  L₁ times the highest
+    distance/v).  In general the lengths are chosen in ascending order, each as long as possible.  L₁ times the highest
     derivative is the peak of the next lower one, and so on.  Since ramps must not overlap, each length is at least the
     sum of the shorter ones, so that L₁ = x means at least (x, 2x, 4x) for the others:
 
@@ -25,13 +25,13 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
         L₃ = x:  a'·x ≤ v,  a'·x(x + L₁ + L₂) ≤ distance,                             a' = j'·L₂
         L₄ = distance / v',                                                           v' = a'·L₃
 
-    The highest limit is thus always used in full, and a limit is lowered only if a lower derivative, or the distance,
-    has no room for it: first the velocity is lowered (L₃), then the acceleration (L₂), then the jerk (L₁).  Since the
-    product of the lengths is fixed and short lengths are lower bounds of long ones, making the short lengths as long as
-    possible minimizes the sum, which is the time of the move.  The last length is distance / v' as computed, so the
-    distance is exact.
+    The highest limit is thus always used in full, and a limit is lowered only if the limit of a lower derivative, or
+    the distance, does not allow it to be reached: first the velocity is lowered (L₃), then the acceleration (L₂), then
+    the jerk (L₁).  Since the product of the lengths is fixed and short lengths are lower bounds of long ones, making
+    the short lengths as long as possible minimizes the sum, which is the time of the move.  The last length is distance
+    / v' with the computed v', so that the distance is exact.
 
-    Raises StructureError if the move would take forever, if the numbers overflow, and, as an internal check, if the
+    Raises StructureError if the move would never end, if the numbers overflow, and, as an internal check, if the
     finished profile violates a limit.
     """
     height, span = limits[-1], 0.0
@@ -54,7 +54,7 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
 
 
 def _longest(goal: float, place: int, span: float) -> float:
-    """Return the x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (place 0 .. 3, span = 0 for 3) is goal."""
+    """Return the x for which x, x(x + span), 2x(x + span)² or 8x(x + span)³ (`place` 0 .. 3) equals `goal`."""
     if place == 0:
         return goal
     if place == 1:

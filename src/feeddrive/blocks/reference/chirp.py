@@ -13,15 +13,14 @@ from feeddrive.language.quantity import Quantity
 
 
 class Chirp(Reference):
-    """x = center + amplitude · w(t) · sin(φ(t)), with φ' going from 2π first_frequency to 2π last_frequency.
+    """A sweep x = center + amplitude · w(t) · sin(φ(t)); φ' runs from 2π first_frequency to 2π last_frequency.
 
         linear       φ = 2π (f₁ t + (f₂ - f₁) t² / 2D)
         logarithmic  φ = 2π f₁ (eᵍᵗ - 1) / g,   g = ln(f₂/f₁) / D,       D = sweep_time
 
-    w rises from 0 in the first and falls to 0 in the last `blend_time` by the seventh-degree polynomial; the motion
-    starts and ends at rest at the center.  The sweep may run up or down.
-    Not suitable for measuring an axis with dry friction around standstill; a multisine with a bias velocity reveals
-    more.
+    w rises from 0 during the first `blend_time` and falls to 0 during the last, along a seventh-degree polynomial; the
+    motion starts and ends at rest at the center.  The sweep may run up or down.
+    Not suitable for measuring an axis with dry friction around standstill; use a multisine with a bias velocity there.
     Raises ParameterError if both blends are longer than the sweep.
     """
 

@@ -13,12 +13,12 @@ from feeddrive.language.quantity import Quantity
 
 
 class Circle(Reference):
-    """x = center + radius · cos(θ(t) - phase), with an angle θ from 0 to ± 2π · turns.
+    """The motion x = center + radius · cos(θ(t) - phase), with an angle θ from 0 to ± 2π · turns.
 
-    The speed along the circle rises from 0 to `feed` in `run_up_time` by the seventh-degree polynomial, is constant,
-    and falls in the same way; so all derivatives up to the snap are continuous, and the circle takes
-    2π radius turns / feed + run_up_time.  Two axes with equal parameters and phases of 0 and 90 degrees draw the
-    circle; it starts at (radius, 0) from its center.
+    The speed along the circle rises from 0 to `feed` in `run_up_time` along a seventh-degree polynomial, is then
+    constant, and falls in the same way; all derivatives up to the snap are thus continuous, and the circle takes 2π
+    radius turns / feed + run_up_time.  Two axes with phases of 0 and 90 degrees and otherwise equal parameters trace
+    the circle, which starts at (radius, 0) relative to its center.
     Raises ParameterError if run-up and run-down do not fit into the turns.
     """
 

@@ -48,7 +48,7 @@ def stretched(f: Derivatives, height: float, time: float) -> Derivatives:
 
 
 def resting(t: np.ndarray, duration: float, motion: Derivatives, first: float, last: float) -> Setpoint:
-    """Return the motion in 0 <= t < duration, at rest at `first` before it and at `last` from its end on (m)."""
+    """Return setpoints of `motion` in 0 <= t < duration, at rest at `first` (m) before and at `last` (m) after it."""
     before, after = t < 0.0, t >= duration
     # the ends as given: those of the motion are rounded
     position = np.where(before, first, np.where(after, last, motion[0]))

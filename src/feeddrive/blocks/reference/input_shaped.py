@@ -11,12 +11,12 @@ from feeddrive.language.errors import StructureError
 
 
 class InputShaped(Reference):
-    """x(t) = Σ Aᵢ r(t - tᵢ): the reference r convolved with pulses of sum 1, exact in all derivatives at any time.
+    """The reference r convolved with pulses of sum 1: x(t) = Σ Aᵢ r(t - tᵢ), exact in all derivatives at any time.
 
-    A mode of the given frequency and damping does not ring after the end of the shaped motion ("zv"), hardly rings even
-    if its frequency is a little off ("zvd", half a period longer), or rings by `tolerance` at most over a wider band
-    ("ei"). The motion stays within the limits of r, ends where r ends, and takes one or two half periods of the mode
-    longer.
+    A mode with the specified frequency and damping does not ring after the end of the shaped motion ("zv"), hardly
+    rings even if its frequency is slightly different ("zvd", half a period longer), or rings by at most `tolerance`
+    over a wider band ("ei").  The motion stays within the limits of r, ends where r ends, and is longer by one or two
+    half periods of the mode.
     Do not use it on axes that trace a path together, unless all of them have the same shaper.
     Raises StructureError for a Recorded reference, unless it interpolates: pulses rarely fall on its rows.
     Pulses and sources: `pulses.py`.
@@ -29,7 +29,7 @@ class InputShaped(Reference):
     tolerance: Number = parameter("", "share of the vibration that EI leaves", default=0.05, least=0, below=1)
 
     def check(self) -> None:
-        """Raise StructureError unless there is a reference that ends in a finite time."""
+        """Raise StructureError unless there is a reference of finite duration."""
         check_single(self)
         if not are_all((self.reference,), Reference):
             raise StructureError(f"input_shaped.reference must be a reference, not {self.reference!r}")
@@ -45,7 +45,7 @@ class InputShaped(Reference):
         return self.reference.duration + self.pulses()[1][-1]
 
     def at(self, t: np.ndarray) -> Setpoint:
-        """Evaluate the equation in the class docstring, last pulse first, to end exactly where the reference rests."""
+        """Sum over the pulses, last pulse first, so that the motion ends exactly at the end of the reference."""
         times = np.asarray(t, dtype=np.float64)
         heights, delays = self.pulses()
         # rounding must not put the end before `duration`

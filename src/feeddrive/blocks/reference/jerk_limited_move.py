@@ -5,14 +5,14 @@ from feeddrive.language.block import Number, parameter
 
 
 class JerkLimitedMove(LimitedMove):
-    """A rectangle of velocity convolved with two boxcars: seven pieces of constant jerk.
+    """A velocity rectangle convolved with two boxcars: seven pieces of constant jerk.
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a) * boxcar(a/j)
 
-    The jerk jumps, so the snap is a train of impulses; it is reported as 0.  A law that feeds snap forward should
-    follow a SnapLimitedMove.  If the distance is too short to reach a limit, that limit is lowered, velocity first,
-    then acceleration; this is the shortest move within these limits.
-    Raises StructureError for a move that takes forever.
+    The jerk jumps, so that the snap is a train of impulses; the snap is reported as 0.  A law that feeds snap forward
+    should follow a SnapLimitedMove.  If the distance is too short to reach a limit, that limit is lowered, velocity
+    first, then acceleration; this is the shortest move within these limits.
+    Raises StructureError for a move that would never end.
     Source: Lambrechts, Boerlage & Steinbuch 2005, with one boxcar fewer.
     """
 

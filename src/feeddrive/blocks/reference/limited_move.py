@@ -1,4 +1,4 @@
-"""The common part of all limited moves: a leg built of boxcars."""
+"""The base class of all limited moves: a leg built from boxcars."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property
@@ -13,7 +13,7 @@ from feeddrive.blocks.reference.stretches import Stretch, rest
 
 
 class LimitedMove(Move, ABC):
-    """A leg whose velocity is a rectangle convolved with one boxcar for each limit above the velocity's."""
+    """A leg whose velocity is a rectangle convolved with one boxcar per limit of a higher derivative."""
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:
@@ -21,7 +21,7 @@ class LimitedMove(Move, ABC):
 
     @cached_property
     def profile(self) -> Profile | None:
-        """The leg in pieces, checked against its limits by integration; its `peaks` are the limits that are reached.
+        """The profile of the leg, checked against its limits by integration; `peaks` holds its peak values.
 
         It is None for a distance of 0.
         """

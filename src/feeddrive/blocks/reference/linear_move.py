@@ -8,10 +8,10 @@ from feeddrive.language.block import Number, parameter
 
 
 class LinearMove(Move):
-    """x = distance · t / travel_time: the velocity jumps at both ends.
+    """The move x = distance · t / travel_time, whose velocity jumps at both ends.
 
-    All higher derivatives are 0 in the leg, and the impulses at its ends are omitted.
-    When to use: to show the cost of a corner without a velocity profile; to cut with a constant chip load.
+    Within the leg all higher derivatives are 0; the impulses at its ends are omitted.
+    When to use: to show the error at a corner without a velocity profile; to cut with a constant chip load.
     To move a real axis, use a JerkLimitedMove.
     Source: Beltrán-Carbajal et al. 2013, eqs. (19)-(22), with the constant feed of its simulation.
     """

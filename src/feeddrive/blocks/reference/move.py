@@ -1,4 +1,4 @@
-"""The common part of all moves: rest to rest, one way or there and back, with dwells."""
+"""The base class of all moves: rest to rest, one way or there and back, with dwells."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from feeddrive.language.block import Number, choice, parameter
 
 
 class Move(Reference, ABC):
-    """A leg of a given distance between two dwells, and with `back` the same leg back and a third dwell.
+    """A leg over `distance` between two dwells; with `back`, the return leg and a third dwell follow.
 
         before | there | after                        or
         before | there | between | home | after
@@ -47,7 +47,7 @@ class Move(Reference, ABC):
 
     @property
     def duration(self) -> float:
-        """The duration of dwells and legs together, s."""
+        """The total duration of dwells and legs, s."""
         begins = self._home_at() if self.back else self.dwell_before
         return begins + self.leg_time + self.dwell_after
 
@@ -69,7 +69,7 @@ class Move(Reference, ABC):
         return Setpoint(*out)  # type: ignore[arg-type]
 
     def ways(self) -> Iterator[tuple[Way, float]]:
-        """Yield the legs there and back, each with the position (m) at which it ends."""
+        """Yield the leg and, with `back`, the return leg, each with its end position (m)."""
         sense, far = float(np.sign(self.distance)), self.start + self.distance
         yield Way(self.dwell_before, self.leg_time, self.start, sense), far
         if self.back:

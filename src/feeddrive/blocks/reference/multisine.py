@@ -21,16 +21,16 @@ _FINE = 32
 
 
 class Multisine(Reference):
-    """x = center + w(t) · scale · Σ wₖ sin(2π k t / period + φₖ), over lines k / period inside a band.
+    """A motion x = center + w(t) · scale · Σ wₖ sin(2π k t / period + φₖ), over lines k / period in a band.
 
     `lines` of the multiples of 1/period between `lowest` and `highest` carry equal amplitude of position, velocity or
-    acceleration (`flat`): wₖ = 1, 1/k or 1/k².  Phases are those of Schroeder, φₖ = -2π Σᵢ (k - i) pᵢ over the lines
-    below with shares of power p, or random ones that depend on `seed` and on the line only.
+    acceleration (`flat`): wₖ = 1, 1/k or 1/k².  The phases are those of Schroeder, φₖ = -2π Σᵢ (k - i) pᵢ over all
+    lower lines i with power shares pᵢ, or random phases that depend only on `seed` and the line.
     The scale is such that |x - center| never exceeds `amplitude` and reaches at least 0.995 of it: the peak is taken on
     a grid of 32 points per period of the highest line, divided by cos(π/32) (Ehlich & Zeller 1964).  The sum is shifted
-    in time to its zero of least speed, so that the motion starts and ends at the center.
+    in time so that the motion starts and ends at the center, at the zero crossing with the lowest speed.
 
-    w is 1, and velocity jumps at the ends, unless `blend_time` is given: then the periodic motion is extended by this
+    Without `blend_time`, w is 1, and the velocity jumps at both ends.  With it, the periodic motion is extended by this
     time before the first and after the last period, and w rises and falls there.  Whole periods remain unchanged.
     Source: Schroeder 1970; Pintelon & Schoukens 2012, chapter 5.
     """
@@ -93,7 +93,7 @@ class Multisine(Reference):
         return np.unique(np.rint(wanted))
 
     def frequencies(self) -> np.ndarray:
-        """Return the line frequencies in Hz, fewer than `lines` if low ones coincide with logarithmic spacing."""
+        """Return the line frequencies in Hz, fewer than `lines` if low lines coincide in logarithmic spacing."""
         return self.numbers / self.period
 
     @cached_property
@@ -125,7 +125,7 @@ class Multisine(Reference):
         return -2.0 * np.pi * (self.numbers * below - moments)
 
     def _zero(self, weights: np.ndarray, phases: np.ndarray, low: float, high: float) -> float:
-        """Return a zero of the sum in a period, by bisection of an interval over which it changes sign."""
+        """Return a zero of the sum between `low` and `high` (in periods), where it changes sign, by bisection."""
 
         def value(share: float) -> float:
             return float(np.sum(weights * np.sin(2.0 * np.pi * self.numbers * share + phases)))
@@ -139,7 +139,7 @@ class Multisine(Reference):
 
     @property
     def duration(self) -> float:
-        """The duration of all periods with run-in and run-out, s."""
+        """The duration of all periods and both blends, s."""
         return self.periods * self.period + 2.0 * self.blend_time
 
     def at(self, t: np.ndarray) -> Setpoint:
@@ -151,7 +151,7 @@ class Multisine(Reference):
         return resting(times, self.duration, (self.center + moved[0], *moved[1:]), self.center, self.center)
 
     def _sum(self, place: np.ndarray) -> Derivatives:
-        """Return the sum and its derivatives at times in periods."""
+        """Return the sum and its derivatives at the times `place`, which are in periods."""
         # whole periods are dropped first, so that late ones keep their digits
         share = place - np.floor(place)
         sums = np.zeros((5, *share.shape))

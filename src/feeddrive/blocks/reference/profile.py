@@ -31,8 +31,8 @@ class Profile:
     constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so that ramps never overlap.
 
     `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
-    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant, and the reversed
-    rise.  Constants, zeros and mirror images are set exactly, not accumulated, which avoids drift.
+    recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant part, and the reversed
+    rise.  Constant parts, zeros and mirror images are set exactly rather than accumulated, which avoids drift.
     """
 
     distance: float
@@ -90,7 +90,7 @@ class Profile:
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:
-        """The pieces in their order."""
+        """The pieces in order of time."""
         return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
 
     def at(self, t: np.ndarray) -> Derivatives:
@@ -135,7 +135,7 @@ class Profile:
 
 
 def _advance(state: np.ndarray, span: float) -> float:
-    """Return the integral of a polynomial over a span; `state` holds its value and derivatives at the start."""
+    """Return the integral over a span of the polynomial whose value and derivatives at its start are in `state`."""
     total = 0.0
     for order in range(state.size - 1, -1, -1):
         total = span / (order + 1) * (state[order] + total)

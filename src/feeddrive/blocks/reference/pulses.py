@@ -1,4 +1,4 @@
-"""The impulse sequences of input shapers: a command convolved with them does not excite a mode."""
+"""The impulse sequences of input shapers; a command convolved with one of them does not excite a mode."""
 
 import math
 
@@ -9,10 +9,10 @@ def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> t
     """Return the amplitudes Aᵢ, with sum 1, and the times tᵢ (s) of the pulses for a mode.
 
         shaper     "zv" (no vibration), "zvd" (also zero slope versus frequency), "ei" (`tolerance` at the frequency
-                   itself and, for an undamped mode, none at two frequencies beside it)
+                   itself and, for an undamped mode, none at one frequency on either side)
         frequency  undamped natural frequency of the mode, Hz
         damping    damping ratio ζ of the mode, 0 <= ζ < 1
-        tolerance  vibration that "ei" leaves, as a share of that of the unshaped motion
+        tolerance  residual vibration of "ei" divided by that of the unshaped motion
 
     tᵢ = i · Tᵈ/2 with the period Tᵈ = 1 / (frequency √(1 - ζ²)), and Aᵢ = aᵢKⁱ / Σ aᵢKⁱ with K = e^(-πζ/√(1 - ζ²)), the
     decay over half a period:
@@ -20,7 +20,7 @@ def pulses(shaper: str, frequency: float, damping: float, tolerance: float) -> t
         zv   a = 1, 1        zvd   a = 1, 2, 1        ei   a = 1 + V, 2 - 2V, 1 + V        V = tolerance
 
     With damping the EI pulses are scaled in the same way as the others, instead of by the usual numerical fit: after
-    the last pulse the fraction 4VK² / Σ aᵢKⁱ <= V remains of the vibration that the unshaped motion leaves.
+    the last pulse the vibration is the fraction 4VK² / Σ aᵢKⁱ <= V of that of the unshaped motion.
     Source: Singer & Seering 1990 (ZV, ZVD); Singhose, Seering & Singer 1994 (EI).
     """
     root = math.sqrt(1.0 - damping * damping)

@@ -15,15 +15,16 @@ _HIGHER = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Recorded(Reference):
-    """Row k of the tables at t = k · sample_time; the first position before the start, the last one after the end.
+    """A replayed log: row k of the tables at t = k · sample_time, the first position before it, the last one after it.
 
-    If only positions are given, the velocity is the backward difference, 0 in the first row, and all higher derivatives
-    are 0, so that `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit. Times
-    between the rows are refused; with `between = "linear"` all tables are interpolated linearly, and a velocity that is
-    a difference is the slope of that line.  Outside the table the axis is at rest, and no time is refused.
+    If only positions are recorded, the velocity is the backward difference, 0 in the first row, and all higher
+    derivatives are 0, so that `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit.
+    Times between the rows are refused; with `between = "linear"` all tables are interpolated linearly, and a velocity
+    computed as a difference is the slope of the interpolated position.  Outside the table the axis is at rest, and no
+    time is refused.
     Do not use it to run a loop at a sample time other than the log's: the velocity steps of the straight lines excite
     the loop.
-    Raises StructureError for tables that do not fit each other and for times that are not rows.
+    Raises StructureError for tables that do not match, and for refused times.
     """
 
     position: np.ndarray = table("m", "set positions")
@@ -35,7 +36,7 @@ class Recorded(Reference):
     between: str = choice("what holds between two rows", options=("refused", "linear"), default="refused")
 
     def check(self) -> None:
-        """Raise StructureError unless all tables have one length and each derivative has all lower ones."""
+        """Raise StructureError for tables of unequal length, or for a derivative without all lower ones."""
         check_single(self)
         check_duration(self.kind, self.duration)
         missing = ""

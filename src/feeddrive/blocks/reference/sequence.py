@@ -17,8 +17,9 @@ class Sequence(Reference):
 
         x(t) = rᵢ(t - tᵢ) - rᵢ(0) + x(tᵢ)   for tᵢ <= t < tᵢ₊₁,   tᵢ₊₁ = tᵢ + duration of rᵢ,   t₀ = 0,   x(0) = r₀(0)
 
-    The first keeps its positions; each later one is shifted as a whole to start at the end of the previous one.  At the
-    instant of the change the next one is active.  Nothing is blended: references at rest at both ends join smoothly.
+    The first reference keeps its positions; each later one is shifted as a whole to start at the end of the previous
+    one.  At the instant of a change, the next reference is active.  Nothing is blended: references at rest at both ends
+    join smoothly.
     Raises StructureError for an empty sequence.
     """
 

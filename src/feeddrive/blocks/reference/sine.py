@@ -13,11 +13,11 @@ from feeddrive.language.quantity import Quantity
 
 
 class Sine(Reference):
-    """x = center + amplitude · w(t) · sin(2π frequency t) over whole cycles.
+    """A motion x = center + amplitude · w(t) · sin(2π frequency t) over whole cycles.
 
-    w is 1 without a blend: position and acceleration are then continuous at both ends, velocity and jerk jump.
-    With `blend_time` w rises in the first and falls in the last `blend_time` by the seventh-degree polynomial, and all
-    derivatives up to the jerk are continuous.
+    Without `blend_time`, w is 1: position and acceleration are then continuous at both ends, but velocity and jerk
+    jump.  With it, w rises during the first `blend_time` and falls during the last, along a seventh-degree polynomial,
+    and all derivatives up to the jerk are continuous.
     Raises ParameterError if both blends are longer than the cycles.
     """
 

@@ -39,7 +39,7 @@ def tenth_degree(share: np.ndarray) -> Derivatives:
 
 
 def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
-    """Return a window of 1 that rises and falls within `blend_time` (s) by the seventh-degree polynomial."""
+    """Return a window that rises to 1 and finally falls to 0, each in `blend_time` (s), as `seventh_degree` does."""
     if blend_time == 0.0:
         nothing = np.zeros_like(t)
         return np.ones_like(t), nothing, nothing, nothing, nothing
@@ -53,7 +53,7 @@ def window(t: np.ndarray, duration: float, blend_time: float) -> Derivatives:
 
 
 def run_up_angle(t: np.ndarray, turned: float, duration: float, run_up: float) -> Derivatives:
-    """Return an angle from 0 to `turned` whose rate is `window` times a constant: turned / (duration - run_up).
+    """Return an angle from 0 to `turned` whose rate is `window` times the constant turned / (duration - run_up).
 
     The integral of the seventh-degree polynomial is ∫ψ dτ = τ⁵(7 - 14τ + 10τ² - 2.5τ³), which is 1/2 at τ = 1.
     """

@@ -5,7 +5,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class SnapLimitedMove(LimitedMove):
-    """A rectangle of velocity convolved with three boxcars: fifteen pieces of constant snap.
+    """A velocity rectangle convolved with three boxcars: fifteen pieces of constant snap.
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a) * boxcar(a/j) * boxcar(j/s)
 
@@ -13,7 +13,7 @@ class SnapLimitedMove(LimitedMove):
     reach a limit, that limit is lowered, velocity first, then acceleration, then jerk; see `boxcars.py`.  The move is
     the shortest of this family, which is not the time-optimal move: with the snap as the only limit it takes 7 %
     longer. Without a snap limit, use a JerkLimitedMove.
-    Raises StructureError for a move that takes forever.
+    Raises StructureError for a move that would never end.
     Source: Lambrechts, Boerlage & Steinbuch 2005 (fourth-order profiles).
     """
 

@@ -1,4 +1,4 @@
-"""A motion as stretches, each a polynomial of time, in arithmetic that numpy can sample and a trace can record."""
+"""A motion as a series of polynomials in time, computed so that numpy can sample and a trace can record it."""
 
 from typing import NamedTuple, cast
 
@@ -9,7 +9,7 @@ from feeddrive.language.block import Number
 
 
 class Way(NamedTuple):
-    """The time and place of a leg: its time is t - begins, its position first + sense · travel."""
+    """The timing and location of a leg: leg time = t - begins, position = first + sense · travel."""
 
     begins: Number  # s
     lasts: Number  # s
@@ -34,7 +34,7 @@ class Way(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A fourth-order polynomial in the time of a leg, given by travel, velocity ... snap at its start (SI)."""
+    """A fourth-order polynomial in the time of a leg, defined by travel, velocity, ..., snap at its start (SI)."""
 
     start: Number  # s
     span: Number  # s
@@ -56,7 +56,7 @@ class Stretch(NamedTuple):
     piece: Piece
 
     def holds(self, t: Number) -> Number:
-        """Return True if the stretch has begun at t (s)."""
+        """Return True if the stretch has begun at the time t (s)."""
         return ops.both(t >= self.way.begins, self.way.inside(t) >= self.piece.start)
 
     def at(self, t: Number) -> Setpoint:
@@ -65,7 +65,7 @@ class Stretch(NamedTuple):
 
 
 def rest(begins: float, position: float) -> Stretch:
-    """Return a stretch at rest at a position (m), beginning at a time (s)."""
+    """Return a stretch in which the axis rests at `position` (m) from the time `begins` (s) on."""
     return Stretch(Way(begins, 0.0, position, 0.0), Piece(*(0.0,) * 7))
 
 

@@ -5,10 +5,10 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class Eccentricity(Block):
-    """error = amplitude · sin(2π x / period + phase).
+    """The error of an eccentric disc, amplitude · sin(2π x / period + phase).
 
-    A disc whose centre lies e off its shaft, with its graduation at radius R, has an error of up to e/R rad: an
-    amplitude of e/R · period / 2π.
+    A disc with its center at a distance e from the shaft axis and a graduation of radius R has an error of up to e/R
+    rad, which is an amplitude of e/R · period / 2π.
     """
 
     amplitude: Number = parameter("m", "largest error, seen at the table", least=0)

@@ -13,21 +13,21 @@ from feeddrive.language.errors import ParameterError
 
 
 class Encoder(Sensor):
-    """An encoder that rounds the position to the nearest count, after the following errors in this order.
+    """An encoder with the following errors, applied in this order.
 
         jitter          r = x + v · jitter · T · n₁(k)         the sample is taken a little early or late
-        lead error      r = r - e(r)                           a rotary encoder on a rigid axis sees the screw
+        lead error      r = r - e(r)                           a rotary encoder on a rigid axis measures the screw
         eccentricity    r = r + error(r)
         interpolation   r = r + error(r)
         noise           r = r + noise · n₀(k)
         resolution      r = resolution · round(r / resolution)
-        count rate      r follows by at most largest_rate · T counts a sample; missed counts remain lost
+        count rate      r changes by at most largest_rate · T counts a sample; missed counts remain lost
         offset          r = r + offset
 
-    n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are those at
-    the position where the sample was taken.
+    n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are evaluated
+    at the position at which the sample is taken.
 
-    An absent error costs no computation.
+    An error that is not specified needs no computation.
     """
 
     resolution: Number | None = parameter(
@@ -46,18 +46,18 @@ class Encoder(Sensor):
     interpolation: Interpolation | None = part("interpolation error of a sine encoder", default=None)
 
     class Counter(NamedTuple):
-        """The reading that the last sample should have shown, and the sum of all lost counts, in m."""
+        """The reading of the last sample without lost counts, and the sum of all lost counts (m)."""
 
         wanted: Number
         lost: Number
 
     def check(self) -> None:
-        """Raise ParameterError for a count rate without a resolution."""
+        """Raise ParameterError if a count rate is specified without a resolution."""
         if self.largest_rate is not None and self.resolution is None:
             raise ParameterError("encoder.largest_rate is given without encoder.resolution: a rate needs counts")
 
     def start(self, position: Number) -> Any:
-        """Return the state without lost counts."""
+        """Return the state in which no counts are lost yet."""
         # a zero of the kind of the position: a state has the same types before and after a step, in a trace too
         return Nothing() if self.largest_rate is None else self.Counter(self._counted(position), ops.zero(position))
 
@@ -82,7 +82,7 @@ class Encoder(Sensor):
         return state, self._shifted(reading)
 
     def _counted(self, position: Number, noise: Noise | None = None) -> Number:
-        """Return the reading before the counter, without noise unless its source is given."""
+        """Return the reading before count-rate limit and offset; it is free of noise if `noise` is None."""
         reading = position
         if self.lead_error is not None:
             reading = reading - self.lead_error.at(position)
