@@ -208,9 +208,9 @@ def _responses(model: StateSpace) -> np.ndarray:
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]
-    """Return the largest gain up to which all gains from 0 are stable, with a relative accuracy of 1e-6.
+    """Return the largest gain up to which the loop is stable for all gains from 0, with a relative accuracy of 1e-6.
 
-    It is 0 if not even the gain 0 is stable.
+    It is 0 if the loop is unstable even at zero gain.
     """
     low = 0.0
     if not stable(0.0):

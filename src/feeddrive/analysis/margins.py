@@ -77,7 +77,10 @@ class GainCrossover(NamedTuple):
 
 
 class PhaseCrossover(NamedTuple):
-    """A phase crossover at `frequency` in Hz: L is real and negative; a gain reduction has a negative margin in dB."""
+    """A phase crossover at `frequency` in Hz, where L is real and negative.
+
+    A negative margin in dB means that L reaches -1 when the gain is reduced.
+    """
 
     frequency: float
     gain_margin_dB: float

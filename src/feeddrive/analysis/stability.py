@@ -135,7 +135,10 @@ def _slower(law: Law) -> str:
 
 
 def _nearest_stable(loop: Loop, velocity: float) -> str:
-    """Return a clause that states stable gains, found by slowing the law down by a common factor; else empty."""
+    """Return a phrase that states stable gains, or an empty string if none are found.
+
+    They are found by reducing the bandwidth of the law by a common factor: gains decrease, time constants increase.
+    """
     law = loop.control.law
     values = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}

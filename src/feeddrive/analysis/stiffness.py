@@ -297,7 +297,10 @@ class Robustness(NamedTuple):
 
 
 def robustness(loop: Loop, *, velocity: float = 0.05, per_decade: int = 40) -> Robustness:
-    """Compute the robustness figures of a loop that moves with `velocity` (m/s), opened at the actuator."""
+    """Compute the robustness figures of a loop whose axis moves at `velocity` (m/s).
+
+    The margins are those of the loop opened at the actuator.
+    """
     both = loop_model(loop, velocity=velocity)
     poles = both.closed.poles()  # over a period
     growth = float(abs(poles[0])) if poles.size else 0.0

@@ -123,7 +123,10 @@ class Benchmark(Result):
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
     def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
-        """Return by plant the improvement factor over P-PI; infinite where the law never settles but P-PI does."""
+        """Return the improvement factor over P-PI for each plant.
+
+        An infinite value marks a plant on which the law never settles, but P-PI does.
+        """
         ratios: dict[str, float] = {}
         for row in self.counted(law):
             plain = self.row(row.plant, PLAIN)

@@ -1,9 +1,9 @@
 """The families of blocks: the abstract interfaces that every block of a family implements.
 
-A block is final: it implements the abstract methods and overrides no other methods except the empty hooks `prepare`,
-`start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`, `listen` and
-`correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`, `suits`,
-`fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
+A block is final: it implements the abstract methods and overrides no other methods except these, which have defaults:
+`prepare`, `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`,
+`listen` and `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`,
+`suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
     prepare(T)   returns a named tuple of values that depend on parameters only; runs once per run
     start(...)   returns the steady state of a block at rest
@@ -36,12 +36,12 @@ from feeddrive.language.matrix import Matrix, Row
 
 
 class Retuned:
-    """The base class of control blocks with prepared values."""
+    """The base class of control blocks with precomputed values (`prepare`)."""
 
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless (hook).
+        """Return the state after a live change from the block `old` to this one, which must be bumpless.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -49,12 +49,12 @@ class Retuned:
 
 
 class RetunedUnprepared:
-    """The base class of control blocks without prepared values."""
+    """The base class of control blocks without precomputed values."""
 
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless (hook).
+        """Return the state after a live change from the block `old` to this one, which must be bumpless.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -74,7 +74,7 @@ def _without_numbers(kind: str, state: Any, arguments: str) -> Any:
 
 
 class Nothing(NamedTuple):
-    """The empty state of a block without memory, and the empty prepared values of a block that needs none."""
+    """The empty state of a block without memory, and the empty result of `prepare` of a block that needs none."""
 
 
 class Mechanics(NamedTuple):
@@ -141,7 +141,7 @@ class Force(Block, ABC):
     """A force that depends on motion, drive force, time or its own past: cogging, backlash, gravity, regeneration."""
 
     def start(self, plant: Plant, motion: Motion) -> Any:
-        """Return the steady state at the velocity of `motion` (empty hook)."""
+        """Return the steady state at the velocity of `motion`; by default an empty state."""
         return Nothing()
 
     @abstractmethod
@@ -154,10 +154,10 @@ class Force(Block, ABC):
         """
 
     def fits(self, plant: Plant, beside: tuple[Self, ...]) -> None:
-        """Raise StructureError if the plant or the other forces cannot be combined with this one (empty hook)."""
+        """Raise StructureError if the plant or the other forces cannot be combined with this one; default: never."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the validity rules of the force for substeps of h seconds (empty hook)."""
+        """Yield the validity rules of the force for substeps of h seconds; by default none."""
         return iter(())
 
 
@@ -180,7 +180,7 @@ class Motor(Block, ABC):
 
 
 class Sensor(Block, ABC):
-    """An encoder with its errors, which gives the controller's reading of the position of a body."""
+    """An encoder with its errors: it returns the position that the controller reads for the position of a body."""
 
     @abstractmethod
     def start(self, position: Number) -> Any:
@@ -188,11 +188,11 @@ class Sensor(Block, ABC):
 
     @abstractmethod
     def still(self, position: Number) -> Number:
-        """Return the noise-free reading in m for a body at rest at `position`."""
+        """Return the position in m that the controller reads, without noise, when the body is at rest at `position`."""
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """Return the new state and the reading in m, from the true position (m) and velocity (m/s) at t = kT."""
+        """Return the new state and the position read in m, from the true position (m) and velocity (m/s) at t = kT."""
 
 
 class Law(Block, Retuned, ABC):
@@ -227,7 +227,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
-        """Return one or several variants of the law with start values for a search (hook).
+        """Return one or several variants of the law with start values for a search.
 
         `present` is the law of the axis's current controller. By default the start values follow from the units of the
         parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
@@ -236,7 +236,7 @@ class Law(Block, Retuned, ABC):
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
 
     def prepare(self, T: Number) -> Any:
-        """Return the values that depend on parameters only, computed once per run (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run; by default none."""
         return Nothing()
 
     @abstractmethod
@@ -248,19 +248,19 @@ class Law(Block, Retuned, ABC):
         """Compute one sample: the new state and the force in N."""
 
     def period(self) -> int:
-        """Return the period of the law in samples; more than 1 if a part of it runs more slowly (empty hook)."""
+        """Return the period of the law in samples: more than 1 if a part of it runs more slowly, by default 1."""
         return 1
 
     def position_gain(self) -> Any:
-        """Return the ratio of commanded velocity to position error, 1/s; None if there is none (empty hook)."""
+        """Return the ratio of commanded velocity to position error, 1/s; None, the default, if there is none."""
         return None
 
     def positions(self) -> int:
-        """Return the number of positions that the law needs as separate measurements (empty hook)."""
+        """Return the number of positions that the law needs as separate measurements; by default `encoders`."""
         return self.encoders
 
     def settled(self) -> Self:
-        """Return the law without its internal limits, for linear models (empty hook)."""
+        """Return the law without its internal limits, for linear models; by default the law itself."""
         return self
 
 
@@ -297,20 +297,23 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law (empty hook)."""
+        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return a block with start values for an axis, or raise StructureError with the reason (empty hook)."""
+        """Return a block with start values for an axis, by default from the units of the parameters.
+
+        Raises StructureError, with the reason, if there is none.
+        """
         return begun(cls, axis)
 
     def fed(self) -> tuple[str, ...]:
-        """Return the parts of the set motion that are fed forward, `feeds` without the absent ones (empty hook)."""
+        """Return the parts of the set motion that are fed forward: `feeds` (the default) without the absent ones."""
         return self.feeds
 
     def start(self, setpoint: Setpoint) -> Any:
-        """Return the state at a constant setpoint (empty hook)."""
+        """Return the state at a constant setpoint; by default an empty state."""
         return Nothing()
 
     @abstractmethod
@@ -328,7 +331,7 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, fitted to the move, together with a law (empty hook)."""
+        """Return True if a comparison is to try the block, fitted to the move, together with a law; default: False."""
         return False
 
     @abstractmethod
@@ -347,11 +350,14 @@ class Observer(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return an observer with start values for an axis, or raise StructureError with the reason (empty hook)."""
+        """Return an observer with start values for an axis, by default from the units of the parameters.
+
+        Raises StructureError, with the reason, if there is none.
+        """
         return begun(cls, axis)
 
     def prepare(self, T: Number) -> Any:
-        """Return the values that depend on parameters only, computed once per run (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run; by default none."""
         return Nothing()
 
     @abstractmethod
@@ -363,7 +369,7 @@ class Observer(Block, Retuned, ABC):
         """Compute one sample: the new state and the estimate at kT."""
 
     def lag(self, prepared: Any, T: Number) -> Number:
-        """Return the delay of the estimate of a slow disturbance, s; 0.0 if it is unknown (empty hook)."""
+        """Return the delay of the estimate of a slow disturbance, s; 0.0, the default, if it is unknown."""
         return 0.0
 
 
@@ -377,19 +383,19 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law (empty hook)."""
+        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one or several variants of the block, by default with start values by unit (empty hook).
+        """Return one or several variants of the block, by default one with start values from the units.
 
         Raises StructureError, with the reason, if no variant suits the axis.
         """
         return (Beside(cls.title, begun(cls, axis)),)
 
     def prepare(self, T: Number) -> Any:
-        """Return the values that depend on parameters only, computed once per run (empty hook)."""
+        """Return the values that depend on parameters only, computed once per run; by default none."""
         return Nothing()
 
     @abstractmethod
@@ -403,19 +409,19 @@ class Compensation(Block, Retuned, ABC):
         """Compute one sample: new state, setpoint for law and feedforward, force (N) added after the filters."""
 
     def carries(self, reading: Reading) -> Any:
-        """Return the part of the acting force in N that this block, not the law, provides at the start (hook)."""
+        """Return the part of the acting force in N that this block, not the law, provides at the start; default: 0."""
         return 0.0
 
     def moved(self, state: Any) -> Any:
-        """Return the part of the set-position shift in m that only corrects an error of the reading (empty hook)."""
+        """Return the part of the set-position shift in m that only corrects an error of the reading; default: 0."""
         return 0.0
 
     def settled(self) -> Self:
-        """Return the block as it acts in the long run, with all blending complete, for linear models (empty hook)."""
+        """Return the block with all blending complete, for linear models; by default the block itself."""
         return self
 
     def suits(self, law: Law) -> None:
-        """Raise StructureError, with the reason, if this block cannot be combined with the law (empty hook)."""
+        """Raise StructureError, with the reason, if this block cannot be combined with the law; default: never."""
 
 
 class Reference(Block, ABC):
@@ -434,7 +440,10 @@ class Reference(Block, ABC):
         """
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the motion from t = 0 as polynomials in time, for exported code; empty if only `at` exists (hook)."""
+        """Return the motion from t = 0 as polynomials in time, for exported code.
+
+        By default it is empty: the motion is then known only from `at`.
+        """
         return ()
 
 
@@ -477,23 +486,23 @@ class Coupling(Block, ABC):
         """Return the names of the axes on which the coupling acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Return the modes that are integrated with these axes in one exact hold (empty hook)."""
+        """Return the modes that are integrated with these axes in one exact hold; by default none."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Return the springs between tables; the axes are then integrated in one exact hold (empty hook)."""
+        """Return the springs between tables (default: none); with springs the axes are integrated in one exact hold."""
         return ()
 
     def follows(self) -> dict[str, str]:
-        """Return, for each follower, the axis whose part-program words also move it (empty hook)."""
+        """Return, for each follower, the axis whose part-program words also move it; by default none."""
         return {}
 
     def prepare(self, h: Number) -> Any:
-        """Return the values that depend only on the parameters and the substep h (empty hook)."""
+        """Return the values that depend only on the parameters and the substep h; by default none."""
         return Nothing()
 
     def start(self, prepared: Any, motions: Mapping[str, Motion]) -> Any:
-        """Return the steady state at the velocities of `motions` (empty hook)."""
+        """Return the steady state at the velocities of `motions`; by default an empty state."""
         return Nothing()
 
     def step(
@@ -501,26 +510,25 @@ class Coupling(Block, ABC):
     ) -> tuple[Any, Mapping[str, tuple[Number, Number]]]:
         """Compute a substep of h seconds: the new state, and for each axis the forces in N on motor and load body.
 
-        Motions are predicted for the middle of the substep, at the instant `time` (empty hook).
+        Motions are predicted for the middle of the substep, at the instant `time`. By default there are no forces.
         """
         return state, {}
 
     def listen(self, setpoints: Mapping[str, Setpoint]) -> Any:
-        """Return the state on the controller when the axes start at these setpoints (empty hook)."""
+        """Return the state on the controller when the axes start at these setpoints; by default an empty state."""
         return Nothing()
 
     def correct(
         self, state: Any, setpoints: Mapping[str, Setpoint], positions: Mapping[str, Number]
     ) -> tuple[Any, Mapping[str, Number]]:
-        """Return the new state and the corrections of one sample, from the measured positions in m (empty hook).
+        """Run one sample of the controller: return the new state and the corrections, from the measured positions (m).
 
-        This runs on the controller. Each correction, in m/s, is added to the velocity that the law of that axis
-        commands.
+        Each correction, in m/s, is added to the velocity that the law of that axis commands. By default there are none.
         """
         return state, {}
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
-        """Yield the validity rules of the coupling for substeps of h seconds (empty hook)."""
+        """Yield the validity rules of the coupling for substeps of h seconds; by default none."""
         return iter(())
 
 

@@ -38,7 +38,7 @@ class Deployed:
     """The linear controller as deployed, with the rounded numbers that it stores.
 
     model    model from `readings` to the force; for a multirate law, one model per sample
-    numbers  parameters and prepared numbers by name, after rounding
+    numbers  parameters and precomputed coefficients by name, after rounding
     coarse   relative change by name, for numbers that rounding changes by more than 1 %
     """
 
@@ -70,7 +70,7 @@ def rounded(value: float, arithmetic: str) -> float:
 
 
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
-    """Linearize a controller after rounding its parameters and prepared numbers.
+    """Linearize a controller after rounding its parameters and precomputed coefficients.
 
     The traced step is linearized, so that the matrices are those of the deployed code: a rounded filter coefficient
     moves the actual pole of the controller.  Guard and force limit are omitted.

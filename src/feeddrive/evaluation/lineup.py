@@ -122,7 +122,7 @@ class Lineup:
 
 
 def judged(trials: Sequence[Trial], engine: Engine, bar: Bar) -> list[Competitor]:
-    """Evaluate the laws that are at work, and return the rows of all of them in order."""
+    """Evaluate those control laws that have gains to be judged with; return the results of all laws in order."""
     for row in (trial.law for trial in trials if isinstance(trial.law, Competitor)):
         bar.step(": ".join(filter(None, (row.plant, row.name))))
     evaluated = iter(engine.evaluate([trial.law for trial in trials if isinstance(trial.law, AtWork)], bar))

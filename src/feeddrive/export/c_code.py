@@ -576,7 +576,7 @@ def _trips(layout: Layout) -> list[str]:
 
 
 def _designed_struct(name: str, layout: Layout) -> list[str]:
-    """Return the struct of design numbers: parameters with unit and meaning, and prepared numbers grouped by block."""
+    """Return the struct of design numbers: parameters with unit and meaning, and coefficients grouped by block."""
     # reversed: of several paths to one node the first one gives the heading
     prepared = {node: path for path, node in reversed(layout.prepared)}
     lines, group = [], ""

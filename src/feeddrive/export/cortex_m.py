@@ -184,7 +184,7 @@ def cores_for(precision: str) -> tuple[Core, ...]:
 
 
 def find_core(name: str | None, precision: str) -> Core:
-    """Return the core of this name; by default, the first core with floating-point hardware for the precision.
+    """Return the core of the given name; by default, the first core with floating-point hardware for the precision.
 
     Raises ParameterError for an unknown name, and for a core without hardware for the precision.
     """

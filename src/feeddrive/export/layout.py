@@ -44,7 +44,7 @@ class Layout:
     design   numbers that `configure` stores for reset, step and retune
     names    variable names in the source of the laws, by node
     makers   dotted names of the blocks that compute the nodes, by node
-    prepared the dotted names and nodes of the prepared numbers, in order
+    prepared the dotted names and nodes of the precomputed coefficients, in order
     conditions the nodes of the routine's conditions, in order
     retune   the live parameter change in plain arithmetic; `retune_truth` flags the truth values among its nodes
     """
@@ -227,9 +227,10 @@ def _fields(
     truth: list[bool],
     moving: list[bool],
 ) -> tuple[Field, ...]:
-    """Return the fields of the design numbers, each named after its parameter, prepared number or variable of the law.
+    """Return the fields of the design numbers.
 
-    A number without such a name is named after the first named value that depends on it: `law_integral_factor`.
+    Each is named after its parameter, precomputed coefficient or variable of the law. A number without such a name is
+    named after the first named value that depends on it: `law_integral_factor`.
     """
     taken: set[str] = set()
     fields: list[Field] = []

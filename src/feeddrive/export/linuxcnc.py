@@ -369,7 +369,9 @@ def where(wanted: bool, text: str) -> str:
 
 
 def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None) -> Path:
-    """Write the controller of a design as a LinuxCNC component, with all files to run it; return the README's path.
+    """Write the controller of a design as a LinuxCNC component, with all files needed to run it.
+
+    Returns the path of the README.
 
     joint  number of the joint in LinuxCNC; default: the index of the axis in the machine file
 

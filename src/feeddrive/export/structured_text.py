@@ -379,7 +379,7 @@ class Printer:
         )
 
     def _prepared(self, struct: str, node: int) -> str:
-        """Return the expression for a prepared number: a constant or a design field; empty if it is not used."""
+        """Return the expression for a precomputed coefficient: a constant or a design field; empty if it is unused."""
         constant = self.layout.graph.nodes[node]
         if constant[0] == "const":
             return st.literal(float.fromhex(constant[1]))

@@ -168,7 +168,7 @@ class Figure:
         return None if value is None else Quantity(value, self.unit)
 
     def shown(self, value: float) -> Quantity:
-        """Return a value with its unit, formatted with the digits of a comparison."""
+        """Return a value with its unit, rounded to the number of digits used when designs are compared."""
         return Quantity(value, self.unit, form=self.form)
 
     def bare(self, value: float) -> str:

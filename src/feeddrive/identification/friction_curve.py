@@ -581,7 +581,7 @@ class FrictionCurve(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
+        """True if the offset is large enough to indicate a constant force on the axis (see `pulls`)."""
         return self.model.offset and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:

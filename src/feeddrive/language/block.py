@@ -15,7 +15,7 @@ A field is one of
     table()      a row of numbers read by `ops.gather`; its length changes the graph
     part()       a nested block, a tuple of blocks, or None
     label()      a string that names the block; it has no effect on the graph
-A block class is either abstract or final: apart from hooks such as `check`, a method with a body is never overridden.
+A block class is either abstract or final: except for defaults such as `check`, no method with a body is overridden.
 """
 
 import dataclasses
@@ -140,7 +140,7 @@ class Declared:
         """Return the checked and converted value of a field. Raise ParameterError if it violates its declaration."""
 
     def check(self) -> None:
-        """Raise an error if fields are inconsistent with each other (a hook, empty by default)."""
+        """Raise an error if fields are inconsistent with each other; the default does nothing."""
 
     def require(self) -> None:
         """Check the fields against each other; raise the first error."""
@@ -298,11 +298,11 @@ class Block(Declared):
         return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules between the parameters (a hook, empty by default)."""
+        """Yield the rules between the parameters; by default there are none."""
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the rules that depend on the sample time T in s (a hook, empty by default)."""
+        """Yield the rules that depend on the sample time T in s; by default there are none."""
         yield from ()
 
     def require(self) -> None:
@@ -420,7 +420,7 @@ def _checking_names(cls: type[Block], make: Callable[..., None]) -> Callable[...
 
 
 def enforce(block: Block, rules: Callable[[Any], Iterable[Rule]]) -> None:
-    """Raise ParameterError for the first violated rule of a block, and for the first of its variants that violates it.
+    """Raise ParameterError for the first rule that a block violates, naming the first variant that violates it.
 
     The rules are evaluated as on a target, where a division by zero gives infinity instead of an error.  In a trace,
     the parameters are symbols: the rules become conditions on the target and are not checked here.

@@ -1,4 +1,4 @@
-"""Elementary functions in plain arithmetic: bit-identical in Python, native code, SIMD lanes and C on every machine.
+"""Elementary functions in plain arithmetic: bit-identical in Python, native code, SIMD vectors and C on every machine.
 
 The functions of NumPy, libm and compilers differ in the last bit, so none of them can serve as the definition.  Each
 function here is a range reduction and a power series, truncated where the next term is below 2⁻⁵⁵ of the result and

@@ -1,4 +1,4 @@
-"""Small matrices in plain arithmetic, as tuples of rows; results for floats, lanes and symbols agree to the last bit.
+"""Small matrices in plain arithmetic, as tuples of rows; results for floats, arrays and symbols agree to the last bit.
 
 They are intended for `prepare`, which runs once per variant, and for at most about a dozen rows.
 """
@@ -107,7 +107,7 @@ def _minus(x: Any, ratio: Any, y: Any) -> Any:
 def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """Return e^A - I from a Taylor series of fixed order for A/2ˢ and s squarings (I + D)² - I = 2D + D².
 
-    s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per lane; `LARGEST_NORM` is the largest permitted norm.  Since the
+    s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per variant; `LARGEST_NORM` is the largest permitted norm.  Since the
     identity I is not added, no precision is lost for a small A, so that rounding does not make an axis at rest creep.
 
     at_least  smallest value of s, for matrices that usually need as many squarings: these squarings are unconditional,
@@ -173,7 +173,7 @@ def _norm(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def _most(squarings: Any) -> int:
-    """Return the largest number of squarings in any lane; for a symbol of unknown value, the permitted maximum."""
+    """Return the largest number of squarings of any variant; for a symbol of unknown value, the permitted maximum."""
     return int(ops.most(squarings, MOST_SQUARINGS))
 
 
@@ -214,7 +214,7 @@ def decays(a: Sequence[Sequence[Any]]) -> Any:
 
 
 def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
-    """Return a square matrix as an array of shape (n, n), or (n, n, lanes) for variants in lanes."""
+    """Return a square matrix as an array of shape (n, n), or (n, n, variants) if entries are arrays over variants."""
     entries = [x for row in a for x in row]
     if any(isinstance(x, np.ndarray) for x in entries):
         entries = np.broadcast_arrays(*entries)
@@ -225,7 +225,7 @@ def _numbers(a: Sequence[Sequence[Any]]) -> np.ndarray:
 def growth(a: Sequence[Sequence[Any]]) -> Any:
     """Return the spectral radius of a matrix, max |eigenvalue|, for error messages.
 
-    The result is a float for numbers, an array for variants in lanes, and infinite for non-finite entries.
+    The result is a float for numbers, an array for arrays over variants, and infinite for non-finite entries.
     """
     matrices = _numbers(a)
     stack = np.moveaxis(matrices.reshape(len(a), len(a), -1), 2, 0)
@@ -239,8 +239,8 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
     """Return the point at which a condition first changes along a row of ordered positive values.
 
-    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with many values at
-    once, as lanes.  Returns None if the condition does not change.
+    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with an
+    array of values at once.  Returns None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

@@ -31,7 +31,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def zero(x: Any) -> Any:
-    """Return zero in the type of x: a number, an array over lanes, or a constant of the trace."""
+    """Return zero in the type of x: a number, an array over variants, or a constant of the trace."""
     if isinstance(x, Symbol):
         return x.graph.constant(0.0)
     return np.zeros_like(x)[()] if isinstance(x, np.ndarray | np.floating) else np.float64(0.0)
@@ -193,7 +193,7 @@ def uniform(seed: Any, sample: Any, channel: Any) -> Any:
 
 
 def most(x: Any, unknown: float) -> float:
-    """Return the largest value over all lanes as a plain number, to bound the iterations of a fixed-count loop.
+    """Return the largest value over all variants as a plain number, to bound the iterations of a fixed-count loop.
 
     For a symbol, return the bound from its graph (`Graph.counted`), or `unknown` if there is none.
     """

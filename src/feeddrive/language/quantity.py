@@ -1,4 +1,4 @@
-"""Quantities: numbers that keep their SI unit and error until they are displayed in a reader's units.
+"""Quantities: numbers that keep their SI unit and error until they are shown in display units.
 
     rms = Quantity(5.88e-6, "m")
     str(rms)                                         # 5.88 um
@@ -90,7 +90,7 @@ def _numeral(value: float, form: str) -> str:
 
 @dataclass(frozen=True)
 class Units:
-    """The display units of a reader, one choice for each kind of quantity.
+    """The display units of a user, one choice for each kind of quantity.
 
     length       unit of errors and positions; `um` selects the usual unit of each (um or mm)
     force        N or kN
@@ -146,7 +146,7 @@ class Units:
         return self.of(unit, shown, stays=stays)[0]
 
     def text(self, quantity: Quantity, form: str = "") -> str:
-        """Return a quantity as text in the reader's units, with its standard error, if any, to two digits."""
+        """Return a quantity as text in the display units, with its standard error, if any, to two digits."""
         digits, shown = _read(form or quantity.form)
         name, size = self.of(quantity.unit, shown, stays=quantity.stays)
         value, error = size * float(quantity.value), quantity.error
@@ -171,7 +171,7 @@ class Units:
         return self.name(mark.unit, mark.form, stays="s" in mark.flags)
 
     def value_text(self, value: float, unit: str, digits: int = _DIGITS) -> str:
-        """Return a number in SI as text in the reader's units."""
+        """Return a number in SI as text in the display units."""
         return self.text(Quantity(value, unit), str(digits))
 
     @property
@@ -180,11 +180,11 @@ class Units:
         return self.gain == DECIBEL
 
     def from_decibel(self, level: np.ndarray | float) -> np.ndarray | float:
-        """Convert a gain from dB to the reader's unit: unchanged in dB, or the ratio 10^(level/20)."""
+        """Convert a gain from dB to the display unit: unchanged in dB, or the ratio 10^(level/20)."""
         return level if self.decibel else 10.0 ** (level / 20.0)
 
     def to_decibel(self, gain: float) -> float:
-        """Convert a gain from the reader's unit to dB. Raises ParameterError for a ratio <= 0."""
+        """Convert a gain from the display unit to dB. Raises ParameterError for a ratio <= 0."""
         if self.decibel:
             return gain
         if not gain > 0.0:
@@ -192,7 +192,7 @@ class Units:
         return 20.0 * math.log10(gain)
 
     def gain_text(self, level: float, digits: int = 1) -> str:
-        """Return a gain in dB as text in the reader's unit."""
+        """Return a gain in dB as text in the display unit."""
         return f"{level:.{digits}f} dB" if self.decibel else f"a factor of {number(10.0 ** (level / 20.0), 3)}"
 
 

@@ -19,8 +19,8 @@ from feeddrive.language.primitives import clip, equal, floor, minimum, where, ze
 class Ring:
     """A ring buffer of cells accessed by index. A ring is immutable: `put` returns a new ring.
 
-    cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, lanes); the symbol of a trace;
-           or a symbol for each cell, for a target without indexed memory: every access then reads every cell.
+    cells  None for a new ring, whose cells are 0; numbers of shape (length,) or (length, variants); the symbol of a
+           trace; or a symbol for each cell, for a target without indexed memory: every access then reads every cell.
     Native code writes in place, so each version of a ring may be written only once: r1 = r.put(...), then r2 =
     r1.put(...), but never a second r.put(...). A reset does not clear cells: a selection between an
     existing ring and a new one keeps the existing ring. A separate number in the state must count the cells that are
@@ -84,7 +84,7 @@ class Ring:
 
 
 def read(cells: np.ndarray, place: Any) -> Any:
-    """Return the number in a cell, or in one cell per lane. A NaN index reads cell 0."""
+    """Return the number in a cell, or in one cell per variant. A NaN index reads cell 0."""
     at = _inside(cells, place)
     if at.ndim and cells.ndim == 2:
         return cells[at, np.arange(cells.shape[1])]
@@ -93,7 +93,7 @@ def read(cells: np.ndarray, place: Any) -> Any:
 
 
 def written(cells: np.ndarray, place: Any, value: Any) -> np.ndarray:
-    """Return a copy of the cells with a new value in one cell, or in one cell per lane."""
+    """Return a copy of the cells with a new value in one cell, or in one cell per variant."""
     at, value = _inside(cells, place), np.asarray(value, dtype=np.float64)
     lanes = max(at.size if at.ndim else 0, value.size if value.ndim else 0)
     if lanes and cells.ndim == 1:

@@ -82,7 +82,7 @@ class Column:
 
 
 class Grid(NamedTuple):
-    """A table of text cells, either marked text or rendered in the units of a reader.
+    """A table of text cells, either marked text or rendered in display units.
 
     sentences  index of the column whose text may be wrapped, if any
     """
@@ -93,7 +93,7 @@ class Grid(NamedTuple):
     sentences: int | None = None
 
     def shown(self, units: Units) -> Grid:
-        """Return the grid in the units of a reader."""
+        """Return the grid in the given display units."""
 
         def reading(text: str) -> str:
             return visible(resolve(text, units))
@@ -173,7 +173,7 @@ class Table:
         return Grid(marked(self.title), [column.named() for column in columns], rows, self.sentences)
 
     def grid(self, units: Units = USUAL) -> Grid:
-        """Return the table in the units of a reader."""
+        """Return the table in the given display units."""
         return self.marked().shown(units)
 
     @property
@@ -247,12 +247,12 @@ def report_of(result: Any) -> Any:
 
 
 READER: ContextVar[Units] = ContextVar("READER", default=DRAWN)
-"""The units of the reader for whom a picture is drawn, since the drawing functions have no argument for them."""
+"""The display units in which a picture is drawn, since the drawing functions have no argument for them."""
 
 
 @contextmanager
 def drawn_in(units: Units) -> Generator[None]:
-    """Draw all plots within this context in the units of a reader."""
+    """Draw all plots within this context in the given display units."""
     before = READER.set(units)
     try:
         yield

@@ -55,7 +55,7 @@ class Mark(NamedTuple):
 
 
 class Reader(Protocol):
-    """The units of a reader, see `quantity.Units`."""
+    """The display units chosen by the user, which convert marks to text; see `quantity.Units`."""
 
     def read(self, mark: Mark) -> str:
         """Return the text that a mark represents."""
@@ -77,7 +77,7 @@ def _mark(content: str) -> Mark | None:
 
 
 def split(text: str) -> list[tuple[str, bool]]:
-    """Split a string into pieces in order; the flag of a piece is True for a mark."""
+    """Split a string into pieces in order, each with a flag that is True if the piece is a mark."""
     pieces = re.split(f"({_BEGIN}[^{_END}]*{_END})", text)
     return [(piece, piece.startswith(_BEGIN)) for piece in pieces if piece]
 
@@ -94,7 +94,7 @@ def plain(text: str) -> str:
 
 
 def resolve(text: str, units: Reader) -> str:
-    """Return a string with each mark rendered in the units of a reader."""
+    """Return a string with each mark rendered in the given display units."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])
@@ -143,7 +143,7 @@ class Text(str):
         return str(escape(self.marked))
 
     def shown(self, units: Reader) -> str:
-        """Return the string, without marks, in the units of a reader."""
+        """Return the string, without marks, in the given display units."""
         return resolve(self.marked, units)
 
 

@@ -217,7 +217,7 @@ def get(block: Block, path: str) -> Any:
 
 
 def vary(block: Tree, changes: Mapping[str, Any]) -> Tree:
-    """Copy a block with new values (numbers, or arrays over lanes) at some paths; bounds are checked.
+    """Copy a block with new values (numbers, or arrays over variants) at some paths; bounds are checked.
 
     fd.vary(loop, {"axis.x.control.law.Kv": 80.0})
 
@@ -342,7 +342,7 @@ def structure_and_values(tree: Any) -> tuple[Any, list[Any]]:
 
 
 class Shape(tuple[Any, ...]):
-    """A structure as a dictionary key with a cached hash; equal structures share one object."""
+    """A structure for use as a dictionary key; its hash is cached, and equal structures share one object."""
 
     _hash: int | None = None
 

@@ -214,7 +214,7 @@ def turning_key(key: str) -> str:
 
 
 def turning_docstring(text: str) -> str:
-    """Return the docstring of a state or prepared value with the units of a rotary axis, for an export.
+    """Return the docstring of a state or precomputed coefficient with the units of a rotary axis, for an export.
 
     A docstring contains no quantities, so its units are found by pattern matching.
     """

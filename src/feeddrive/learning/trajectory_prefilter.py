@@ -88,7 +88,10 @@ class PrefilterFit(Result):
         return float(np.sqrt(np.mean(error[self.counted] ** 2)))
 
     def correlation(self, error: np.ndarray) -> dict[str, float]:
-        """Return the correlation of an error with each nonzero derivative of the reference over counted samples."""
+        """Return the correlation of an error with each nonzero derivative of the reference.
+
+        Only the samples included in the evaluation (`counted`) are used.
+        """
         correlations: dict[str, float] = {}
         for name in REGRESSORS:
             column = getattr(self.setpoint, name)[self.counted]

@@ -380,8 +380,8 @@ def tune_prefilters(
 ) -> MachineTrials:
     """Tune the trajectory prefilters of all moving axes from run to run (see `fit_prefilter` for the fit).
 
-    Raises ParameterError for fewer than two runs or if an axis has another kind of prefilter, and the errors of
-    `simulate`.
+    Raises ParameterError for fewer than two runs or if an axis has a prefilter that is not a trajectory prefilter,
+    and the errors of `simulate`.
     """
 
     def present(loop: Loop) -> TrajectoryPrefilter | None:

@@ -318,8 +318,8 @@ def linearize(
     position  m, for forces that depend on it; for a machine, velocity and position are numbers for all axes or mappings
               by axis
     settle    samples that the loop first runs at constant velocity, for friction with memory
-    stored    function of name and value that rounds a parameter or prepared number of the controller that is stored
-              with fewer digits
+    stored    function of name and value that rounds a parameter or precomputed coefficient of the controller that is
+              stored with fewer digits
 
     For a multirate law with a period of n samples, the model covers one period: sample time nT, inputs held over the
     period, outputs at its first sample (`lifted` has all samples).  If no output depends on that law, as with `cut`,

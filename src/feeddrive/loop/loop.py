@@ -167,7 +167,7 @@ class Loop(Block):
     def started(
         self, prepared: Control.Prepared, timing: Timing, setpoint: Setpoint, position: Number, velocity: Number
     ) -> State:
-        """Return the same state as `start`, from the prepared numbers of the controller alone."""
+        """Return the same state as `start`, from the precomputed coefficients of the controller alone."""
         axis = self.axis.start(position, velocity, timing)
         # the readings of one sample before, so that the first difference is the velocity
         motor, load = self.axis.still(position - velocity * self.sample_time)

@@ -72,8 +72,8 @@ class Controls:
         """Return the new coupling states and, by axis, the velocities that the couplings add. A coupling adds 0 while
         one of its axes does not run.
 
-        `moved` is the part of the compensations' set-position shifts that only corrects the readings; it is not a
-        contour error.
+        `moved` is, by axis, the part of the set-position shift by the compensations that merely corrects the readings,
+        and therefore does not count as contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
         positions = {name: judgment.load - moved[name] if moved else judgment.load for name, judgment in judged.items()}

@@ -11,8 +11,8 @@ All four are traced from the code that is simulated: `prepare`, `start`, `step` 
 for every target is generated from these graphs, so no law is implemented twice.
 
 The reference outputs of a routine are computed by the simulator; every target must reproduce them bit for bit.  To
-compute them, the step is traced again, with the prepared numbers as inputs, and run by the engine of the simulation;
-`prepare`, `start` and `retune` run on plain numbers.  No code generated for a target is used.
+compute them, the step is traced again, with the precomputed coefficients as inputs, and run by the engine of the
+simulation; `prepare`, `start` and `retune` run on plain numbers.  No code generated for a target is used.
 """
 
 import inspect
@@ -113,8 +113,8 @@ class Function(NamedTuple):
 
 
 class Retune(NamedTuple):
-    """The state after a live change, as a separate graph. Its leaves are the old and new parameters and prepared
-    numbers, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
+    """The state after a live change, as a separate graph. Its leaves are the old and new parameters and precomputed
+    coefficients, and the state: node -> ("old" | "new" | "old_prepared" | "new_prepared" | "state", index).
     """
 
     graph: Graph
@@ -142,13 +142,13 @@ class Routine:
 
     conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
     origin      the loop with its guard; for several axes, their machine
-    prepared    prepared numbers of the blocks by name; `prepared_leaves` holds their indices among the leaves of the
-                result of `prepare`
+    prepared    precomputed coefficients of the blocks by name; `prepared_leaves` holds their indices among the leaves
+                of the result of `prepare`
     tables      rows of numbers: dotted name, node, numbers
     names       names of nodes in the source code of the law
     makers      dotted names of the blocks that compute the nodes
     memory      owner of the state: "controller" or "plant"
-    meanings    description of each state or prepared number, by dotted name
+    meanings    description of each state or precomputed coefficient, by dotted name
     blocks      the blocks by dotted name, outermost first
     """
 

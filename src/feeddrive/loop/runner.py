@@ -1,8 +1,9 @@
-"""A compiled program with its values, states and statistics: one variant, or many variants in vector lanes on all
-threads.
+"""A compiled program with its values, states and statistics: one variant, or many variants on all threads.
 
-A run begins with its sampled inputs, prepared numbers and initial state.
-Prepared numbers and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
+A thread computes several variants at once, each in one lane of a vector.
+
+A run begins with its sampled inputs, precomputed coefficients and initial state.
+Coefficients and initial state come from the same source, `prepare` and `start` of the blocks.  The first runs of a
 structure compute them in Python, which is faster than compiling code that runs once; later runs use the compiled graph,
 with bit-identical results.
 """
@@ -263,7 +264,7 @@ PAYS_AFTER = 12
 
 
 class Trees(NamedTuple):
-    """A system with numpy numbers as leaves, its prepared numbers, and its initial state."""
+    """A system with numpy numbers as leaves, its precomputed coefficients, and its initial state."""
 
     plain: Any
     prepared: Any
@@ -292,7 +293,7 @@ class Beginning:
 
     @cached_property
     def varying(self) -> frozenset[str]:
-        """The names of numbers and initial states that are arrays over lanes."""
+        """The names of numbers and initial states that are arrays over variants."""
         both = {**self.numbers, **self.first}
         return frozenset(name for name, value in both.items() if isinstance(value, np.ndarray))
 
@@ -313,7 +314,8 @@ _structures: Recent[_Structure] = Recent(64)
 def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str]) -> Beginning:
     """Return the data for the start of a run; `start` is (position, velocity), by default those of the setpoint.
 
-    The result is cached for the next run with the same numbers, except for machines, tables and variants in lanes.
+    The result is cached and reused by the next run with the same parameter values, setpoint and start. It is not cached
+    for machines, for loops with tables, or for batches of variants.
     """
     if start is None:
         start = each_axis(lambda at: (at.position, at.velocity), setpoint)
@@ -350,7 +352,7 @@ def beginning(system: System, setpoint: Any, start: Any, partial: Collection[str
 
 
 def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial: Collection[str]) -> Beginning:
-    """Return the prepared numbers and the initial state of a loop or machine, computed in Python."""
+    """Return the precomputed coefficients and the initial state of a loop or machine, computed in Python."""
     timing = system.timing(partial)
     plain = concrete(system)
     with np.errstate(all="ignore"):
@@ -364,7 +366,7 @@ def _by_python(system: Any, setpoint: Any, position: Any, velocity: Any, partial
 
 
 def _prepared(plain: Any, timing: Any) -> Any:
-    """Return the prepared numbers of a loop or machine; the discretization of an unchanged axis is reused."""
+    """Return the precomputed coefficients of a loop or machine; those of an unchanged axis are reused."""
     if not isinstance(plain, Loop):
         return plain.prepare(timing)
     axis, T = plain.axis, plain.sample_time
@@ -379,7 +381,7 @@ def _prepared(plain: Any, timing: Any) -> Any:
 
 def key(held: Any) -> Hashable:
     """Return the structure of blocks and the bits of their numbers as a cache key; None if there are tables or
-    arrays over lanes.
+    arrays over variants.
     """
     structure, values = tree.structure_and_values(held)
     row = _bits(values)
@@ -387,14 +389,14 @@ def key(held: Any) -> Hashable:
 
 
 def _bits(values: Sequence[Any]) -> np.ndarray | None:
-    """Return numbers as an array of floats; None if there are tables or arrays over lanes."""
+    """Return numbers as an array of floats; None if there are tables or arrays over variants."""
     if np.ndarray in map(type, values):
         return None
     return np.array(values, dtype=np.float64)
 
 
 def typed(value: Any) -> Any:
-    """Convert a number, or the numbers of all lanes, to numpy types."""
+    """Convert a number, or the numbers of all variants, to numpy types."""
     return np.asarray(value, dtype=np.float64) if isinstance(value, (list, np.ndarray)) else np.float64(value)
 
 
@@ -543,7 +545,7 @@ _natives: Recent[Native] = Recent(256)
 
 
 class Prepared:
-    """A loop or a machine with all numbers that a run needs: structure, prepared numbers, initial state.
+    """A loop or a machine with all numbers that a run needs: structure, precomputed coefficients, initial state.
 
     Leaves may be arrays over variants.  For a machine `setpoint` and `start` are given by axis.
     """
@@ -605,7 +607,7 @@ class Prepared:
         return dict(tree.leaves(settled(self._begun.trees.begun)))
 
     def varying(self) -> frozenset[str]:
-        """Return the names of numbers and states that are arrays over lanes."""
+        """Return the names of numbers and states that are arrays over variants."""
         varying = self._begun.varying
         return varying | {"seed"} if isinstance(self.numbers["seed"], np.ndarray) else varying
 
@@ -663,7 +665,7 @@ class Prepared:
                     states[rows[name], 0] = value
 
     def _controls(self) -> list[_Running]:
-        """Return each controller with its prepared numbers and its initial state."""
+        """Return each controller with its precomputed coefficients and its initial state."""
         plain, all_prepared, begun = self._begun.trees
         if isinstance(plain, Loop):
             return [_Running("control", plain.control, all_prepared.control, begun.control)]
@@ -679,7 +681,7 @@ class Prepared:
 
 
 def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen: slice | None) -> np.ndarray:
-    """Return numbers by name as rows over lanes; surplus lanes of a group repeat its last variant."""
+    """Return numbers by name as rows with one variant per lane; surplus lanes repeat the last variant."""
     if lanes == 1 and chosen is None:
         columns = [values[name] for name in names]
         if np.ndarray not in map(type, columns):
@@ -697,7 +699,7 @@ def by_lane(names: Sequence[str], values: Mapping[str, Any], lanes: int, chosen:
 
 
 class _Running(NamedTuple):
-    """A controller, the path of its state, its prepared numbers and its initial state."""
+    """A controller, the path of its state, its precomputed coefficients and its initial state."""
 
     path: str
     control: Control
@@ -737,7 +739,7 @@ _fastest: Recent[int] = Recent(64)  # by the source of the narrowest machine cod
 
 
 class Groups:
-    """The variants of a prepared loop in groups of lanes; the last group is padded with copies of its last variant."""
+    """The variants of a prepared loop in groups of one vector each; the last group is padded."""
 
     def __init__(self, prepared: Prepared, code: Native, variants: int) -> None:
         self.code, self.variants, self.lanes = code, variants, code.plan.lanes
@@ -784,7 +786,7 @@ def grouped(
     samples: int,
     inputs: Callable[[Native], np.ndarray],
 ) -> Groups:
-    """Return the variants in groups of `lanes`; None selects the fastest number on this computer.
+    """Return the variants in groups of `lanes` each; None selects the fastest number on this computer.
 
     Results are bit-identical for any number.  `native(lanes)` returns the machine code and `inputs(native)` the first
     samples; trial runs are made once per structure, and only if the work is long enough to justify them.

@@ -28,7 +28,7 @@ class Program:
     """The graph of one sample with named inputs, states and outputs, which the engine runs, linearizes and
     differentiates.
 
-    constants  name -> node: parameters (`control.law.Kv`), prepared numbers (`prepared.axis.change.0.1`), `seed`
+    constants  name -> node: parameters (`control.law.Kv`), coefficients (`prepared.axis.change.0.1`), `seed`
     inputs     name -> node, one value per sample: `set_position` ... `set_snap`, `load_force`, `enable`, probes;
                for a machine prefixed by the axis: `x.set_position`
     states     numbers carried from sample to sample
@@ -67,7 +67,7 @@ def concrete(loop: Whole) -> Whole:
 
 
 def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of the prepared numbers; constants of the code remain part of the program."""
+    """Yield names and values of the precomputed coefficients; constants of the code remain part of the program."""
     for name, value in tree.leaves(values, prefix):
         if type(value) is not float:
             yield name, value
@@ -76,8 +76,8 @@ def numbers(values: Any, prefix: str) -> Iterator[tuple[str, Any]]:
 def trace(system: Any, template: Any, begun: Any, names: Sequence[str]) -> Program:
     """Return the program of a loop or a machine.
 
-    `template` and `begun` are its prepared numbers and initial state, of which only the structure matters. `names` are
-    the inputs of the program, such as `set_position` or `x.load_force`; other inputs add no operations.
+    `template` and `begun` are its precomputed coefficients and initial state, of which only the structure matters.
+    `names` are the inputs of the program, such as `set_position` or `x.load_force`; other inputs add no operations.
     Raises StructureError if a law uses operations outside `ops`.
     """
     graph = Graph()

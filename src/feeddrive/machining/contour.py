@@ -600,7 +600,7 @@ def _estimate(e: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> 
 
 
 def _differenced(position: np.ndarray, velocity: np.ndarray, T: float) -> bool:
-    """Return True if the velocities are backward differences of the positions, which are not tangents."""
+    """Return True if the velocities are backward differences of the positions; these are not tangent to the path."""
     # a backward difference is the velocity of half a sample ago: on an arc it is not tangential
     step = np.diff(position, axis=0)
     away = np.max(np.abs(T * velocity[1:] - step), initial=0.0)

@@ -171,7 +171,10 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
 
 
 def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
-    """Return angle, straightness and tilt of a line through positions."""
+    """Return the direction angle of a line of the path, the straightness error of the positions on it, and their tilt.
+
+    The tilt is the angle from that line to the line fitted through the positions.
+    """
     t = along / np.linalg.norm(along)
     middle = place - np.mean(place, axis=0)
     s, off = middle @ t, middle @ np.array([-t[1], t[0]])
@@ -181,7 +184,11 @@ def _line(place: np.ndarray, along: np.ndarray) -> tuple[float, float, float]:
 
 
 def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, float, float]:
-    """Return the radius of an arc, the roundness of the positions on it, and their radius minus that of the arc."""
+    """Return the radius of an arc of the path, the roundness of the positions on it, and their error of radius.
+
+    The error is the radius of the positions minus the radius of the arc: the radius of a fitted circle for at least
+    half a turn, else the mean distance from the center of the arc.
+    """
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:
         zone = minimum_zone(place[:, 0], place[:, 1])
@@ -412,7 +419,7 @@ def part_run(
     axes       axes that the program moves
     line       program line by sample, shape (n,); the run may be longer
     counted    True for samples that count for the contour, shape (n,); default: all
-    cuts       True if the machine has a cut, whose force is then `load_force`
+    cuts       True if cutting is simulated; `load_force` is then the cutting force
     turn       s, longest duration of a spindle turn; None without a spindle
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`

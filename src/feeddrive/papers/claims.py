@@ -248,7 +248,7 @@ def _listen(steps: Any) -> None:
 
 
 class _Sent(Progress):
-    """The progress in a separate process; its steps are sent to the parent process."""
+    """A progress reporter for a separate process; it sends its steps to the parent process."""
 
     def __init__(self, paper: str) -> None:
         super().__init__()

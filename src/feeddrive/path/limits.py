@@ -94,7 +94,7 @@ class MachineLimits:
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:
-        """The soft limits in the form `read_program` expects; a missing end is set to -1e6 or 1e6 m."""
+        """The soft limits in the form `read_program` expects; a missing limit is replaced by -1e6 or 1e6 m."""
         return {letter: _travel(axis) for letter, axis in self.axes.items()}
 
     @property

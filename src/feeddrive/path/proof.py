@@ -400,8 +400,8 @@ def _share(
     r0: Floats3,
     r1: Floats3,
 ) -> tuple[float, int]:
-    """Return the largest utilization of any limit by the sum of two motions from b to e that the intervals allow, and
-    the index of that limit, as in `share_of_limits`.
+    """Return an upper bound, over all values within the intervals, on the utilization of any limit by the sum of two
+    motions from b to e, and the index of the limit with that bound, as in `share_of_limits`.
     """
     out = zeros(4, 3)
     _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)

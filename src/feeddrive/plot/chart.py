@@ -3,7 +3,7 @@
 A chart consists of panels with curves, marks and limits, with units. Matplotlib draws it (`plot.drawing`), and any
 other backend can draw it with the same curves, limits and words. Numbers are in the units that the labels state. `name`
 is a name given by the user and is never parsed; all other strings may contain quantities, which `Chart.shown` converts
-to the reader's units.
+to the display units.
 """
 
 from collections.abc import Iterable, Sequence
@@ -291,8 +291,8 @@ class Chart:
         return Abscissa(self.label, self.scale, self.low, self.high, self.square, self.ticks)
 
     def shown(self, units: Units) -> Self:
-        """Return the chart with all quantities in its strings converted to the reader's units; the numbers are
-        unchanged.
+        """Return the chart with all quantities in its strings converted to the given display units; the numbers
+        are unchanged.
         """
         label, side, beside, caption = (
             resolve(text, units) for text in (self.label, self.side, self.beside, self.caption)

@@ -594,7 +594,7 @@ def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np
 
 
 def _span(frequencies: Any, units: Units = DRAWN) -> tuple[float, float]:
-    """Return the lowest and highest of all frequencies in Hz, in the displayed unit."""
+    """Return the lowest and highest of the frequencies (given in Hz), converted to the display unit."""
     ends, hertz = [(float(f[0]), float(f[-1])) for f in frequencies], units.of("Hz")[1]
     return hertz * min(low for low, _ in ends), hertz * max(high for _, high in ends)
 

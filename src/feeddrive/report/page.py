@@ -51,7 +51,7 @@ def page_units(*, rotary: bool) -> Units:
 def html(report: Report, units: Units | None = None) -> str:
     """Return a report as a complete HTML page without scripts or external files.
 
-    units  the reader's units; None: those of `page_units`
+    units  the display units; None: those of `page_units`
 
     The same report always gives identical HTML.
     """
@@ -93,7 +93,10 @@ def _environment() -> Environment:
             return Markup(svg(shown.chart(), shown.key, shown.alt))
 
     def unbroken(text: str) -> Markup:
-        """Prevent a line break within a unit such as N/µm, by a word joiner, or by a <span> if it is a placeholder."""
+        """Prevent a line break within a unit such as N/µm.
+
+        A word joiner follows the slash; a unit that is a placeholder is enclosed in a <span>.
+        """
         whole, joined = Markup('<span class="unit">{}</span>'), Markup("/&#8288;")
         pieces = split(marked(text))
         escaped = (whole.format(piece) if is_mark else escape(piece).replace("/", joined) for piece, is_mark in pieces)

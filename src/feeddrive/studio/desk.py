@@ -1,4 +1,4 @@
-"""The shared state of a page, and the base class of its rooms, which are the parts of the page with their actions."""
+"""The shared state of a page, and `Room`, the base class of its tabs with their actions."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MARK = "studio_act"
 
 @dataclass(frozen=True)
 class Said:
-    """The response of a room to a request from the page.
+    """The response of a tab to a request from the page.
 
     words   content of the message header, to be encoded as JSON
     charts  charts by name
@@ -110,13 +110,13 @@ def tabled(table: Table | Grid, units: Units = USUAL) -> dict[str, Any]:
 
 
 def act(method: F) -> F:
-    """Mark a method of a room as an action of the page: `move` of the room `tune` is requested as `tune.move`."""
+    """Mark a method of a `Room` as an action of the page: `move` of the tab `tune` is requested as `tune.move`."""
     setattr(method, _MARK, True)
     return method
 
 
 class Room:
-    """A part of the page with its own state; the `Desk` holds the state that rooms share.
+    """A tab of the page, or its tour, with its own state; the `Desk` holds the state that they share.
 
     An action takes an `Asked` and returns a `Said`; None stands for the result of `show()`.
     """
@@ -127,7 +127,7 @@ class Room:
         self.desk = desk
 
     def show(self) -> Said:
-        """Return the state and pictures of the room, for a page that has just been opened or reloaded."""
+        """Return the state and pictures of the tab, for a page that has just been opened or reloaded."""
         return Said()
 
     def begin(self) -> None:
@@ -209,7 +209,7 @@ class Desk:
     epoch     number of sources opened so far
     base      machine file into which the current controller is written
     written   controller in that file
-    limits    limits by which the loop is judged, as set in the room Goal
+    limits    limits by which the loop is judged, as set in the tab Goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     closing   functions that are called at the end of the session
@@ -242,7 +242,7 @@ class Desk:
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
     def put(self, bench: Bench) -> None:
-        """Switch to another source and reset all rooms. Raises ParameterError while a job runs."""
+        """Switch to another source and reset all tabs. Raises ParameterError while a job runs."""
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
@@ -495,8 +495,8 @@ class Desk:
     ) -> None:
         """Start a long-running job in its own process. The job and its result must be picklable.
 
-        `then(result)` and `improved(report)` are called in the session; after each call the room is shown again. Raises
-        ParameterError while another job runs.
+        `then(result)` and `improved(report)` are called in the session; after each call the tab is displayed again.
+        Raises ParameterError while another job runs.
         """
         self.check_free()
         self.job = self.begun(room, what, work, then, improved)

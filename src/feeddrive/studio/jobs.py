@@ -55,7 +55,7 @@ def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
 class JobState:
     """The progress of a job.
 
-    room, what   room that started it, and description of the job
+    room, what   name of the tab that started it, and description of the job
     state        waiting, running, done, failed or canceled
     step         current step; `done` of `of`, if steps are counted
     remarks      remarks so far

@@ -1,4 +1,4 @@
-"""The live sources of the room Scope, and the thread that follows one of them for a page."""
+"""The live sources of the tab Scope, and the thread that follows one of them for a page."""
 
 import os
 import threading

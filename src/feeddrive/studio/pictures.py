@@ -42,7 +42,7 @@ class Parts:
 
     @cached_property
     def run(self) -> Run | None:
-        """The run of the move and of the force pulse after it."""
+        """The simulated run: first the move, then a force pulse on the table."""
         return self._if_there(lambda: self.bench.run(self.control, self.name))
 
     @cached_property

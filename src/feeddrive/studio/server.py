@@ -214,7 +214,7 @@ _WINDOWS = 50
 
 
 class Session:
-    """The session of one page, with its rooms and state.
+    """The session of one page, with its tabs and state.
 
     folder          directory of the page, for all files that it reads and writes
     bench, brought  initial bench and files
@@ -247,7 +247,7 @@ class Session:
             self.answer({"do": "bring.tour"})
 
     def answer(self, asked: Mapping[str, Any]) -> bytes:
-        """Return the message that responds to a request from the page: the response of its room, or the error."""
+        """Return the message that responds to a request from the page: the response of its tab, or the error."""
         sent = asked.get("number")
         number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
@@ -284,7 +284,7 @@ class Session:
         return bool(self._pushes)
 
     def push(self, name: str) -> None:
-        """Send the current state of a room to the page without a request."""
+        """Send the current state of a tab to the page without a request."""
         with self._lock:
             try:
                 content = self._message(0, name, self.rooms[name].show())
@@ -304,7 +304,7 @@ class Session:
         self.desk.cancel()
 
     def _view(self, act: str, asked: Asked) -> str:
-        """Zoom those pictures of a room that have the requested x label; return the name of the room.
+        """Zoom those pictures of a tab that have the requested x label; return the name of the tab.
 
         The request contains the range of x; without it the full range is shown.
         """

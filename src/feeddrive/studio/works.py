@@ -59,7 +59,7 @@ class Shown:
 def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
     """Return the report of an outcome for the page: the same sections as in HTML, with the charts of its pictures.
 
-    drawn  keys of the pictures to draw; None: all. The others are drawn by the room itself or shown only in the report.
+    drawn  keys of the pictures to draw; None: all. The others are drawn by the tab itself or shown only in the report.
 
     Pictures that the page cannot draw are left out. The result of a failed outcome always contains a sentence on the
     failure.
@@ -116,7 +116,7 @@ def fitted(command: str, request: Request, progress: Progress) -> Shown:
 def tuned(request: TuneRequest, progress: Progress) -> Shown:
     """Tune a controller.
 
-    The room itself draws the pictures over frequency, which also show the current controller of the page.
+    The tab itself draws the pictures over frequency, which also show the current controller of the page.
     """
     outcome = perform("tune", request, progress)
     progress.step("pictures")
@@ -146,7 +146,7 @@ def circled(request: CircleRequest, progress: Progress) -> Shown:
 
 
 def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
-    """Draw the deviation of a circle test, magnified and versus angle, and list the largest quadrant peaks.
+    """Plot the deviation of a circle test twice, magnified on the circle and versus angle, and list the largest peaks.
 
     before  the same circles under another controller, for comparison
     """

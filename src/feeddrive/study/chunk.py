@@ -2,8 +2,8 @@
 digest.
 
 A row depends only on the study and the number of its variant.  It does not depend on the chunk, the neighboring
-variants, the lanes, the threads or the process that computes it.  Variants that need a different graph (another law,
-another number of samples of dead time) form their own batches.  For a variant that cannot be built, is unstable or
+variants, the vector width, the threads or the process that computes it.  Variants that need a different graph (another
+law, another number of samples of dead time) form their own batches.  For a variant that cannot be built, is unstable or
 diverges, the row contains the reason instead of figures; stability is checked only if a figure comes from the linear
 model.
 
@@ -213,7 +213,7 @@ def varied(group: VariantGroup) -> System:
 def _alike(group: VariantGroup) -> list[np.ndarray]:
     """Group variants by the number of whole samples in their dead time and by the presence of a fractional sample.
 
-    Both affect the graph and therefore the last bits of the results.
+    Both alter the graph, and hence the rounding of the results.
     """
     groups: dict[tuple[Any, ...], list[int]] = {}
     delays: list[Any] = []

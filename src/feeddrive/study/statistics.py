@@ -194,8 +194,8 @@ class Sampled:
         self._parts: list[Judged] = []
 
     def add(self, rows: Judged) -> None:
-        """Add a random selection of these rows; the selection depends only on the seed and on the first variant of the
-        rows.
+        """Add a random selection of the given rows; it depends only on the seed and on the number of their first
+        variant.
         """
         chosen = rows.drawn
         if self._share < 1.0 and chosen.any():
@@ -317,7 +317,7 @@ class WorstKept:
         self.bad: list[tuple[int, str]] = []
 
     def add(self, rows: Judged) -> None:
-        """Add the rows of one part."""
+        """Add the rows of one chunk."""
         for figure, cases in self._cases.items():
             # With this sign the worst value is the smallest.
             sign = 1.0 if figure.better == "higher" else -1.0
@@ -387,7 +387,7 @@ class RankCorrelation:
 
 
 class SaltelliRows:
-    """A collector that stores the outputs of all variants of a study with the sampler saltelli, part by part.
+    """A collector that stores the outputs of all variants of a study with the sampler saltelli, chunk by chunk.
 
     It needs 8 bytes per variant and output.
     """
@@ -398,7 +398,7 @@ class SaltelliRows:
         self._values = {name: np.full(study.count, np.nan) for name in names if study.sampler == "saltelli"}
 
     def add(self, rows: Judged) -> None:
-        """Store the outputs of the rows of one part."""
+        """Store the outputs of the rows of one chunk."""
         for name, values in self._values.items():
             values[rows.variant] = rows.inside if name == INSIDE else rows.figures[name]
 
@@ -632,7 +632,7 @@ class FrontKept:
         self._rows: Judged | None = None
 
     def add(self, rows: Judged) -> None:
-        """Add the rows of one part, except those in which one of the figures is missing."""
+        """Add the rows of one chunk, except those in which one of the figures is missing."""
         if len(self._figures) < 2:
             return
         several = [*([] if self._rows is None else [self._rows]), rows]

@@ -307,7 +307,7 @@ def _inputs(data: st.DataObject) -> Inputs:
 
 
 def _moved(leaves: dict[str, Any], steps: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return the leaves after adding steps, one per lane, to some of them."""
+    """Return the leaves after adding arrays of steps to some of them."""
     return {**leaves, **{name: np.float64(leaves[name]) + step for name, step in steps.items()}}
 
 
@@ -318,7 +318,7 @@ def _answers(graph: Graph, nodes: list[int], leaves: dict[str, Any], lanes: int)
 
 
 def _slopes(graph: Graph, nodes: list[int], leaves: dict[str, Any], names: list[str]) -> np.ndarray:
-    """Return the derivatives of graph nodes with respect to the named leaves, one leaf per lane."""
+    """Return the derivatives of graph nodes with respect to the named leaves, one column per leaf."""
     seeds = {graph.input(name).index: unit for name, unit in zip(names, np.eye(len(names)), strict=True)}
     with np.errstate(all="ignore"):
         pushed = push(graph, nodes, node_values(graph, nodes, leaves), seeds)

@@ -453,7 +453,7 @@ class Exercise(NamedTuple):
     x: Inputs
 
     def run(self) -> Answers:
-        """Run the function on the input numbers themselves, which are floats or arrays over lanes."""
+        """Run the function on the input numbers themselves, which are floats or arrays over variants."""
         with np.errstate(all="ignore"):
             return self.ask(self.block, self.x)
 
@@ -487,7 +487,7 @@ class Exercise(NamedTuple):
         return program.keeping(list(program.outputs)), numbers, tables
 
     def plan(self, lanes: int) -> tuple[Plan, np.ndarray, list[np.ndarray]]:
-        """Return the plan of the program, its constants (one row per number, one column per lane) and its tables."""
+        """Return the plan of the program, its constants (one row per number, one column per variant) and its tables."""
         program, numbers, tables = self.program()
         compiled_plan = plan(program, lanes=lanes, varying=list(numbers) if lanes > 1 else ())
         column = np.array([numbers[name] for name, _ in compiled_plan.constants], dtype=float).reshape(

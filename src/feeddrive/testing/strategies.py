@@ -162,7 +162,7 @@ def _one_of(options: Sequence[Any]) -> _Draw:
 
 @st.composite
 def variants_of(draw: st.DrawFn, block: Block, sample_time: float) -> Any:
-    """Draw a copy of a block with new values for some leaves, which may differ between lanes and change live."""
+    """Draw a copy of a block with new values for some leaves, which may differ between variants and change live."""
     values = dict(tree.leaves(block))
     names = [name for name in values if draw(_EITHER)] or list(values)
     values |= {name: draw(numbers(tree.declaration(block, name))) for name in names}

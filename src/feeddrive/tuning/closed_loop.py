@@ -144,13 +144,13 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
-    """Return the variance of Σ factor·X over both readings, where X is the response of a reading to a source.
+    """Return the variance of Σ factor·X, the weighted sum of both readings' responses X to one source.
 
     source   0: the command, 1: a force on the table
     factors  one factor per reading and line
 
-    On lines where the motor reading is the load reading times a ratio, their errors are fully correlated; on all others
-    they are assumed to be independent.
+    On lines where the motor reading is the load reading times a ratio, the errors of the two readings are fully
+    correlated; on all others they are assumed to be independent.
     """
     variance = (point.variance, point.load_variance)[source]
     assert variance is not None
@@ -243,15 +243,15 @@ def _with_effect(samples: np.ndarray) -> np.ndarray:
 def encircles(answer: Answer) -> bool:
     """Return True if the encirclements of -1 by L show that the closed loop is unstable.
 
-    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped from the Nyquist
-    frequency, where it lies within ±180°, down to the lowest lines. The loop is stable if
+    The axis is assumed to be stable except for its free motion. The phase φ of 1 + L is unwrapped downward from the
+    Nyquist frequency, where it lies within ±180°, to the lowest lines. The loop is stable if
 
         |φ + 90° n + 180° P| < 90°,   n = -d ln|1 + L|/d ln f
 
     n is the number of integrators at low frequencies: 2 for a free mass plus 1 for each integrator of the controller.
-    P is the number of unstable poles of the controller alone that are faster than these lines. Each pair of unstable
-    closed-loop poles adds 360° to φ, a single pole or a response of the wrong sign adds 180°. The slope shows a
-    resonance of the controller near the lowest lines only in part. Such a resonance is therefore counted as
+    P is the number of unstable poles of the controller alone at higher frequencies than the lowest line. Each pair of
+    unstable closed-loop poles adds 360° to φ, a single pole or a response of the wrong sign adds 180°. The slope shows
+    a resonance of the controller near the lowest lines only in part. Such a resonance is therefore treated as
     integrators: 1 + L is multiplied by (z - p)/(z - 1), which replaces each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain

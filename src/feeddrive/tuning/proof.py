@@ -61,10 +61,10 @@ def of_measurement(loops: Sequence[Figures], limits: Limits) -> tuple[Checked, .
 
 
 def of_known(point: OperatingPoint, control: Control, limits: Limits, velocity: float) -> tuple[Checked, ...]:
-    """Check the controller in the loop whose model agrees with a measured axis (`OperatingPoint.known_as`).
+    """Check the controller in simulation, on an axis model that agrees with a measured axis (`known_as`).
 
-    The poles are checked, and a simulation with friction, encoder counts and force limit. The limits apply to the
-    measurement and are not checked here, since the model agrees with the measurement only approximately.
+    The poles of that loop are checked, and a simulation with friction, encoder counts and force limit. The limits apply
+    to the measurement and are not checked here, since the model agrees with the measurement only approximately.
     """
     if point.known_as is None:
         reason = (

@@ -317,7 +317,10 @@ class Tuner:
         return ends, joined("; ", filter(None, (missing, opened)))
 
     def _continued(self, search: Search, x: np.ndarray) -> End:
-        """Search from x under a relaxed limit of Ms, then from each result under a tighter one, up to the real one."""
+        """Search from x under a relaxed limit on Ms, then from each result under a tighter one.
+
+        The last search is under the specified limit.
+        """
         if self.limits.limit(SENSITIVITY_PEAK) is not None:
             for factor in _EASED:
                 eased = self._under(search, self.limits.eased(SENSITIVITY_PEAK, factor))
@@ -658,7 +661,7 @@ class Verdict(Enum):
 class HeldBack:
     """A limit that is active at the optimum.
 
-    point, frequency  where it is active; the frequency in Hz
+    point, frequency  the operating point and the frequency in Hz at which it is active
     gain              improvement of the goal in percent if the limit is relaxed by a tenth
     """
 
@@ -676,7 +679,7 @@ class HeldBack:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(Result):
-    """A controller tuned for a goal within limits at all points, with its proof.
+    """A controller tuned for a goal within limits at all points, with its proof: the checks that were made of it.
 
     tunables, started  new and present values by dotted name; NaN: a parameter of a new filter
     goal              the figure that is optimized

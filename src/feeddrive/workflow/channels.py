@@ -467,9 +467,9 @@ def _guessed_roles(
     sample_time: float | None,
     progress: Progress,
 ) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the columns by role, named or else guessed, and by role the reason why a likely column was rejected.
+    """Return the column for each role, and for roles without a column the reason why a likely column was rejected.
 
-    The guesses are shown to the user.
+    A column is named by the user or else guessed; the guesses are shown to the user.
     """
     guess = guess_roles(whole_log(path, told.get("time"), sample_time))
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}

@@ -379,7 +379,7 @@ class Outcome(Generic[T]):
         yield from (Text(f"- {note}") for note in self.notes)
 
     def shown(self, units: Units | None = None, *, verbose: bool = True) -> Iterator[Grid | str]:
-        """Yield the tables and sentences of the result as shown to a reader, in order and in the reader's units."""
+        """Yield the tables and sentences of the result as shown to the user, in order and in the display units."""
         units = units or self.units
         for item in self.contents(verbose=verbose):
             yield item.grid(units) if isinstance(item, Table) else resolve(item, units)

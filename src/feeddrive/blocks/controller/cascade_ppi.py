@@ -158,5 +158,8 @@ class CascadePPI(Law):
 
 
 def _observed(law: CascadePPI) -> Start:
-    """Return the P-P cascade, to be tried only with an observer that provides the integral action."""
+    """Return the P-P cascade as a start of the search.
+
+    It is tried only together with an observer, which provides the integral action.
+    """
     return Start("P-P", replace(law, Tn=None), "the observer is its integral", only_with=("DOB",))

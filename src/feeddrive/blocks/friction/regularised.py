@@ -71,7 +71,7 @@ class Regularised(Friction):
     def contact(
         self, step: Number, state: Any, velocity: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Any, Number, Any]:
-        """Compute the force with the level at the velocity in the middle of the substep; the body is never stuck."""
+        """Compute the force with the friction level evaluated at the mid-substep velocity; the body never sticks."""
         if self.breakaway is None:
             level = self._coulomb(free_velocity)
         else:

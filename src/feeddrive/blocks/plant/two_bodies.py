@@ -41,7 +41,7 @@ class TwoBodies(NamedTuple):
 
     @property
     def dragged(self) -> Number:
-        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring if both bodies move equally."""
+        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring when both bodies move together."""
         return self.c22 + self.c12
 
     @property

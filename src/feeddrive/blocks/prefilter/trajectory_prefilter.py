@@ -26,7 +26,7 @@ class TrajectoryPrefilter(Prefilter):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True for a law that models the spring between motor and table, as in the paper."""
+        """Return True for a law that models the spring between motor and table, as in Gordon & Erkorkmaz 2013."""
         return law.encoders == 2
 
     theta1: Number = parameter("s", "part of the velocity", default=0)

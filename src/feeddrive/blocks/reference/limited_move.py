@@ -1,4 +1,4 @@
-"""The base class of all limited moves: a leg built from boxcars."""
+"""The base class of all limited moves, built by convolution with rectangular (boxcar) pulses."""
 
 from abc import ABC, abstractmethod
 from functools import cached_property
@@ -13,7 +13,7 @@ from feeddrive.blocks.reference.stretches import Stretch, rest
 
 
 class LimitedMove(Move, ABC):
-    """A leg whose velocity is a rectangle convolved with one boxcar per limit of a higher derivative."""
+    """A move; the velocity of a leg is a rectangle convolved with one boxcar per limit of a higher derivative."""
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:

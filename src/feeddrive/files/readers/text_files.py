@@ -590,7 +590,10 @@ class _TwincatChannel:
 
 
 def read_twincat(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the channels of a TwinCAT export that share one clock. Raise LogError with file and line."""
+    """Read those channels of a TwinCAT export that share one sample time, and their time column.
+
+    Raises LogError with file and line.
+    """
     if len(content) > MOST_BYTES:
         raise LogError(
             f"{name}: has more than the {Quantity(MOST_BYTES / 1e6, 'MB'):,.0f} of text that are read; export a part"
@@ -670,7 +673,10 @@ def _has_comma(text: Text, first: int) -> bool:
 def _one_clock(
     channels: list[_TwincatChannel], wanted: frozenset[str] | None
 ) -> tuple[list[_TwincatChannel], dict[str, str]]:
-    """Return the wanted channels on their most common clock, and a reason for each channel on another clock."""
+    """Return the wanted channels that have the most common sample time among them, and the reasons for omissions.
+
+    For each channel with another sample time, the reason why it is omitted is returned by name.
+    """
 
     def clock(channel: _TwincatChannel) -> str:
         return channel.properties.get("SampleTime[ms]", "")

@@ -159,7 +159,8 @@ def refine(
 def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float, float]:
     """Return the dead time of a fit in addition to that of the initial loop, in samples, and its standard error.
 
-    Its fractional part is one more parameter of the least squares; its column is the effect of one sample of dead time.
+    The fractional part is an extra parameter of the least-squares problem; its column of the Jacobian is the effect of
+    one sample of dead time.
     Raises DivergedError for a loop that becomes unstable with one more sample.
     """
     names = tuple(estimate.name for estimate in fit.estimates)

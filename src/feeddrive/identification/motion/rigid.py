@@ -122,7 +122,7 @@ class RigidFit(Result):
         return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force that acts on the table, from the offset, or None for directional friction."""
+        """Return the constant force on the table, derived from the offset, or None for direction-dependent friction."""
         regression.require_table(self.frame, "the offset")
         # the offset is the force of the drive, which balances the constant force on the table
         return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None

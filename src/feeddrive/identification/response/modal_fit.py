@@ -363,7 +363,7 @@ def fit_modes(
         x/f = e^(-s·dead_time) [ free/(s (s + corner)) + Σ (residue + skew s/ω)/(s² + 2ζωs + ω²) + rest ]
 
     responses     position, velocity or acceleration over force or current, as stated by their unit
-    modes         number of modes; None: as many as unused lines support (at most 8)
+    modes         number of modes; None: as many as the frequency lines left out of the fit justify (at most 8)
     band          Hz, lowest and highest line that is used
     rigid         True if the axis moves freely at low frequencies
     proportional  True for real residues, skew = 0: all points of a mode move in phase, as in an undamped structure.

@@ -600,10 +600,10 @@ def fit_modal_axis(
 
         x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
 
-    The arguments are those of `fit_plant`; with `modes` None, as many modes are fitted as unused lines support. Modal
-    masses are positive, as is required at a driven point: a mode with the wrong sign at the motor is fitted with a very
-    large mass and is reported as not identifiable.  With the load's response alone the shape of a mode at the load is
-    ±1 and its mass is fitted.
+    The arguments are those of `fit_plant`; with `modes` None, as many modes are fitted as the frequency lines left out
+    of the fit justify. Modal masses are positive, as is required at a driven point: a mode with the wrong sign at the
+    motor is fitted with a very large mass and is reported as not identifiable.  With the load's response alone the
+    shape of a mode at the load is ±1 and its mass is fitted.
     Not suitable where residues are far from real; see `fit_modes` with proportional=False.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
@@ -782,7 +782,7 @@ def fit_axis(
 
     plant      plant of a machine file: unless it is rigid, its structure is tried too, starting from its values
     actuator   actuator of that file: if it has a current loop, its bandwidth is identified too
-    modes      number of modes in parallel; None: as many as unused lines support
+    modes      number of modes in parallel; None: as many as the frequency lines left out of the fit justify
     fixed      known parameters; structures that lack one of them are not tried
     structure  "rigid", "machine", "two-mass" or "modal": only this structure is fitted
     progress   reports the name of each structure when it begins

@@ -316,7 +316,10 @@ def _entry(place: int, source: Source, symbol: str) -> str:
 
 
 def unit_of(source: Source) -> Unit:
-    """Return the unit of a kernel's file; it contains all kernels that the file has defined by the first call."""
+    """Return the compilation unit of the file that defines a kernel.
+
+    It contains all kernels defined in that file before the first call.
+    """
     with _lock:
         unit = cast("Unit | None", source.unit)
         if unit is None:

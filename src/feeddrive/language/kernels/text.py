@@ -50,7 +50,7 @@ REMEDIES: dict[type[ast.AST], str] = {
 
 
 class Value(NamedTuple):
-    """A number, an array (the address of its first cell and the size of each index), or a record."""
+    """A number, an array (the address of its first cell and the size of each dimension), or a record."""
 
     type: Type
     text: str

@@ -170,7 +170,7 @@ class Printer:
             raise AssertionError(f"no text for the operation '{name}'")
 
     def select(self, index: int, inner: tuple[int, ...], vector: bool) -> None:
-        """Write a selection between two values, with one condition for all lanes or one per lane."""
+        """Emit code that selects one of two values, with one condition for all lanes or one per lane."""
         group = self.plan.together.get(index, (index,))
         if Branch(group[0], 1) in self.branches or Branch(group[0], 2) in self.branches:
             self.branch(group)

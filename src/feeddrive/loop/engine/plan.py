@@ -19,8 +19,8 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """The kinds of all nodes, by index: whether a node changes between samples, differs between lanes, and is a truth
-    value.
+    """The kinds of all nodes, by index: whether a node changes between samples, differs between lanes (variants), and
+    is a truth value.
     """
 
     moving: list[bool]
@@ -161,11 +161,12 @@ def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[
 def _ordered(
     graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
 ) -> tuple[int, ...]:
-    """Return the order of evaluation: with lanes, the order of the trace; for a single run, the longest chains first.
+    """Return the order of evaluation: that of the trace with several lanes; for one lane, the longest chains first.
 
     The longest chains are the longest sequences of dependent operations that lead to the next value of a state.  A
     single run waits for such a chain in every sample; a processor that starts it early fills the latency with other
-    operations.  With lanes there are enough other operations, and the order of the trace keeps fewer numbers alive.
+    operations.  With several lanes there are enough other operations, and the order of the trace keeps fewer numbers
+    alive.
 
     A ring buffer is written in place, after all reads of its previous contents.  Selections that are evaluated together
     are consecutive.

@@ -224,8 +224,9 @@ class Turn:
 
 
 def turn(cutter: HelicalCutter, chip_load: float, points: int = 7200) -> Turn:
-    """Evaluate the closed form over one revolution at the midpoints of equal intervals, whose mean is exact for a
-    smooth periodic curve.
+    """Evaluate the closed form over one revolution at the midpoints of equal intervals.
+
+    For a smooth periodic curve the mean of these values is exact.
     """
     # midpoints: at 0 the teeth enter, where the curve has a corner
     angle: Any = 2.0 * np.pi * (np.arange(points) + 0.5) / points

@@ -142,7 +142,7 @@ def loop_figures() -> Part:
 
 
 def _design_on_a_measurement(loop: Loop) -> Claim:
-    """Check the loop gain computed from frequency responses of the axis alone, as if they had been measured."""
+    """Check the loop gain computed from frequency responses of the axis alone, treated like measured data."""
     axis = linearize(loop, ["cut"], ["reading_motor", "reading_load"])
     motor, load = (axis.response(LINES, output=name) for name in ("reading_motor", "reading_load"))
     measured_gain = measured_loop(loop.control, float(loop.sample_time), load, motor).loop_gain

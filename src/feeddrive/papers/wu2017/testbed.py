@@ -153,7 +153,7 @@ def over_time(same: Mapping[str, Trials]) -> Picture:
 
 
 def rates(masses: np.ndarray, factors: Mapping[str, list[float]], free: float) -> Picture:
-    """Return the picture of the rate of convergence versus the assumed mass."""
+    """Return a plot of the rate of convergence versus the assumed mass."""
     caption = "ρ: factor of the parameters' error from trial to trial. The right mass gives 0, drawn at 1e-3."
     alt = "A mass wrong by a factor of two leaves 5 %; where the curves end the model loop is unstable and refused."
     return Picture("convergence", "Rate of convergence", caption, alt, lambda: rates_chart(masses, factors, free))

@@ -287,11 +287,11 @@ def deviation(
     difference: Floats2,
     far: Floats,
 ) -> tuple[float, float, int]:
-    """Return the largest |S - f| on a span relative to the tolerance of each segment, its position, and the last
-    segment reached.
+    """Return the largest ratio of |S - f| to the tolerance of its segment on a span, the position of that maximum, and
+    the last segment reached.
 
-    The value is a bound if `bounded`, otherwise the maximum over the knots and corners.  The segment search starts at
-    `first`. far[k], the largest distance in m on segment k, is updated.
+    The ratio is a bound if `bounded`, otherwise the maximum over the knots and corners; the position is always a knot
+    or a corner.  The segment search starts at `first`. far[k], the largest distance in m on segment k, is updated.
     """
     n = len(slope[0])
     begin = knots[e]
@@ -481,8 +481,8 @@ def _prepared(
     slope: Floats2,
     ahead: Floats,
 ) -> int:
-    """Compute the start position, the direction, the group of equal direction and the tolerance of each line of a
-    cluster; `ahead` is workspace.
+    """Compute, for each line of a cluster, the start position, the direction, the tolerance, and the number of its
+    group of consecutive lines with the same direction; `ahead` is workspace.
     """
     n = len(slope[0])
     corner[first] = -begin

@@ -51,7 +51,7 @@ def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bo
     """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from it, into
     `out`.
 
-    `out` has the shape (N, 4); a positive `away` is forward.
+    `out` has the shape (N, 4); a positive `away` points along the path.
     """
     if kind == 0:
         for i in range(len(shape)):

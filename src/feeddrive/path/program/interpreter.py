@@ -311,7 +311,7 @@ class Flow:
                 self._frames[-1].opened.pop()
 
     def _leave(self, label: str) -> None:
-        """Skip to the end of a condition after one of its branches was taken."""
+        """Skip to the end of a conditional block after one of its branches was taken."""
         self._top(label, "if")
         self._skip(label, ("endif",))
         self._frames[-1].opened.pop()

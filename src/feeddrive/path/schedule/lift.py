@@ -312,8 +312,9 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """Return a bool array that is True where the motion is at rest, before each time interval and after the last
-    one.
+    """Return a bool array that is True where the motion is at rest.
+
+    It has a value for the start of each time interval, and one for the end of the last interval.
     """
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])

@@ -286,7 +286,7 @@ def jerk_before(number: int, jerk: float) -> float:
 
 @kernel
 def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
-    """Return the speed of a ramp up after the distance `far`, m/s."""
+    """Return the speed in m/s reached after the distance `far` of an acceleration ramp."""
     if far <= 0.0:
         return low
     whole = (low + 0.5 * rise) * duration(ramp)

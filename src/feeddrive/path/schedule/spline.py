@@ -601,7 +601,9 @@ def points(
     away: Floats,
     d: Floats2,
 ) -> int:
-    """Write the points that `quickest` evaluates: start and end of each span's part on each piece; return their number.
+    """Write the points that `quickest` evaluates; return their number.
+
+    They are the start and the end of the part of each span that lies on each path piece.
 
     At the end of a span only the snap is evaluated, which differs from that at the start of the next.
 

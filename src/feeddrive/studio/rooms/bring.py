@@ -76,7 +76,7 @@ class Bring(Room):
 
     @act
     def pick(self, asked: Asked) -> None:
-        """Select a file for display in the room."""
+        """Select a file for display in the tab."""
         self.open = self._known(asked).name
 
     @act

@@ -15,7 +15,7 @@ class Step:
     """A step of the tour.
 
     title, text  title, and two sentences: what to look at, and which button to press next
-    room         room in which the step takes place
+    room         name of the tab in which the step takes place
     marked       ids of the page elements to look at and to press, in this order
     act          action of the page that completes the step, if any
     command      workflow command whose completion completes the step, if any; otherwise the button Next completes it
@@ -117,7 +117,7 @@ STEPS = (
 
 
 class Tour(Room):
-    """The guided tour. It has no tab: its panel is shown above all rooms."""
+    """The guided tour. It has no tab: its panel is shown above all tabs."""
 
     name = "tour"
 
