@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 from pathlib import Path
@@ -101,14 +100,18 @@ def test_a_work_that_is_killed_leaves_the_page_usable(studio: Any) -> None:
     assert page.locator("#proof-certificate figure:visible").count() == 2
 
 
-def _children(server: int) -> list[int]:
-    """The processes of jobs: children of the fork server, which is a child of the server."""
-    parents = dict[int, int]()
-    for place in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            fields = (place / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
-            parents[int(place.name)] = int(fields[1])
-    return [child for child, parent in parents.items() if parents.get(parent) == server]
+def _children(parent: int) -> list[int]:
+    """Processes that work for the server: not the one that keeps track of shared memory."""
+    found = list[int]()
+    for each in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (each / "stat").read_text(encoding="ascii").rpartition(")")[2].split()
+            words = (each / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(fields[1]) == parent and b"spawn_main" in words:
+            found.append(int(each.name))
+    return found
 
 
 def test_a_work_is_canceled(studio: Any) -> None:

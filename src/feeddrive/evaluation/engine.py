@@ -31,7 +31,7 @@ from typing import Any, TypeVar
 from feeddrive.evaluation.case import Case, attached, computed, detached
 from feeddrive.evaluation.store import Store
 from feeddrive.language.errors import ParameterError, WorkerError
-from feeddrive.language.progress import Progress, follow_parent, one_thread, process_context
+from feeddrive.language.progress import Progress, follow_parent, one_thread
 from feeddrive.loop.runner import cores
 
 C = TypeVar("C", bound=Case[Any])
@@ -142,7 +142,7 @@ def _window(
 def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executor, Any]]:
     """Yield a pool of processes that hold the shared fields, and their message queue; an error terminates them."""
     # a fresh interpreter each: a fork would copy the locks of the caller's threads
-    context = process_context()
+    context = multiprocessing.get_context("spawn")
     news: Any = context.Queue()
     with one_thread():
         # the calling program may have other child processes, which must survive

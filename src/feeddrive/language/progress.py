@@ -15,12 +15,8 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import sys
-import tempfile
 import threading
-from collections.abc import Generator, Sequence
-from multiprocessing import util
-from multiprocessing.context import BaseContext
+from collections.abc import Generator
 
 from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
@@ -121,7 +117,6 @@ class _Forwarded(Progress):
 
 
 _THREADS = "OPENBLAS_NUM_THREADS"
-_ADDRESS = 80  # bytes of a folder; the path of a socket, with a name of 17 letters in it, may have 107
 
 
 @contextlib.contextmanager
@@ -136,32 +131,6 @@ def one_thread() -> Generator[None]:
         os.environ.pop(_THREADS)
         if before is not None:
             os.environ[_THREADS] = before
-
-
-def process_context() -> BaseContext:
-    """Return the way to start a process: by the fork server of the program if it has one, else with a new interpreter.
-
-    Never by a plain fork: a child of a process with threads could inherit a lock that nobody releases.
-    """
-    return multiprocessing.get_context("spawn" if multiprocessing.get_start_method(True) != "forkserver" else None)
-
-
-def use_fork_server(modules: Sequence[str]) -> None:
-    """Let processes be forked from a server that has imported `modules`, so that they need not import them again.
-
-    For a program that starts many processes; the server starts with the first of them, and takes over the environment
-    of that moment.  Only on Linux: the system libraries of macOS do not permit a fork, and Windows has none; and only
-    if the temporary folder of the moment has a path that is short enough for a socket.
-    """
-    if sys.platform != "linux":
-        return
-    before = tempfile.tempdir
-    folder = util.get_temp_dir()
-    # not kept: the program may direct its other temporary files elsewhere
-    tempfile.tempdir = before
-    if len(os.fsencode(folder)) < _ADDRESS:
-        multiprocessing.set_forkserver_preload(list(modules))
-        multiprocessing.set_start_method("forkserver", force=True)
 
 
 def follow_parent() -> None:

@@ -23,10 +23,10 @@ from pathlib import Path
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.growing import Pipe
 from feeddrive.language.errors import FileError, ParameterError
-from feeddrive.language.progress import Progress, use_fork_server
+from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.desk import Desk
-from feeddrive.studio.jobs import PRELOADED, end_all
+from feeddrive.studio.jobs import end_all
 from feeddrive.studio.live import Followable, stop_all
 from feeddrive.studio.protection import OPTION, STANDARD_INPUT, Door, read_password
 from feeddrive.studio.rooms.tune import Tune
@@ -197,8 +197,6 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         )
     if bench is not None:
         _prepare(bench, request.folder)
-    # before temporary files go into the folder, whose path may be too long for the address of the fork server
-    use_fork_server(PRELOADED)
     with writable(request.folder), listening(request.host, request.port) as at:
         serve_at(at, request, password, bench, brought, progress)
     return Outcome(bench)

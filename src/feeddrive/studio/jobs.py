@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import threading
 import time
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.language.errors import CancelledError, FeeddriveError
-from feeddrive.language.progress import Progress, follow_parent, one_thread, process_context
+from feeddrive.language.progress import Progress, follow_parent, one_thread
 from feeddrive.language.text import Text
 
 if TYPE_CHECKING:
@@ -33,17 +34,8 @@ _PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)
 _BEGIN = threading.Lock()
 # jobs that have not ended, for `end_all`: daemons would end with the server, but may not start processes themselves
 _GOING = set["Job"]()
-# what jobs import, which takes more than a second: the fork server of the program imports it once
-PRELOADED = (
-    "feeddrive.studio.works",
-    *(f"feeddrive.workflow.{command}" for command in ("certify", "circle", "compare", "export", "identify", "run_job")),
-    "feeddrive.workflow.tune",
-    "feeddrive.report.page",
-    "feeddrive.plot.drawing",
-    "scipy.linalg",
-    "scipy.optimize",
-    "scipy.signal",
-)
+# a child forked from a server with threads could inherit a lock that nobody releases
+_CONTEXT = multiprocessing.get_context("spawn")
 
 
 def end_all() -> None:
@@ -172,9 +164,8 @@ class Job:
             self._over.set()
 
     def _run(self) -> None:
-        context = process_context()
-        ours, theirs = context.Pipe()
-        process = context.Process(target=_child, args=(self._work, theirs))
+        ours, theirs = _CONTEXT.Pipe()
+        process = _CONTEXT.Process(target=_child, args=(self._work, theirs))
         try:
             with _BEGIN, one_thread():
                 if not self._stop.is_set():
