@@ -5,7 +5,7 @@ from feeddrive.language.block import Block, Number, choice, parameter
 
 
 class Harmonic(Block):
-    """One harmonic as a share of a force: share · sin(2π order x / period + phase)."""
+    """One harmonic as a share of a force: harmonic = share · sin(2π order x / period + phase)."""
 
     order: int = choice("number of repetitions in one period", least=1)
     share: Number = parameter("", "amplitude as a share of the force")

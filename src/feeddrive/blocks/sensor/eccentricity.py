@@ -5,7 +5,7 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class Eccentricity(Block):
-    """The error of an eccentric disc, amplitude · sin(2π x / period + phase).
+    """The error of an eccentric disc: error = amplitude · sin(2π x / period + phase).
 
     A disc with its center at a distance e from the shaft axis and a graduation of radius R has an error of up to e/R
     rad, which is an amplitude of e/R · period / 2π.

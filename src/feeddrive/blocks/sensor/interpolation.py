@@ -5,7 +5,7 @@ from feeddrive.language.block import Block, Number, parameter
 
 
 class Interpolation(Block):
-    """The interpolation error, first · sin(2π x / signal_period) + second · sin(4π x / signal_period).
+    """The interpolation error: error = first · sin(2π x / signal_period) + second · sin(4π x / signal_period).
 
     Offsets of the two signals cause the first harmonic, unequal amplitudes the second.  Good linear encoders stay below
     1 % of the signal period.
