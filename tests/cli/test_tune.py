@@ -31,7 +31,8 @@ def tune(*words: str, code: int = 0) -> str:
 @pytest.mark.pictures
 def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> None:
     said = tune("ball_screw", "--max-compliance", "0.2", "--filters", "free", "--out", str(tmp_path / "out"))
-    assert "Take the new values" in said
+    assert "Take Kv " in said
+    assert f"Next: feeddrive export {tmp_path}/out/machine.toml -t c" in said
     text = (tmp_path / "out" / "machine.toml").read_text()
     old = (BUNDLED / "machines" / "ball_screw.toml").read_text()
     assert "# Hz, the torsional mode" in text

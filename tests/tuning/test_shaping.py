@@ -17,6 +17,8 @@ from feeddrive.figures.of_loops import BANDWIDTH, ROPE_SNAP
 from feeddrive.language import tree
 from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import number
+from feeddrive.language.units import rounded
 from feeddrive.loop.linearize import compliance, loop_gain
 from feeddrive.tuning import control_response
 from feeddrive.tuning.candidates import candidates
@@ -584,7 +586,7 @@ def test_a_tuning_of_two_rates_holds(screw: fd.Loop) -> None:
     assert both[1].cascade.position.loop_gain.sample_time == pytest.approx(8e-4)
 
 
-def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loop) -> None:
+def test_a_recommendation_leads_with_the_answer_and_ends_with_what_gets_worse(screw: fd.Loop) -> None:
     """Half of the error at a twentieth of Kv; and a velocity loop at 99 % of the gain at which it is unstable."""
     as_it_is = assess(screw.control, screw, rule="", today=screw.control)
     (before,) = as_it_is.after
@@ -598,8 +600,16 @@ def test_a_recommendation_leads_with_what_gets_worse_in_two_digits(screw: fd.Loo
         started={"law.Kv": Kv},
     )
     said = found.recommendation()
-    assert said.startswith(f"Worse than today: Kv {two_digits(Kv)} -> {two_digits(0.05 * Kv)} 1/s")
-    assert "Take the new values: they give 50 % less rope-snap error" in said
+    assert said.startswith(f"Take Kv {number(rounded(0.05 * Kv, 3), 6)} 1/s: Ms ")
+    assert ", 50 % less rope-snap error within " in said
+    assert f"; worse: Kv {two_digits(Kv)} -> {two_digits(0.05 * Kv)} 1/s" in said
+    # four of the law, and the table has all
+    law = replace(screw.control.law, viscous=100.0)  # type: ignore[call-arg]
+    names = ("law.Kv", "law.Kp", "law.Tn", "law.velocity_feedforward", "law.viscous", "filters.0.frequency")
+    listed = replace(
+        found, control=replace(screw.control, law=law), tunables=dict.fromkeys(names, 0.5)
+    ).recommendation()
+    assert listed.startswith("Take Kv 0.5 1/s, Kp 0.5 N s/m, Tn 500 ms, velocity_feedforward 0.5, 2 more: Ms ")
     worse = replace(as_it_is, recipe="rule", before=(replace(before, rope_snap=before.rope_snap / 569.1),))
     assert "this rule gives 570 times the rope-snap error" in worse.recommendation()
 

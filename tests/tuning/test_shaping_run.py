@@ -38,7 +38,7 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
         line = next(each for each in found.proof if RUN in each.what)
         assert line.holds is holds, line
         assert found.holds is holds
-        assert found.recommendation().startswith("Do not use" if not holds else ("Take", "Leave", "Worse than today"))
+        assert found.recommendation().startswith("Do not use" if not holds else ("Take", "Leave"))
 
 
 def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:

@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 import feeddrive as fd
 from feeddrive.cli import commands
 from feeddrive.cli.commands import OFFERED, app, offered
+from feeddrive.files.machine import BUNDLED
 from feeddrive.language import units
 from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
@@ -369,3 +370,22 @@ def test_channels_of_a_text_log_loads_pyarrow_alone(tmp_path: Path) -> None:
     found = loaded_by(f"import feeddrive as fd; fd.workflow.channels({str(tmp_path / 'run.csv')!r})")
     assert "pyarrow" in found
     assert not HEAVY & found
+
+
+def test_the_command_to_type_next_is_one_that_can_be_typed(tmp_path: Path) -> None:
+    """Its words are parsed as those of a terminal, and the files that it names were written."""
+    copied = tmp_path / "my axis.toml"
+    copied.write_text((BUNDLED / "machines" / "linear_motor.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    outcomes = [
+        load("certify").run(load("certify").build_request(source=str(copied)), Progress()),
+        load("export").run(
+            load("export").build_request(source=str(copied), target="c", out=tmp_path / "the export"), Progress()
+        ),
+    ]
+    for outcome in outcomes:
+        _, name, *words = shlex.split(outcome.then)
+        group: Any = get_command(app)
+        group.get_command(typer.Context(group), name).make_context(name, list(words))
+        assert Path(words[0]).exists()
+        assert str(outcome).endswith(f"Next: {outcome.then}")
+        assert outcome.record()["next"] == outcome.then

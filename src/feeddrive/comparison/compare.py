@@ -31,6 +31,7 @@ from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.tune import two_digits
 
 TODAY = "today's gains"
+_SNAP = of_loops.ROPE_SNAP.key
 _SHOWN = {
     "Ms": of_loops.SENSITIVITY_PEAK,
     "delay": of_loops.DELAY_MARGIN,
@@ -272,15 +273,18 @@ def noisy(comparison: Comparison) -> list[str]:
     return sentences
 
 
+def best_law(comparison: Comparison) -> str:
+    """Return the ranked law with the least rope-snap error; empty if no law but the present gains is ranked."""
+    ranked = {law.name: snap for law in comparison.competitors if not law.unplaced and (snap := law.figures.get(_SNAP))}
+    return "" if set(ranked) <= {TODAY} else min(ranked, key=lambda name: ranked[name])
+
+
 def advice(comparison: Comparison) -> Advice:
-    """Recommend the law with the least rope-snap error, and first state where it is worse than P-PI (or P-PI worse than
-    the present gains).
-    """
-    snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(of_loops.ROPE_SNAP.key))}
-    ranked = [name for name in snaps if not comparison[name].unplaced]
-    if set(ranked) <= {TODAY}:
+    """Recommend the law with the least rope-snap error; state first where it is worse than P-PI or today."""
+    snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(_SNAP))}
+    best = best_law(comparison)
+    if not best:
         return Advice(Judgment.NONE_RANKED, f"{Judgment.NONE_RANKED.says}.")
-    best = min(ranked, key=lambda name: snaps[name])
     if best == TODAY:
         return Advice(Judgment.KEEP_GAINS, f"{Judgment.KEEP_GAINS.says}.")
     least = f"'{best}' {Judgment.RANKED.says}"

@@ -811,6 +811,7 @@ def _figure(loop: Figures | None, figure: Figure) -> str | Quantity | None:
     return figure.quantity(figure.read(loop)) if loop.stable else "unstable"
 
 
+_LISTED = 4  # parameters in a sentence that stays on one line
 _NOT_WORTH = 2.0  # percent: a smaller gain does not justify a change
 _WORSE = 0.03  # relative change of a figure that counts as worse
 TIMES = 3.0  # ratio from which a gain reads as a factor, not as percent
@@ -841,9 +842,8 @@ def recommendation(tuned: Tuned) -> str:
         failed = [line for line in tuned.proof if line.holds is False]
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].text}).")
     worse = _worse(tuned)
-    price = Text(f"Worse than today: {worse}.") if worse else ""
-    first, then = (_advised(tuned), price) if tuned.verdict is Verdict.LEAVE else (price, _advised(tuned))
-    return joined(" ", filter(None, (_of_the_velocity_loop(tuned), first, then))) + _of_the_table(tuned)
+    advised = Text(f"{_advised(tuned)}{f'; worse: {worse}' if worse else ''}.")
+    return joined(" ", filter(None, (advised, _of_the_velocity_loop(tuned)))) + _of_the_table(tuned)
 
 
 def _of_the_velocity_loop(tuned: Tuned) -> str:
@@ -890,18 +890,18 @@ def _advised(tuned: Tuned) -> str:
     limits, new = tuned.limits.sentence(), _new_values(tuned)
     if gained is None:
         state = "there is no control to compare with" if not tuned.before else "today's loop is unstable"
-        return Text(f"{new} keep {limits}, and {state}{limit}.")
+        return Text(f"{new} within {limits}{limit}; {state}")
     change, gain_text = _change(tuned, gained), _gain_text(tuned, gained)
     broken = broken_limits(tuned.before, tuned.limits)
     if broken:
-        return Text(f"{new} keep {limits} with {gain_text}, and today's {broken}{limit}.")
+        return Text(f"{new}, {gain_text} within {limits}{limit}; today's gains {broken}")
     drive = _against(tuned)
     if tuned.recipe and change < 0.0:
-        return Text(f"Leave the control as it is: this rule gives {gain_text}{drive}{limit}.")
+        return Text(f"Leave the control as it is: this rule gives {gain_text}{drive}{limit}")
     if tuned.verdict is Verdict.LEAVE:
         best = "this rule" if tuned.recipe else "the best that was found"
-        return Text(f"Leave the control as it is: {best} has only {gain_text}{drive}{limit}.")
-    return Text(f"{new} give {gain_text} within {limits}{limit}.")
+        return Text(f"Leave the control as it is: {best} has only {gain_text}{drive}{limit}")
+    return Text(f"{new}, {gain_text} within {limits}{limit}")
 
 
 def _gain_text(tuned: Tuned, gained: float) -> str:
@@ -919,10 +919,20 @@ def _change(tuned: Tuned, gained: float) -> float:
 
 
 def _new_values(tuned: Tuned) -> str:
-    """Return the first words of the recommendation, cautious if no response to a force on the table is known."""
+    """Return the new gains and the largest Ms that they give, with cautious words if no response of the table is known.
+
+    Only the parameters of the law are listed, the first `_LISTED` of them: the table has all.
+    """
+    law = {name.removeprefix("law."): value for name, value in tuned.tunables.items() if name.startswith("law.")}
+    units = {name: tree.declaration(tuned.control, f"law.{name}").unit for name in law}
+    listed = [Text(f"{name} {Quantity(rounded(value, 3), units[name]):6}") for name, value in [*law.items()][:_LISTED]]
+    further = len(tuned.tunables) - len(listed)
+    gains = joined(", ", [*listed, *([Text(f"{further} more")] if further else [])])
+    peak = max(SENSITIVITY_PEAK.value(loop) for loop in tuned.after)
     if not tuned.at_drive:
-        return "Take the new values: they"
-    return "Against a force at the drive the new values" if declared_goal(tuned).on_table else "The new values"
+        return Text(f"Take {gains}: Ms {Quantity(peak):3}")
+    what = "Against a force at the drive" if declared_goal(tuned).on_table else "The new values"
+    return Text(f"{what}: {gains} give Ms {Quantity(peak):3}")
 
 
 def _worse(tuned: Tuned) -> str:

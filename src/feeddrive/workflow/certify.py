@@ -33,7 +33,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.operating_point import OperatingPoint
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option, stem
 from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"
@@ -116,6 +116,9 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         files=files,
         rotary=loop.axis.rotary,
         page=partial(certificate_report, certificate, known, rotary=loop.axis.rotary),
+        then=""
+        if machine is None
+        else line("export", request.name, *(("--axis", request.axis) if request.axis else ()), "-t", "c"),
     )
 
 

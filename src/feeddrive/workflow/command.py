@@ -249,6 +249,11 @@ def _by_name(request: type[Request]) -> dict[str, Field]:
     return {field.name: field for field in fields_of(request)}
 
 
+def line(command: str, *words: object) -> str:
+    """Return a command line of feeddrive, quoted for a shell."""
+    return shlex.join(("feeddrive", command, *map(str, words)))
+
+
 def called(source: Any) -> str:
     """Return the display name of a source: its file, name or type; "none given" for None."""
     if source is None:
@@ -337,6 +342,7 @@ class Outcome(Generic[T]):
     failure   the reason for a negative judgment, if the verdict does not state it
     error     the error that ended the command early, if partial results are worth keeping
     page      the function that builds the command's own report, if there is one; it must be picklable
+    then      the command line to type next, with the paths of this outcome; empty if none follows
     """
 
     result: T
@@ -352,6 +358,7 @@ class Outcome(Generic[T]):
     failure: str = ""
     error: FeeddriveError | None = None
     page: Callable[[], Report] | None = None
+    then: str = ""
 
     def __post_init__(self) -> None:
         for name in ("tables", "remarks", "notes", "details"):
@@ -390,11 +397,13 @@ class Outcome(Generic[T]):
         return Units(rotary=self.turns)
 
     def written(self) -> Iterator[str]:
-        """Yield the section to paste, and the paths of the files that were written."""
+        """Yield the section to paste, the paths of the files that were written, and the command to type next."""
         if self.section:
             yield ""
             yield self.section
         yield from (f"{what}: {path}" for what, path in self.files.items())
+        if self.then:
+            yield f"Next: {self.then}"
 
     def report(self) -> Report:
         """Return the report: that of `page`, or a general one made from the outcome. No output directory is needed."""
@@ -441,6 +450,7 @@ class Outcome(Generic[T]):
             "failure": _told(self.failure, units),
             "section": self.section,
             "files": {what: str(path) for what, path in self.files.items()},
+            "next": self.then,
             "details": _recorded(self.details, units),
             "error": None if error is None else failure(error),
         }

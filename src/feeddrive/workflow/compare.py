@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import re
+import shlex
 from functools import partial
 from pathlib import Path
 
 from feeddrive.blocks.catalogue import imported
 from feeddrive.blocks.families import Law
-from feeddrive.comparison.compare import Comparison, advice, against_plain, compare_laws, noisy, standings
+from feeddrive.comparison.compare import (
+    TODAY,
+    Comparison,
+    advice,
+    against_plain,
+    best_law,
+    compare_laws,
+    noisy,
+    standings,
+)
 from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.evaluation.lineup import Lineup
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
@@ -16,7 +26,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
-from feeddrive.workflow.command import OUT, Outcome, argument, command, option, stem
+from feeddrive.workflow.command import OUT, Outcome, argument, command, line, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 TAKEN = "taken.toml"
@@ -86,7 +96,16 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         details=[*against_plain(comparison), *noisy(comparison), *refused],
         judgment=judgment,
         page=partial(comparison_report, comparison),
+        then=_next(request, files.get("Machine"), best_law(comparison)),
     )
+
+
+def _next(request: CompareRequest, machine: Path | None, best: str) -> str:
+    """Return the command that exports the machine with the chosen law, or else the one that takes the best law."""
+    axis = ("--axis", request.axis) if request.axis else ()
+    if machine is not None:
+        return line("export", machine, *axis, "-t", "c")
+    return "" if best in ("", TODAY) else f"{request.command_line('compare')} {shlex.join(('--take', best))}"
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:

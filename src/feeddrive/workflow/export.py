@@ -13,7 +13,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, line, option
 
 
 def _those(has: Callable[[Target], Any]) -> str:
@@ -83,7 +83,9 @@ def export(request: ExportRequest, progress: Progress) -> Outcome[tuple[Design, 
     remarks += [remark for _, readme in written for remark in edits_kept(readme.parent)]
     first = {f"Read first{f', axis {design.axis}' if len(designs) > 1 else ''}": readme for design, readme in written}
     judgment = next((bad for design in designs if (bad := design.judgment).bad), Judgment.EXPORTED)
-    return Outcome(designs, titles, remarks, files=first, judgment=judgment)
+    # of several axes, each has its own directory to verify
+    then = line("verify", written[0][1].parent) if TARGETS[request.target].proof is not None else ""
+    return Outcome(designs, titles, remarks, files=first, judgment=judgment, then=then)
 
 
 class VerifyRequest(Request):

@@ -33,7 +33,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, line, option
 from feeddrive.workflow.excite import WARNING
 
 T = TypeVar("T")
@@ -243,7 +243,8 @@ def _outcome(
         if played.lateness is not None:
             lines.append(f"- {_late(played.lateness)}")
         lines += [f"Log: {path}" for path in written[k : k + 1]]
-    return Outcome(result, lines, error=trouble)
+    then = line("identify", *written) if written and trouble is None else ""
+    return Outcome(result, lines, error=trouble, then=then)
 
 
 def _write(out: Path, done: Sequence[Played], called: Sequence[str]) -> list[Path]:

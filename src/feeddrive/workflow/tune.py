@@ -26,7 +26,7 @@ from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, line, option, stem
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
@@ -209,6 +209,13 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     ]
     taken = Judgment.LEAVE_CONTROL if tuned.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
     judgment = taken if tuned.holds else Judgment.DO_NOT_USE_TUNING
+    written, told = files.get("Machine"), request.source if isinstance(request.source, str | Path) else None
+    then = ""
+    if written is not None:
+        then = line("export", written, *(("--axis", request.axis) if request.axis else ()), "-t", "c")
+    # with these limits nothing is gained by other gains of this law: another law may gain something
+    elif told is not None and machine_of(told) is not None:
+        then = line("compare", told, *(("--axis", request.axis) if request.axis else ()))
     return Outcome(
         tuned,
         shown[:first],
@@ -220,6 +227,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         failure=judgment.says if judgment.bad else "",
         rotary=story.rotary,
         page=partial(tuned_report, tuned, story),
+        then=then,
     )
 
 
