@@ -843,7 +843,8 @@ def recommendation(tuned: Tuned) -> str:
         return Text(f"Do not use this tuning: {failed[0].what} does not hold ({failed[0].text}).")
     worse = _worse(tuned)
     advised = Text(f"{_advised(tuned)}{f'; worse: {worse}' if worse else ''}.")
-    return joined(" ", filter(None, (advised, _of_the_velocity_loop(tuned)))) + _of_the_table(tuned)
+    # a loop that rings in manual mode is a reason not to take the gains: it comes before them
+    return joined(" ", filter(None, (_of_the_velocity_loop(tuned), advised))) + _of_the_table(tuned)
 
 
 def _of_the_velocity_loop(tuned: Tuned) -> str:
