@@ -215,7 +215,7 @@ def stray_remarks(where: str, values: np.ndarray, stray: np.ndarray, unit: str) 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): valid only for a white residual of constant variance."""
     n, p = columns.shape
-    return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
+    return float(residual @ residual) / max(n - p, 1) * inverse_gram(columns)
 
 
 def robust_covariance(
@@ -246,7 +246,7 @@ def robust_covariance(
 
 def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return the influence of each sample on each parameter, in units of the estimates, shape (rows, p)."""
-    inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
+    inverse = inverse_gram(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
 
@@ -307,7 +307,8 @@ def errors(covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def _inverse(columns: np.ndarray) -> np.ndarray:
+def inverse_gram(columns: np.ndarray) -> np.ndarray:
+    """Return (XᵀX)⁻¹."""
     # columns of unit size: a mass in kg and a friction in N differ by powers of ten
     sizes = np.linalg.norm(columns, axis=0)
     scaled = columns / sizes

@@ -16,7 +16,7 @@ from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.motion import control_law
 from feeddrive.identification.motion.control_law import ControlFit, LawCheck
-from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked, count_of, drawn, prepare
+from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
@@ -392,7 +392,7 @@ def identify_motion(
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
-    rigid = _rigid(log, friction, how, stated + late)
+    rigid = identify_rigid(log, friction=friction, how=_fixed(how, stated + late), dead_time=delay.dead_time)
     if log.frame is SHAFT:
         doubt = _doubt(log, rigid, remarks)
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
@@ -415,12 +415,10 @@ def identify_motion(
         late = beyond(delay, stated)
     elif refinement is not None:
         late = refinement.delay
-    if late:
-        rigid = _rigid(log, friction, how, stated + late)
     if refinement is not None:
-        refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late), remarks)
+        refinement = better(log, rigid, refinement, rigid.how, remarks)
     if refinement is not None and (rigid.left > POOR or rigid.changed):
-        rigid = with_counts(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late))
+        rigid = with_counts(log, rigid, refinement, rigid.how)
     if refinement is None and loop is not None and start is not None:
         loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):
@@ -561,9 +559,9 @@ _SHAFT = "the log is that of a shaft and no lead is given: the result stays in N
 _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
 
 
-def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """Fit the inverse dynamics, by default with a delay of the force of `delay` samples in addition to its hold."""
-    return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
+def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
+    """Return the caller's preparation with this dead time added, in samples; without one it is fitted (None)."""
+    return None if how is None else replace(how, delay=how.delay + dead_time)
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:

@@ -332,7 +332,7 @@ def _counted(loop: Loop, count: float) -> tuple[Loop, dict[str, float]]:
 # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 HOLD = 0.5
 _LEAST_ROWS = 40
-_REST = 5e-3  # share of the largest speed below which the axis counts as at rest
+REST = 5e-3  # share of the largest speed below which the axis counts as at rest
 _ORDER = 8  # of the decimating low pass
 _ENDS = 3 * _ORDER  # samples by which it extends both ends
 _SMEARED = 0.01  # of a step: what the low pass of the position may still show of a stop in a sample that counts
@@ -352,6 +352,7 @@ class Preparation:
     skip_end     samples left out at the end; None: as many as at the start
     reversals    True to keep rows at rest and within one decimated step of a reversal, where the sign of friction is
                  undefined
+    rest         share of the largest speed below which the axis counts as at rest
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
     balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
@@ -366,6 +367,7 @@ class Preparation:
     skip: int | None = None
     skip_end: int | None = None
     reversals: bool = False
+    rest: float = REST
 
 
 # The preparation of Janot, Gautier & Brunot 2019.  A force is assumed to act at its sample instant, not over the time
@@ -405,9 +407,13 @@ class Prepared:
         """Return another force, sampled like the log, in these rows, after a delay of `delay` samples."""
         return self.reduced(delayed(force, delay))
 
+    def differenced(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return velocity and acceleration of another position, filtered like that of the log, at each sample."""
+        return _differenced(position, self.cutoff, self.sample_time, self.how)
+
     def errors(self, position: np.ndarray) -> np.ndarray:
         """Return the effect of position errors (m, one per sample) on acceleration and velocity, shape (2, n)."""
-        velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
+        velocity, acceleration = self.differenced(position)
         return self.reduced(np.array([acceleration, velocity]))
 
 
@@ -438,7 +444,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     places = skip + kept(samples, factor)
     stretches: tuple[slice, ...] = (rows,)
     if not how.reversals:
-        stretches = _stretches(velocity, slice(*rows.indices(velocity.size)), reach(cutoff * T))
+        stretches = _stretches(velocity, slice(*rows.indices(velocity.size)), reach(cutoff * T), how.rest)
         within = np.zeros(velocity.size, dtype=bool)
         for stretch in stretches:
             within[stretch] = True
@@ -465,9 +471,9 @@ def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) 
     return velocity, acceleration
 
 
-def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:
+def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float) -> tuple[slice, ...]:
     """Return the ranges of samples in motion, at least `reach` samples from each rest and long enough to filter."""
-    moves = np.abs(velocity) > _REST * np.max(np.abs(velocity))
+    moves = np.abs(velocity) > rest * np.max(np.abs(velocity))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))
     stretches = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -581,6 +587,22 @@ def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray
         raise LogError(
             f"the log has {values.shape[-1]} samples; its filter needs more than {ends}: record a longer one"
         )
-    from scipy.signal import sosfiltfilt  # takes a second to import
+    from scipy.signal import sosfilt  # takes a second to import
 
-    return sosfiltfilt(sections, values, padlen=ends)
+    # `sosfiltfilt` with its states at rest computed once, not for each stretch
+    begin = 2.0 * values[..., :1] - values[..., ends:0:-1]
+    end = 2.0 * values[..., -1:] - values[..., -2 : -ends - 2 : -1]
+    extended = np.concatenate([begin, values, end], axis=-1)
+    rest = _at_rest(sections.tobytes(), len(sections))
+    rest = rest.reshape(len(sections), *(1,) * (values.ndim - 1), 2)
+    for _ in range(2):
+        extended = np.asarray(sosfilt(sections, extended, zi=rest * extended[..., :1])[0])[..., ::-1]
+    return extended[..., ends:-ends]
+
+
+@lru_cache(maxsize=64)
+def _at_rest(sections: bytes, count: int) -> np.ndarray:
+    """Return the states of second-order sections at a constant input of 1, shape (sections, 2)."""
+    from scipy.signal import sosfilt_zi  # takes a second to import
+
+    return np.asarray(sosfilt_zi(np.frombuffer(sections).reshape(count, 6)))

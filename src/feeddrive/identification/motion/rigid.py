@@ -1,6 +1,8 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -34,6 +36,21 @@ LEAST_INDEPENDENT = 0.02  # share of a column's size that the other columns must
 # bounded as in Andrews' rule: near 1 the recolored covariance would grow without limit
 MOST_MEMORY = 0.97
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
+# s: time constants of the low passes through which the set motion serves as instruments. They span the following
+# errors of position loops of some 5 to 100 1/s; more of them would bring the bias of least squares back
+FILTERED = (0.0, 8e-3, 30e-3, 0.1)
+_RANK = 1e-8  # of the largest eigenvalue: instruments that are alike beyond this are one
+BLOCKS = 10  # of rows, each predicted from the others: each is longer than the memory of a disturbance
+_STRONG = 10.0  # F of the first stage below which instruments are weak (Staiger & Stock 1997)
+_MOST_CONDITION = 1e12  # of the projected columns: beyond it rounding decides
+_LATEST_DOUBT = 5.0  # samples: what weak instruments may say about a delay is bounded by what delays are
+_TURNS = 8  # steps of Gauss-Newton to the dead time
+_SETTLED = 0.02  # samples: the slope of the force is the same over such a step
+_LARGEST_STEP = 2.0  # samples: over more the force is not straight
+# classes of speed, as shares of the largest, from the fast to the slow: the width of a Stribeck curve is unknown
+_SLOW = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015, 0.01, 0.005)
+_PASSAGES = 4  # through a class of speed: fewer show no scatter
+_DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +62,10 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
+    dead_time   samples from the logged force to its effect, besides the hold; its error is 0 if it was not fitted
+    how         the preparation of the rows, with the delay of the fit
+    instruments True if the set motion served as instruments: the values are then free of the errors that counts and
+                the reaction of the control to disturbances cause
     """
 
     name: str
@@ -56,7 +77,15 @@ class RigidFit(Result):
     criterion: dict[str, float]
     time: np.ndarray
     frame: Frame
+    dead_time: Estimate
+    how: Preparation
+    instruments: bool = False
     counts: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def slowest(self) -> float:
+        """The speed below which rows were left out, since friction is not Coulomb plus viscous there; 0: none."""
+        return self.how.rest if self.how.rest > motion_log.REST else 0.0
 
     @property
     def left(self) -> float:
@@ -129,28 +158,46 @@ class RigidFit(Result):
 
 
 def identify_rigid(
-    log: MotionLog, *, friction: str = "best", how: Preparation | None = None, folds: int = 5
+    log: MotionLog,
+    *,
+    friction: str = "best",
+    how: Preparation | None = None,
+    folds: int = 5,
+    dead_time: float | None = None,
 ) -> RigidFit:
-    """Identify mass, friction and offset of a rigid drive by least squares on its inverse dynamics.
+    """Identify mass, friction, offset and dead time of a rigid drive from its inverse dynamics.
 
         symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
 
-    friction  "symmetric", "directional", or "best": the one with the lower information criterion
-    how       filters and delays; default: `Preparation()`
-    folds     number of stretches in the cross-validation, each predicted by a fit of the others
+    friction   "symmetric", "directional", or "best": the one with the lower information criterion
+    how        filters and delays; the delay is then taken as it stands.  Default: `Preparation()`, with the dead time
+               as one more unknown, since a wrong one would spoil viscous friction
+    folds      number of stretches in the cross-validation, each predicted by a fit of the others
+    dead_time  samples besides the hold, from which its search starts; default: 0
+
+    With a set position the set motion serves as instruments (two-stage least squares): errors of the readings, and the
+    reaction of the control to a disturbance, are not correlated with it.  Without one the values are least squares.
 
     Standard errors are robust; those for a white residual are also returned.  Not suitable for an axis with significant
     elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
     Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
-    Source: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold.
+    Sources: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold; Young 2011 for
+    instruments from the reference of a closed loop.
     """
     if friction not in (*FRICTIONS, "best"):
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
-    rows = motion_log.prepare(log, how or Preparation())
+    start = how or Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
+    rows = motion_log.prepare(log, start)
     check_motion(log.name, rows.velocity, log.frame)
+    instruments = None
+    if how is None:
+        instruments = instruments_of(log, rows)
+        faster = _without_slow_rows(log, rows, instruments)
+        if faster is not rows:
+            rows, instruments = faster, instruments_of(log, faster)
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
-    fits = [_fit(log, rows, model, folds) for model in models]
+    fits = [_fit(log, rows, instruments, model, folds, free=how is None) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
@@ -166,47 +213,226 @@ def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     return np.column_stack([columns[name] for name in NAMES[friction]])
 
 
-def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
+@dataclass(frozen=True)
+class _Solved:
+    """A solution of the inverse dynamics: values of the columns, and the delay of the force in samples.
+
+    columns    what the values multiply; with `free`, the last one is minus the slope of the force over the delay
+    projected  the columns as far as the instruments explain them, shape (n, p)
+    residual   force - columns · values, shape (n,)
+    doubt      samples by which weak instruments disagree with the delay of least squares
+    """
+
+    values: np.ndarray
+    delay: float
+    columns: np.ndarray
+    projected: np.ndarray
+    force: np.ndarray
+    free: bool
+    instrumented: bool
+    doubt: float = 0.0
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.force - self.columns @ self.values
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """The robust covariance; a doubt about the delay is an error of it, and of all that moves with it."""
+        plain = covariance_of(self.projected, self.residual)
+        if not self.doubt:
+            return plain
+        along = regression.inverse_gram(self.columns)[:, -1]
+        moved = self.doubt * along / along[-1]
+        return plain + np.outer(moved, moved)
+
+
+def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
+    """Return instruments in these rows, columns of unit size, shape (n, q); None without a set position.
+
+    They are the set velocity in each direction, the set acceleration and the set jerk, each through the low passes of
+    `FILTERED`, which span the usual answers of a position loop, and the two directions of motion.
+    """
+    if log.set_position is None:
+        return None
+    from scipy.signal import lfilter  # takes a second to import
+
+    velocity, acceleration = rows.differenced(log.set_position)
+    motion = np.array([velocity, acceleration, motion_log.central_difference(acceleration, log.sample_time)])
+    forward = rows.filtered > 0.0
+    signals = [forward.astype(float), (~forward).astype(float)]
+    for constant in FILTERED:
+        memory = np.exp(-log.sample_time / constant) if constant else 0.0
+        v, a, j = np.asarray(lfilter([1.0 - memory], [1.0, -memory], motion))
+        signals += [v * forward, v * ~forward, a, j]
+    columns = rows.reduced(np.array(signals)).T
+    sizes = np.linalg.norm(columns, axis=0)
+    return columns[:, sizes > 0.0] / sizes[sizes > 0.0]
+
+
+def _projected(columns: np.ndarray, instruments: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the columns as far as instruments predict them in rows of which the prediction does not know.
+
+        X̂(block) = Z(block) (Z'Z)⁻¹ Z'X of the other blocks,   projected = X̂ (X̂'X̂)⁻¹ X̂'X
+
+    A prediction from the same rows would hold a part q / n of their noise, and so of the bias of least squares.
+    Returned with True if the instruments are strong: F = R² / (1 - R²) (n - p) > `_STRONG` for each column beside the
+    others; weak instruments are no better than least squares, whose columns are returned where none are left.
+    Sources: Angrist, Imbens & Krueger 1999 (jackknife instruments; here by blocks, since noise has a memory);
+    Staiger & Stock 1997.
+    """
+    n, p = columns.shape
+    edges = np.linspace(0, n, BLOCKS + 1).astype(int)
+    blocks = [slice(int(begin), int(end)) for begin, end in pairwise(edges)]
+    grams = [(instruments[b].T @ instruments[b], instruments[b].T @ columns[b]) for b in blocks]
+    whole = sum(gram for gram, _ in grams), sum(right for _, right in grams)
+    # instruments that are nearly alike share what they explain
+    ridge = _RANK * np.eye(instruments.shape[1])
+    predicted = np.concatenate(
+        [
+            instruments[b] @ np.linalg.solve(whole[0] - gram + ridge, whole[1] - right)
+            for b, (gram, right) in zip(blocks, grams, strict=True)
+        ]
+    )
+    sizes = np.linalg.norm(predicted, axis=0)
+    if np.any(sizes == 0.0):
+        return columns, False
+    basis, triangle = np.linalg.qr(predicted / sizes)
+    if np.min(np.abs(np.diag(triangle))) < _RANK:
+        return columns, False
+    kept = basis @ (basis.T @ columns)
+    gram = (kept / np.linalg.norm(columns, axis=0)).T @ (kept / np.linalg.norm(columns, axis=0))
+    if np.linalg.cond(gram) > _MOST_CONDITION:
+        return columns, False
+    full, part = (np.diag(regression.inverse_gram(x)) for x in (columns, kept))
+    share = np.clip(full / part, 0.0, 1.0 - 1e-12)
+    return kept, bool(np.all(share / (1.0 - share) * (n - p) > _STRONG))
+
+
+def _solve(
+    log: MotionLog,
+    rows: Prepared,
+    columns: np.ndarray,
+    delay: float,
+    *,
+    free: bool,
+    instruments: np.ndarray | None,
+    used: slice = slice(None),
+) -> _Solved:
+    """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
+    begin, columns = delay, columns[used]
+    instruments = None if instruments is None else instruments[used]
+    for turn in range(_TURNS):
+        shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
+        forces = rows.reduced(np.array([motion_log.delayed(log.force, delay + shift) for shift in shifts]))[:, used]
+        force, wide = forces[len(forces) // 2], columns
+        if free:
+            slope = 0.5 * (forces[2] - forces[0])
+            # a motion of one frequency: a delay cannot be told from less mass and more damping
+            if not np.any(slope) or _left(np.linalg.qr(columns)[0], slope) < LEAST_INDEPENDENT:
+                free = False
+            else:
+                wide = np.column_stack([columns, -slope])
+        strong, projected, doubt = True, wide, 0.0
+        if instruments is not None:
+            projected, strong = _projected(wide, instruments)
+        values = np.linalg.lstsq(projected, force, rcond=None)[0]
+        if not strong:
+            weak, projected = values, wide
+            values = np.linalg.lstsq(wide, force, rcond=None)[0]
+            doubt = float(np.clip(weak[-1] - values[-1], -_LATEST_DOUBT, _LATEST_DOUBT)) if free else 0.0
+        step = float(values[-1]) if free else 0.0
+        if abs(step) < _SETTLED or turn == _TURNS - 1:
+            break
+        delay += float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+        if abs(delay - motion_log.HOLD) > REACH:
+            # no minimum nearby: the delay of the caller is as good as any
+            return _solve(log, rows, columns, begin, free=False, instruments=instruments, used=used)
+    return _Solved(values, delay, wide, projected, force, free, strong and instruments is not None, doubt)
+
+
+def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> Prepared:
+    """Return the rows without those near standstill if friction there deviates from Coulomb plus viscous friction.
+
+    From `_SLOW[0]` of the largest speed downwards each class of speeds is predicted by a fit of the faster rows. The
+    signed residual is averaged over each passage through the class; the first class whose mean over the passages is
+    beyond `_DEVIATES` standard errors ends the search, and all rows slower than its upper bound are left out.
+    """
+    speed = np.abs(rows.velocity)
+    top = float(np.max(np.abs(rows.filtered)))
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns != 0.0, axis=0)]
+    how, force = rows.how, None
+    for faster, slower in pairwise(_SLOW):
+        above = speed >= faster * top
+        within = (speed >= slower * top) & ~above
+        if np.count_nonzero(above) < 4 * columns.shape[1] or np.count_nonzero(within) < 2 * _PASSAGES:
+            continue
+        if force is None:
+            force = _solve(log, rows, columns, how.delay, free=True, instruments=instruments).force
+        used = columns[above]
+        if np.linalg.matrix_rank(used / np.maximum(np.linalg.norm(used, axis=0), 1e-300), tol=1e-3) < used.shape[1]:
+            continue
+        values = np.linalg.lstsq(used, force[above], rcond=None)[0]
+        signed = np.sign(rows.velocity) * (force - columns @ values)
+        passages = [signed[run].mean() for run in _runs(within)]
+        if len(passages) < _PASSAGES:
+            continue
+        error = float(np.std(passages, ddof=1)) / np.sqrt(len(passages))
+        if abs(float(np.mean(passages))) > _DEVIATES * error:
+            try:
+                return motion_log.prepare(log, replace(how, rest=faster))
+            except NotIdentifiableError:
+                return rows
+    return rows
+
+
+def _runs(flags: np.ndarray) -> list[slice]:
+    """Return the ranges of successive true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _fit(
+    log: MotionLog, rows: Prepared, instruments: np.ndarray | None, friction: str, folds: int, *, free: bool
+) -> RigidFit:
     names, columns = NAMES[friction], columns_of(rows, friction)
     check_columns(log.name, columns, names)
-    values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
-    residual = rows.force - columns @ values
-    counted, shifts = _with_counts(log, rows, columns, values, friction)
-    size = float(np.sqrt(np.mean(rows.force**2)))
+    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments)
+    p = len(names)
+    values, residual, force = solved.values[:p], solved.residual, solved.force
+    counted, shifts = _with_counts(log, rows, solved, friction)
+    size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error
-    robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
+    robust = solved.covariance + np.outer(shifts, shifts)
+    ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
     units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
     estimates = tuple(
-        Estimate(*row)
-        for row in zip(
-            names,
-            values,
-            units,
-            regression.errors(robust),
-            regression.errors(regression.ols_covariance(columns, residual)),
-            strict=True,
-        )
+        Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
     )
     check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
+    late, _ = _dead_time(solved)
+    error, white = (float(regression.errors(robust)[-1]), float(ols[-1])) if solved.free else (0.0, 0.0)
     return RigidFit(
         name=log.name,
         friction=friction,
         estimates=estimates,
-        covariance=robust,
-        residuals=Residuals(residual, rows.force, float(np.linalg.cond(columns)), frame.force),
-        validation=regression.cross_validated(columns, rows.force, folds, frame.force),
-        criterion={friction: regression.information(residual, len(names))},
+        covariance=robust[:p, :p],
+        residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
+        validation=regression.cross_validated(columns, force, folds, frame.force),
+        criterion={friction: regression.information(residual, p)},
         time=rows.time,
         frame=frame,
+        dead_time=Estimate("dead_time", late, "samples", error, white),
+        how=replace(rows.how, delay=motion_log.HOLD + late),
+        instruments=solved.instrumented,
         # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
     )
 
 
-def _with_counts(
-    log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
-) -> tuple[float, np.ndarray]:
+def _with_counts(log: MotionLog, rows: Prepared, solved: _Solved, friction: str) -> tuple[float, np.ndarray]:
     """Return the RMS residual due to quantization, and the bias of each value; 0 if readings are not quantized.
 
     A second quantization is simulated by adding uniformly distributed errors to the readings; its effect on the columns
@@ -215,7 +441,7 @@ def _with_counts(
     """
     count, names = motion_log.count_of(log.position), NAMES[friction]
     if count == 0.0:
-        return 0.0, np.zeros(len(names))
+        return 0.0, np.zeros(solved.values.size)
     # a fixed seed: the same log gives the same errors
     random = np.random.default_rng(0)
     ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
@@ -228,8 +454,13 @@ def _with_counts(
                 for name in names
             ]
         )
-        residuals.append(np.mean((noise @ values) ** 2))
-        shifts.append(np.linalg.lstsq(columns + noise, rows.force, rcond=None)[0] - values)
+        if solved.free:
+            # the slope of the force holds no reading
+            noise = np.column_stack([noise, np.zeros(noise.shape[0])])
+        residuals.append(np.mean((noise @ solved.values) ** 2))
+        # the projected columns span what the instruments explain, and are the columns without instruments
+        inner = solved.projected if solved.instrumented else solved.columns + noise
+        shifts.append(np.linalg.solve(inner.T @ (solved.columns + noise), inner.T @ solved.force) - solved.values)
     return float(np.sqrt(np.mean(residuals))), np.sqrt(np.mean(np.square(shifts), axis=0))
 
 
@@ -320,6 +551,7 @@ LATEST = 5e-3  # s: a force that acts later than that does not belong to this cl
 CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better one counts as certain
 # s: unknown forces and counts shift the delay of a closed loop by as much
 _EARLY = 1e-3
+_CERTAIN = 4.0  # joint standard errors by which the delays of two halves differ if the clocks drift
 _DRIFT = 2  # times that, and samples, by which the delays of the two halves of a log differ if they drift
 
 
@@ -399,17 +631,42 @@ def find_delay(
     # the force is shifted and not the motion, so that the columns and their factorization serve all delays
     forces = base.reduced(np.array([motion_log.delayed(log.force, motion_log.HOLD + d) for d in delays]))
     residual = np.array([_left(basis, force) for force in forces])
-    best = int(np.argmin(residual))
     _check_slope(log, basis, forces, residual)
+    instruments = instruments_of(log, base)
+    if instruments is not None and _projected(columns, instruments)[1]:
+        # what the set motion explains of the force holds no reaction of the control to a disturbance
+        residual = _explained_left(columns, forces, instruments)
+    best = int(np.argmin(residual))
     if clocks:
         _check(log, int(delays[best]), delays, residual)
-        _check_drift(log, columns, forces, delays)
-    slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
-    # negative: a later force is the force less its slope times the delay
-    wide = np.column_stack([columns, -slope])
-    values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
-    error = float(regression.errors(covariance_of(wide, forces[best] - wide @ values))[-1])
-    return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
+
+        def dead_time_in(part: slice, delay: int) -> tuple[float, float]:
+            kept = columns[:, np.any(columns[part] != 0.0, axis=0)]
+            start = motion_log.HOLD + delay
+            return _dead_time(_solve(log, base, kept, start, free=True, instruments=instruments, used=part))
+
+        _check_drift(log, columns, forces, delays, instruments, dead_time_in)
+    start = motion_log.HOLD + float(delays[best])
+    solved = _solve(log, base, columns, start, free=True, instruments=instruments)
+    late, error = _dead_time(solved)
+    return DelayFit(log.name, late, error, delays, residual, log.sample_time)
+
+
+def _dead_time(solved: _Solved) -> tuple[float, float]:
+    """Return the dead time in samples besides the hold, with its standard error; 0 if the delay was not free."""
+    late = solved.delay - motion_log.HOLD
+    if not solved.free:
+        return late, 0.0
+    return late + float(solved.values[-1]), float(regression.errors(solved.covariance)[-1])
+
+
+def _explained_left(columns: np.ndarray, forces: np.ndarray, instruments: np.ndarray) -> np.ndarray:
+    """Return the relative residual of each force, shape (m,), in what the instruments explain of it."""
+    u, s, _ = np.linalg.svd(instruments, full_matrices=False)
+    basis = u[:, s > np.sqrt(_RANK) * s[0]]
+    inner, explained = np.linalg.qr(basis.T @ columns)[0], forces @ basis
+    off = explained - (explained @ inner) @ inner.T
+    return np.linalg.norm(off, axis=1) / np.maximum(np.linalg.norm(explained, axis=1), np.finfo(float).tiny)
 
 
 def _left(basis: np.ndarray, force: np.ndarray) -> float:
@@ -481,11 +738,24 @@ def _trails(log: MotionLog) -> bool:
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
-def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays: np.ndarray) -> None:
-    """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks."""
+def _check_drift(
+    log: MotionLog,
+    columns: np.ndarray,
+    forces: np.ndarray,
+    delays: np.ndarray,
+    instruments: np.ndarray | None,
+    dead_time_in: Callable[[slice, int], tuple[float, float]],
+) -> None:
+    """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks.
+
+    dead_time_in  dead time and its error (samples) in some rows, searched from a delay
+    """
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))
-    left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
+    if instruments is None:
+        left = [np.array([_left(np.linalg.qr(columns[h])[0], force[h]) for force in forces]) for h in halves]
+    else:
+        left = [_explained_left(columns[h], forces[:, h], instruments[h]) for h in halves]
     first, second = (int(np.argmin(residual)) for residual in left)
     other = left[0][second], left[1][first]
     least = left[0][first], left[1][second]
@@ -493,7 +763,13 @@ def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays
         lowest < CLEAR * at and at - lowest > _rough(residual)
         for lowest, at, residual in zip(least, other, left, strict=True)
     )
-    if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
+    if not sure or abs(second - first) < _DRIFT * max(1.0, _EARLY / log.sample_time):
+        return
+    (early, before), (late, after) = (
+        dead_time_in(h, int(delays[place])) for place, h in zip((first, second), halves, strict=True)
+    )
+    # a disturbance that the control answers scatters the delay of a half
+    if abs(late - early) > _CERTAIN * np.hypot(before, after):
         raise NotIdentifiableError(
             f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "
             f"first half of the log and {delays[second]} in the second; record both channels with one recorder"
