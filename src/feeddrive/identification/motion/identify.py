@@ -424,7 +424,7 @@ def identify_motion(
         if is_richer(start.axis):
             loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
         loop = later(loop, late)
-    remarks += [*_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
+    remarks += [*log.hints(), *_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
@@ -567,6 +567,23 @@ def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
 def _about(rigid: RigidFit, late: int) -> list[str]:
     """Return remarks on the validity of the standard errors and the model."""
     remarks: list[str] = []
+    pulses = rigid.left_out.get("pulse", 0)
+    if pulses:
+        remarks.append(
+            Text(
+                f"a force that the model does not hold acts for short times: {pulses} rows, "
+                f"{Quantity(pulses / (pulses + rigid.residuals.values.size), 'share'):2} of those in motion, are left "
+                "out; name its column if it was recorded"
+            )
+        )
+    if rigid.slowest:
+        remarks.append(
+            Text(
+                f"below {Quantity(rigid.slowest, 'share'):2} of the largest speed friction is not Coulomb plus viscous "
+                "friction, and these rows are left out: the levels are those of faster motion; runs at constant speeds "
+                "show the rest (feeddrive friction)"
+            )
+        )
     if late:
         remarks.append(f"the force acts {late} samples later than stated; that is taken into account")
     if not rigid.residuals.white:

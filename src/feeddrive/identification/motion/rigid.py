@@ -1,7 +1,7 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Self
 
@@ -18,7 +18,7 @@ from feeddrive.identification.motion.motion_log import MotionLog, Preparation, P
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 
 # by structure alone: the columns are traced, so that the values do not matter
@@ -50,6 +50,10 @@ _LARGEST_STEP = 2.0  # samples: over more the force is not straight
 # classes of speed, as shares of the largest, from the fast to the slow: the width of a Stribeck curve is unknown
 _SLOW = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015, 0.01, 0.005)
 _PASSAGES = 4  # through a class of speed: fewer show no scatter
+_PULSE = 6.0  # robust standard deviations: a normal residual exceeds them once in 5e8 rows
+_PULSE_SPREAD = 2  # rows to both sides of a pulse that go with it
+_PULSE_TURNS = 4  # fits without the pulses found so far
+_MOST_PULSES = 0.4  # of the rows: what acts in more of them is no pulse
 _DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
 
 
@@ -66,6 +70,7 @@ class RigidFit(Result):
     how         the preparation of the rows, with the delay of the fit
     instruments True if the set motion served as instruments: the values are then free of the errors that counts and
                 the reaction of the control to disturbances cause
+    left_out    rows that do not count, by cause (`motion_log.CAUSES`)
     """
 
     name: str
@@ -80,6 +85,7 @@ class RigidFit(Result):
     dead_time: Estimate
     how: Preparation
     instruments: bool = False
+    left_out: Mapping[str, int] = field(default_factory=dict[str, int])
     counts: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -111,6 +117,20 @@ class RigidFit(Result):
             f"{Quantity(self.validation.relative, 'share'):3}"
         )
         return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
+
+    def rows_table(self) -> Table:
+        """Return a table of the rows that count and of those that do not, with the cause and what would help."""
+        count = self.residuals.values.size
+        whole = max(count + sum(self.left_out.values()), 1)
+        rows: list[list[Cell]] = [["used", count, count / whole, ""]]
+        rows += [
+            [motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]]
+            for cause, left in self.left_out.items()
+            if left
+        ]
+        return Table(
+            "rows of the log that count", ["rows", "number", Column("share", "share", "3"), "what helps"], rows
+        )
 
     def at_table(self, lead: float, gear: float = 1.0) -> Self:
         """Return the drive in kg and N at a table with a screw of `lead` (m) and `gear` motor turns per screw turn."""
@@ -197,7 +217,8 @@ def identify_rigid(
         if faster is not rows:
             rows, instruments = faster, instruments_of(log, faster)
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
-    fits = [_fit(log, rows, instruments, model, folds, free=how is None) for model in models]
+    used = np.ones(rows.time.size, bool) if how is not None else _without_pulses(log, rows, instruments)
+    fits = [_fit(log, rows, used, instruments, model, folds, free=how is None) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
@@ -317,7 +338,7 @@ def _solve(
     *,
     free: bool,
     instruments: np.ndarray | None,
-    used: slice = slice(None),
+    used: slice | np.ndarray = slice(None),
 ) -> _Solved:
     """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
     begin, columns = delay, columns[used]
@@ -387,6 +408,34 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
     return rows
 
 
+def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> np.ndarray:
+    """Return a mask of the rows without those in which an unknown force acts for a short time.
+
+    Such a row leaves more than `_PULSE` robust standard deviations, 1.4826 · median |r - median r|; its neighbors,
+    whose windows see the force, go with it. The fit is repeated without them until no more are found. If more than
+    `_MOST_PULSES` of the rows would go, it is no pulse but the usual residual, and all rows count.
+    """
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns != 0.0, axis=0)]
+    everything = np.ones(rows.time.size, bool)
+    used = everything
+    for _ in range(_PULSE_TURNS):
+        if np.any(np.all(columns[used] == 0.0, axis=0)):
+            return everything
+        solved = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
+        left = rows.force_with(log.force, solved.delay) - columns @ solved.values[: columns.shape[1]]
+        away = np.abs(left - np.median(left[used]))
+        far = away > _PULSE * 1.4826 * float(np.median(away[used]))
+        # a row on both sides: the decimating low pass spreads a pulse by some 10 ms
+        near = np.convolve(far, np.ones(2 * _PULSE_SPREAD + 1), "same") > 0.0
+        if np.mean(near) > _MOST_PULSES:
+            return everything
+        if np.array_equal(~near, used):
+            break
+        used = ~near
+    return used
+
+
 def _runs(flags: np.ndarray) -> list[slice]:
     """Return the ranges of successive true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
@@ -394,14 +443,22 @@ def _runs(flags: np.ndarray) -> list[slice]:
 
 
 def _fit(
-    log: MotionLog, rows: Prepared, instruments: np.ndarray | None, friction: str, folds: int, *, free: bool
+    log: MotionLog,
+    rows: Prepared,
+    used: np.ndarray,
+    instruments: np.ndarray | None,
+    friction: str,
+    folds: int,
+    *,
+    free: bool,
 ) -> RigidFit:
     names, columns = NAMES[friction], columns_of(rows, friction)
-    check_columns(log.name, columns, names)
-    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments)
+    check_columns(log.name, columns[used], names)
+    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments, used=used)
+    columns = columns[used]
     p = len(names)
     values, residual, force = solved.values[:p], solved.residual, solved.force
-    counted, shifts = _with_counts(log, rows, solved, friction)
+    counted, shifts = _with_counts(log, rows, used, solved, friction)
     size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error
     robust = solved.covariance + np.outer(shifts, shifts)
@@ -422,17 +479,20 @@ def _fit(
         residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
         validation=regression.cross_validated(columns, force, folds, frame.force),
         criterion={friction: regression.information(residual, p)},
-        time=rows.time,
+        time=rows.time[used],
         frame=frame,
         dead_time=Estimate("dead_time", late, "samples", error, white),
         how=replace(rows.how, delay=motion_log.HOLD + late),
         instruments=solved.instrumented,
+        left_out=rows.left_out | {"pulse": int(np.sum(~used))},
         # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
     )
 
 
-def _with_counts(log: MotionLog, rows: Prepared, solved: _Solved, friction: str) -> tuple[float, np.ndarray]:
+def _with_counts(
+    log: MotionLog, rows: Prepared, used: np.ndarray, solved: _Solved, friction: str
+) -> tuple[float, np.ndarray]:
     """Return the RMS residual due to quantization, and the bias of each value; 0 if readings are not quantized.
 
     A second quantization is simulated by adding uniformly distributed errors to the readings; its effect on the columns
@@ -444,10 +504,11 @@ def _with_counts(log: MotionLog, rows: Prepared, solved: _Solved, friction: str)
         return 0.0, np.zeros(solved.values.size)
     # a fixed seed: the same log gives the same errors
     random = np.random.default_rng(0)
-    ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
+    velocity = rows.velocity[used]
+    ways = {"viscous_positive": velocity > 0.0, "viscous_negative": velocity < 0.0}
     residuals, shifts = [], []
     for _ in range(_DRAWN):
-        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))
+        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))[:, used]
         noise = np.column_stack(
             [
                 changes if name == "mass" else slow * ways.get(name, 1.0) if name.startswith("viscous") else 0.0 * slow
@@ -637,18 +698,18 @@ def find_delay(
         # what the set motion explains of the force holds no reaction of the control to a disturbance
         residual = _explained_left(columns, forces, instruments)
     best = int(np.argmin(residual))
+
+    def dead_time_in(part: slice | np.ndarray, delay: int) -> tuple[float, float]:
+        kept = columns[:, np.any(columns[part] != 0.0, axis=0)]
+        start = motion_log.HOLD + delay
+        return _dead_time(_solve(log, base, kept, start, free=True, instruments=instruments, used=part))
+
     if clocks:
-        _check(log, int(delays[best]), delays, residual)
-
-        def dead_time_in(part: slice, delay: int) -> tuple[float, float]:
-            kept = columns[:, np.any(columns[part] != 0.0, axis=0)]
-            start = motion_log.HOLD + delay
-            return _dead_time(_solve(log, base, kept, start, free=True, instruments=instruments, used=part))
-
+        # with all rows: clocks that differ leave a residual that looks like pulses
+        _check(log, int(delays[best]), delays, residual, dead_time_in(slice(None), int(delays[best]))[1])
         _check_drift(log, columns, forces, delays, instruments, dead_time_in)
-    start = motion_log.HOLD + float(delays[best])
-    solved = _solve(log, base, columns, start, free=True, instruments=instruments)
-    late, error = _dead_time(solved)
+    # an unknown force of short duration is no evidence of a delay
+    late, error = dead_time_in(_without_pulses(log, base, instruments), int(delays[best]))
     return DelayFit(log.name, late, error, delays, residual, log.sample_time)
 
 
@@ -696,12 +757,14 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
         )
 
 
-def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
+def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray, error: float = 0.0) -> None:
+    """Raise NotIdentifiableError for a delay that no drive has; `error`: its standard error in samples."""
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
     # otherwise there is no evidence for a delay other than 0
     clear = float(np.min(residual)) < CLEAR * at_zero and at_zero - float(np.min(residual)) > _rough(residual)
-    late = best * log.sample_time > LATEST
-    early = best < -1 and -best * log.sample_time > _EARLY
+    # what is left of a disturbance may move a delay by its error
+    late = (best - _CERTAIN * error) * log.sample_time > LATEST
+    early = best < -1 and -(best + _CERTAIN * error) * log.sample_time > _EARLY
     if clear and early and _trails(log):
         raise NotIdentifiableError(
             f"{log.name}: set position and position are swapped: the set position trails the position, and the axis "
