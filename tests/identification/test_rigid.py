@@ -433,7 +433,7 @@ def test_counts_are_drawn_four_times() -> None:
     log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0))
     rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of)
     solved = _Solved(np.ones(4), 0.5, columns, columns, np.ones(100), free=False, instrumented=False)
-    _with_counts(log, rows, np.ones(100, bool), solved, "symmetric")
+    _with_counts(log, rows, np.ones(100, bool), solved, ("mass", "viscous", "coulomb", "offset"))
     assert len(drawn) == 4
     assert max(drawn) <= 0.5e-6
 

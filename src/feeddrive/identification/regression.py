@@ -65,13 +65,13 @@ def lever(lead: float, gear: float = 1.0) -> float:
 
 def power(unit: str) -> int:
     """Return the exponent n that converts a rotary quantity of this unit to the table: value · lever^n."""
-    powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2}
+    powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2, "N m/rad": -2}
     return powers[unit]
 
 
 def table_unit(unit: str) -> str:
     """Return the unit that a quantity with this unit at a shaft has at the table."""
-    pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m"}
+    pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m"}
     return pairs[unit]
 
 

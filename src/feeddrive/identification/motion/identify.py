@@ -52,7 +52,12 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
     if richer and axis.friction_load is not None:
         friction = _scaled(axis.friction_load, friction)
     others: tuple[Force, ...] = tuple(force for force in axis.forces if not isinstance(force, Gravity))
-    gravity = rigid.gravity() if rigid.is_pulled or len(others) < len(axis.forces) else None
+    along = rigid.position_force()
+    if along is not None and not others:
+        # forces of the machine file along the travel are known better than from one move
+        others = (along,)
+    pulled = rigid.is_pulled or any(isinstance(force, Gravity) for force in axis.forces)
+    gravity = rigid.gravity() if pulled else None
     forces = others if gravity is None else (*others, gravity)
     return replace(axis, plant=plant, friction_load=friction, forces=forces)
 
@@ -576,6 +581,17 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
                 "out; name its column if it was recorded"
             )
         )
+    if rigid.periods:
+        names = joined(
+            " and ",
+            (
+                "a force proportional to the position"
+                if math.isinf(p)
+                else Text(f"one that repeats every {Quantity(p, rigid.frame.position):3}")
+                for p in rigid.periods
+            ),
+        )
+        remarks.append(Text(f"the log gives evidence of a force along the travel: {names}; it is part of the model"))
     if rigid.slowest:
         remarks.append(
             Text(

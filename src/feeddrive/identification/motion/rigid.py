@@ -1,6 +1,6 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Self
@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from feeddrive.blocks.families import Friction
+from feeddrive.blocks.force.force_map import ForceMap
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
@@ -54,6 +55,14 @@ _PULSE = 6.0  # robust standard deviations: a normal residual exceeds them once 
 _PULSE_SPREAD = 2  # rows to both sides of a pulse that go with it
 _PULSE_TURNS = 4  # fits without the pulses found so far
 _MOST_PULSES = 0.4  # of the rows: what acts in more of them is no pulse
+_MOST_ASYMMETRY = 0.5  # of the mean level: guideways with a ratio above 3 : 1 are not known, weights are
+_EVIDENCE = 10.0  # of the information criterion: very strong evidence (Kass & Raftery 1995)
+# standard errors of a force along the travel; some 400 periods are tried, so that chance reaches 3.5
+_SURE_TERM = 5.0
+_LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like a constant and a slope
+_MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
+_FINER = 3  # grids of periods, each ten times finer than the one before
+_MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
 _DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
 
 
@@ -71,6 +80,8 @@ class RigidFit(Result):
     instruments True if the set motion served as instruments: the values are then free of the errors that counts and
                 the reaction of the control to disturbances cause
     left_out    rows that do not count, by cause (`motion_log.CAUSES`)
+    periods     lengths after which a force along the travel repeats; infinite for one proportional to the position
+    travel      smallest and largest position in the log
     """
 
     name: str
@@ -86,6 +97,8 @@ class RigidFit(Result):
     how: Preparation
     instruments: bool = False
     left_out: Mapping[str, int] = field(default_factory=dict[str, int])
+    periods: tuple[float, ...] = ()
+    travel: tuple[float, float] = (0.0, 0.0)
     counts: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -150,6 +163,8 @@ class RigidFit(Result):
             covariance=self.covariance * np.outer(factors, factors),
             residuals=residuals,
             frame=regression.TABLE,
+            periods=tuple(r * period for period in self.periods),
+            travel=(r * self.travel[0], r * self.travel[1]),
         )
 
     def plant(self) -> Rigid:
@@ -157,24 +172,54 @@ class RigidFit(Result):
         regression.require_table(self.frame, "the mass")
         return Rigid(mass=self["mass"].value)
 
+    @property
+    def levels(self) -> tuple[float, float, float]:
+        """Coulomb friction in both directions, and the constant force of the drive.
+
+        In motion the half difference of two levels and a constant force are the same. It counts as friction up to
+        `_MOST_ASYMMETRY` of the mean level; what is larger is a weight, as of a vertical axis.
+        """
+        if self.friction == "symmetric":
+            return self["coulomb"].value, self["coulomb"].value, self["offset"].value
+        positive, negative = self["coulomb_positive"].value, self["coulomb_negative"].value
+        mean, half = 0.5 * (positive + negative), 0.5 * (positive - negative)
+        return (mean, mean, half) if abs(half) > _MOST_ASYMMETRY * abs(mean) else (positive, negative, 0.0)
+
     def friction_block(self) -> Friction:
         """Return the friction as a block; a negative viscous or Coulomb part becomes 0."""
         regression.require_table(self.frame, "the friction")
         value = {estimate.name: max(0.0, estimate.value) for estimate in self.estimates}
+        positive, negative, _ = self.levels
         if self.friction == "symmetric":
             return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
-        return Directional(**{name: value[name] for name in NAMES["directional"][1:]})
+        levels = {"coulomb_positive": max(0.0, positive), "coulomb_negative": max(0.0, negative)}
+        return Directional(**{name: value[name] for name in NAMES["directional"] if name[:7] == "viscous"}, **levels)
 
     @property
     def is_pulled(self) -> bool:
         """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
-        return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
+        if self.friction == "symmetric":
+            return regression.pulls(self["offset"], self["coulomb"].value)
+        return self.levels[2] != 0.0
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force that acts on the table, from the offset, or None for directional friction."""
+        """Return the constant force that acts on the table, or None if directional friction contains it."""
         regression.require_table(self.frame, "the offset")
+        if self.friction == "directional" and not self.is_pulled:
+            return None
         # the offset is the force of the drive, which balances the constant force on the table
-        return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
+        return Gravity(force=-self.levels[2])
+
+    def position_force(self) -> ForceMap | None:
+        """Return the force that acts along the travel of the log, or None if the log shows none."""
+        regression.require_table(self.frame, "the force along the travel")
+        if not self.periods:
+            return None
+        begin, end = self.travel
+        places = np.linspace(begin, end, _MAP_ENTRIES)
+        values = [self[name].value for name in place_names(self.periods)]
+        row = -(place_columns(places, self.periods, 0.5 * (begin + end)) @ np.array(values))
+        return ForceMap(row=tuple(float(f) for f in row), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1))
 
 
 def identify_rigid(
@@ -218,10 +263,125 @@ def identify_rigid(
             rows, instruments = faster, instruments_of(log, faster)
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
     used = np.ones(rows.time.size, bool) if how is not None else _without_pulses(log, rows, instruments)
-    fits = [_fit(log, rows, used, instruments, model, folds, free=how is None) for model in models]
+    periods = () if how is not None else _periods(log, rows, used, instruments)
+    fits = [_fit(log, rows, used, instruments, model, folds, periods, free=how is None) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
+
+
+def place_names(periods: Sequence[float]) -> list[str]:
+    """Return the names of the parameters of a force along the travel."""
+    names = []
+    for period in periods:
+        names += ["slope"] if np.isinf(period) else ["sine", "cosine"]
+    return names
+
+
+def place_columns(position: np.ndarray, periods: Sequence[float], middle: float) -> np.ndarray:
+    """Return the columns of a force along the travel, shape (n, p): x - middle, or sin and cos of 2π x / period."""
+    columns = []
+    for period in periods:
+        turned = 2.0 * np.pi * position / period
+        columns += [position - middle] if np.isinf(period) else [np.sin(turned), np.cos(turned)]
+    return np.column_stack(columns) if columns else np.zeros((position.size, 0))
+
+
+def _middle(log: MotionLog) -> tuple[float, float, float]:
+    begin, end = float(np.min(log.position)), float(np.max(log.position))
+    return begin, end, 0.5 * (begin + end)
+
+
+def _place_rows(log: MotionLog, rows: Prepared, position: np.ndarray, periods: Sequence[float]) -> np.ndarray:
+    """Return the columns of a force along the travel in the rows of a fit, from any position over time."""
+    if not periods:
+        return np.zeros((rows.time.size, 0))
+    return rows.reduced(place_columns(position, periods, _middle(log)[2]).T).T
+
+
+def _periods(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> tuple[float, ...]:
+    """Return the periods of a force along the travel, as far as the log gives evidence of one.
+
+    Tried are a force proportional to the position, and one periodic along the travel: on an axis that turns one turn
+    (the weight of an arm), else the period that explains most of the residual. A term is taken if it lowers the
+    information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors.
+    """
+    begin, end, _ = _middle(log)
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns[used] != 0.0, axis=0)]
+    chosen: tuple[float, ...] = ()
+    best = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
+    criterion = regression.information(best.residual, best.values.size)
+    for periodic in (False, True):
+        period = 2.0 * np.pi if periodic else np.inf
+        if periodic and log.frame is regression.TABLE:
+            # the low pass of the rows shrinks a constant, and so a position
+            places = rows.reduced(log.position) / rows.constant
+            period = _strongest(places[used], best.columns, best.residual, end - begin)
+        if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
+            continue
+        tried = (*chosen, period)
+        added = _place_rows(log, rows, log.position, tried)
+        wider = np.column_stack([columns, added])
+        if _dependent(wider[used]):
+            continue
+        seen = instruments
+        if instruments is not None and log.set_position is not None:
+            seen = _with_places(log, rows, instruments, tried)
+        solved = _solve(log, rows, wider, rows.how.delay, free=True, instruments=seen, used=used)
+        lower = regression.information(solved.residual, solved.values.size)
+        count = 1 if np.isinf(period) else 2
+        at = slice(columns.shape[1] + added.shape[1] - count, columns.shape[1] + added.shape[1])
+        values, covariance = solved.values[at], solved.covariance[at, at]
+        sure = float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
+        if criterion - lower > _EVIDENCE and sure:
+            chosen, criterion, best = tried, lower, solved
+    return chosen
+
+
+def _with_places(log: MotionLog, rows: Prepared, instruments: np.ndarray, periods: Sequence[float]) -> np.ndarray:
+    """Return the instruments with those of a force along the travel, from the set position."""
+    if not periods or log.set_position is None:
+        return instruments
+    added = _place_rows(log, rows, log.set_position, periods)
+    sizes = np.linalg.norm(added, axis=0)
+    return np.column_stack([instruments, added[:, sizes > 0.0] / sizes[sizes > 0.0]])
+
+
+def _dependent(columns: np.ndarray) -> bool:
+    """Return True if a column is a sum of the others, up to `LEAST_INDEPENDENT` of its size."""
+    sizes = np.linalg.norm(columns, axis=0)
+    if np.any(sizes == 0.0):
+        return True
+    variance = np.diag(regression.inverse_gram(columns / sizes))
+    return bool(np.any(~(variance < 1.0 / LEAST_INDEPENDENT**2)))
+
+
+def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
+    """Return the period that explains most of the residual along the travel beside the columns, or 0 if none fits."""
+    if travel <= 0.0:
+        return 0.0
+    # between the longest that repeats in the travel and the shortest whose rows still show its shape
+    step = float(np.quantile(np.abs(np.diff(position)), 0.9))
+    most = min(0.25 / max(step, 1e-4 * travel), _MOST_REPEATS / travel)
+    width = 0.25 / travel
+    orders = np.arange(1.0 / travel, most, width)
+    basis = np.linalg.qr(columns)[0]
+    best = 0.0
+    for _ in range(_FINER):
+        if orders.size == 0:
+            return 0.0
+        waves = np.exp(2j * np.pi * position[:, None] * orders)
+        waves -= basis @ (basis.T @ waves)
+        sine, cosine = waves.imag, waves.real
+        a, b = np.sum(sine**2, axis=0), np.sum(cosine**2, axis=0)
+        c, u, v = np.sum(sine * cosine, axis=0), residual @ sine, residual @ cosine
+        # the decrease of the sum of squares by both waves at once
+        gain = (b * u * u - 2.0 * c * u * v + a * v * v) / np.maximum(a * b - c * c, 1e-9 * a * b)
+        best = float(orders[int(np.argmax(gain))])
+        width /= 10.0
+        orders = best + width * np.arange(-10, 11)
+    return 1.0 / best
 
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
@@ -449,22 +609,27 @@ def _fit(
     instruments: np.ndarray | None,
     friction: str,
     folds: int,
+    periods: tuple[float, ...],
     *,
     free: bool,
 ) -> RigidFit:
-    names, columns = NAMES[friction], columns_of(rows, friction)
+    names = (*NAMES[friction], *place_names(periods))
+    columns = np.column_stack([columns_of(rows, friction), _place_rows(log, rows, log.position, periods)])
     check_columns(log.name, columns[used], names)
+    if instruments is not None:
+        instruments = _with_places(log, rows, instruments, periods)
     solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments, used=used)
     columns = columns[used]
     p = len(names)
     values, residual, force = solved.values[:p], solved.residual, solved.force
-    counted, shifts = _with_counts(log, rows, used, solved, friction)
+    counted, shifts = _with_counts(log, rows, used, solved, names)
     size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error
     robust = solved.covariance + np.outer(shifts, shifts)
     ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
-    units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
+    special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
+    units = [special.get(name.split("_")[0], frame.force) for name in names]
     estimates = tuple(
         Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
     )
@@ -484,6 +649,8 @@ def _fit(
         dead_time=Estimate("dead_time", late, "samples", error, white),
         how=replace(rows.how, delay=motion_log.HOLD + late),
         instruments=solved.instrumented,
+        periods=periods,
+        travel=_middle(log)[:2],
         left_out=rows.left_out | {"pulse": int(np.sum(~used))},
         # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
@@ -491,7 +658,7 @@ def _fit(
 
 
 def _with_counts(
-    log: MotionLog, rows: Prepared, used: np.ndarray, solved: _Solved, friction: str
+    log: MotionLog, rows: Prepared, used: np.ndarray, solved: _Solved, names: Sequence[str]
 ) -> tuple[float, np.ndarray]:
     """Return the RMS residual due to quantization, and the bias of each value; 0 if readings are not quantized.
 
@@ -499,7 +666,7 @@ def _with_counts(
     equals that of the first one.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
-    count, names = motion_log.count_of(log.position), NAMES[friction]
+    count = motion_log.count_of(log.position)
     if count == 0.0:
         return 0.0, np.zeros(solved.values.size)
     # a fixed seed: the same log gives the same errors
