@@ -23,6 +23,7 @@ from feeddrive.identification.motion.rigid import (
     RigidFit,
     _check,
     _check_drift,
+    _Solved,
     _with_counts,
     check_columns,
     check_mass,
@@ -193,7 +194,8 @@ def test_rotary_logs_come_out_at_the_table_with_a_lead() -> None:
     log, lead = simulated(), 0.01
     lever = lead / (2.0 * np.pi)
     shaft = changed(log, position=log.position / lever, force=log.force * lever, rotary=True, set_position=None)
-    fit, rotary = identify_rigid(log, friction="symmetric"), identify_rigid(shaft, friction="symmetric")
+    fit = identify_rigid(changed(log, set_position=None), friction="symmetric")
+    rotary = identify_rigid(shaft, friction="symmetric")
     assert rotary["mass"].unit == "kg m2"
     with pytest.raises(ParameterError, match=r"at_table\(lead"):
         rotary.plant()
@@ -201,7 +203,7 @@ def test_rotary_logs_come_out_at_the_table_with_a_lead() -> None:
     for name in TRUTH:
         # rounding moves the instants at which the resting axis seems to turn, and with them which rows are left out
         assert table[name].value == pytest.approx(fit[name].value, abs=0.01 * fit[name].error)
-        assert table[name].error == pytest.approx(fit[name].error, rel=1e-2)
+        assert table[name].error == pytest.approx(fit[name].error, rel=0.1)
     assert float(table.plant().mass) == table["mass"].value
 
 
@@ -359,11 +361,14 @@ def test_delays_of_both_halves_that_differ_by_two_samples_drift(later: int, drif
     force = np.concatenate([column[:1000], np.roll(column, -later)[1000:]])
     forces = np.array([np.roll(force, d) for d in delays])
     log: Any = SimpleNamespace(name="log", sample_time=1e-3)
+    found = (log, column[:, None], forces, delays, None)
+    _check_drift(*found, lambda _, delay: (float(delay), 0.8))
     if not drifts:
-        _check_drift(log, column[:, None], forces, delays)
+        _check_drift(*found, lambda _, delay: (float(delay), 0.01))
         return
     with pytest.raises(NotIdentifiableError, match="not on one clock"):
-        _check_drift(log, column[:, None], forces, delays)
+        # 3 samples are more than 4 joint errors of 0.5 samples, and less than 4 of 0.8
+        _check_drift(*found, lambda _, delay: (float(delay), 0.5))
 
 
 def test_delays_of_20_samples_to_both_sides_are_tried() -> None:
@@ -426,8 +431,9 @@ def test_counts_are_drawn_four_times() -> None:
     wave = np.arange(100.0)
     columns = np.column_stack([np.sin(wave), np.cos(wave), np.sin(2.0 * wave), np.cos(2.0 * wave)])
     log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0))
-    rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of, force=np.ones(100))
-    _with_counts(log, rows, columns, np.ones(4), "symmetric")
+    rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of)
+    solved = _Solved(np.ones(4), 0.5, columns, columns, np.ones(100), free=False, instrumented=False)
+    _with_counts(log, rows, np.ones(100, bool), solved, ("mass", "viscous", "coulomb", "offset"))
     assert len(drawn) == 4
     assert max(drawn) <= 0.5e-6
 

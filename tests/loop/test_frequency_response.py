@@ -113,3 +113,31 @@ def test_a_coherence_alone_is_taken_for_that_of_eight_averages() -> None:
     """(1 - ½)/(½ · 8) of |G|²."""
     found = FRF(F, TRUTH, coherence=np.full(3, 0.5)).known_variance()
     assert found == pytest.approx(np.abs(TRUTH) ** 2 / 8.0)
+
+
+@pytest.mark.parametrize("known", ["", "variance", "coherence"])
+def test_noise_does_not_turn_the_phase(known: str) -> None:
+    """A mass with 1 ms of dead time falls below the noise at some 400 Hz of 2000 Hz: plain unwrapping drifts away."""
+    f, noise = np.arange(1.0, 2001.0), 1e-7
+    clean = np.exp(-2j * np.pi * f * 1e-3) / (2j * np.pi * f) ** 2
+    random = np.random.default_rng(0)
+    response = clean + noise * (random.standard_normal(f.size) + 1j * random.standard_normal(f.size))
+    variance = np.full(f.size, 2.0 * noise**2)
+    extra = {"variance": variance, "coherence": np.abs(clean) ** 2 / (np.abs(clean) ** 2 + variance)}
+    measured = FRF(f, response, **({known: extra[known]} if known else {}))
+    true = np.degrees(np.unwrap(np.angle(clean)))
+    # twice the 95 % radius of the noise at 200 Hz is 26 degrees
+    assert np.max(np.abs(measured.phase_deg - true)[:200]) < 26.0
+    # noise is nearest to the last phase that was seen: -270 degrees at 250 Hz, and half a turn about it
+    assert np.ptp(measured.phase_deg[500:]) < 2.0 * 360.0
+    assert np.array_equal(FRF(f, clean).phase_deg, true)
+
+
+def test_a_flip_of_one_line_is_no_noise() -> None:
+    """Lightly damped poles and zeros turn the phase by 180 degrees from one line to the next."""
+    w = 2.0 * np.pi * np.arange(1.0, 2001.0)
+    response = np.ones(w.size, complex)
+    for place, sign in ((300.0, 1.0), (500.0, -1.0), (6000.0, -1.0)):
+        response *= (1.0 - (w / place) ** 2 + 2e-3j * w / place) ** sign
+    frf = FRF(w / (2.0 * np.pi), response)
+    assert np.array_equal(frf.phase_deg, np.degrees(np.unwrap(np.angle(response))))

@@ -65,13 +65,13 @@ def lever(lead: float, gear: float = 1.0) -> float:
 
 def power(unit: str) -> int:
     """Return the exponent n that converts a rotary quantity of this unit to the table: value · lever^n."""
-    powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2}
+    powers = {"rad": 1, "rad/s": 1, "N m": -1, "kg m2": -2, "N m s/rad": -2, "N m/rad": -2}
     return powers[unit]
 
 
 def table_unit(unit: str) -> str:
     """Return the unit that a quantity with this unit at a shaft has at the table."""
-    pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m"}
+    pairs = {"rad": "m", "rad/s": "m/s", "N m": "N", "kg m2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m"}
     return pairs[unit]
 
 
@@ -215,7 +215,7 @@ def stray_remarks(where: str, values: np.ndarray, stray: np.ndarray, unit: str) 
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): valid only for a white residual of constant variance."""
     n, p = columns.shape
-    return float(residual @ residual) / max(n - p, 1) * _inverse(columns)
+    return float(residual @ residual) / max(n - p, 1) * inverse_gram(columns)
 
 
 def robust_covariance(
@@ -246,7 +246,7 @@ def robust_covariance(
 
 def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return the influence of each sample on each parameter, in units of the estimates, shape (rows, p)."""
-    inverse = _inverse(columns.reshape(-1, columns.shape[-1]))
+    inverse = inverse_gram(columns.reshape(-1, columns.shape[-1]))
     return _in_blocks(np.einsum("snp,sn->np", columns, residual) @ inverse)
 
 
@@ -307,7 +307,8 @@ def errors(covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def _inverse(columns: np.ndarray) -> np.ndarray:
+def inverse_gram(columns: np.ndarray) -> np.ndarray:
+    """Return (XᵀX)⁻¹."""
     # columns of unit size: a mass in kg and a friction in N differ by powers of ten
     sizes = np.linalg.norm(columns, axis=0)
     scaled = columns / sizes

@@ -59,6 +59,12 @@ def variance_of(response: np.ndarray, coherence: np.ndarray, averages: float = A
     return np.abs(response) ** 2 * (1.0 - share) / (share * averages)
 
 
+_PHASE_LINES = 9  # over which the phase of a response is compared: fewer agree by chance, more blur a resonance
+_PHASE_ABOVE = 2.0  # times its standard deviation: one line of noise in 55 is as large
+_PHASE_COHERENT = 0.5  # half of the output follows the input
+_PHASE_AGREES = 0.6  # mean of nine steps of unit length: noise exceeds it once in 30, one flip by 180 degrees keeps 0.7
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FRF(Result):
     """The frequency response from `input` to `output` at `frequency` in Hz, shape (n,); `unit` is the SI unit of output
@@ -141,8 +147,39 @@ class FRF(Result):
 
     @property
     def phase_deg(self) -> np.ndarray:
-        """The phase in degrees, unwrapped from the first line on."""
-        return np.degrees(np.unwrap(np.angle(self.response)))
+        """The phase in degrees, unwrapped from the first line on along the lines that are not noise.
+
+        A line of noise gets the whole turn that puts it nearest to the phase interpolated between the others, so that
+        noise does not add up to thousands of degrees.
+        """
+        angle, clear = np.angle(self.response), self._clear_lines()
+        if np.all(clear) or not np.any(clear):
+            return np.degrees(np.unwrap(angle) if np.all(clear) else angle)
+        turned = np.interp(self.frequency, self.frequency[clear], np.unwrap(angle[clear]))
+        return np.degrees(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi)))
+
+    def _clear_lines(self) -> np.ndarray:
+        """Return a mask of the lines whose phase is more than noise, by variance, coherence or else by their neighbors.
+
+        Without variance and coherence a line is clear if the steps of the phase around it agree: |mean exp(i Δφ)| over
+        `_PHASE_LINES` lines is above `_PHASE_AGREES`; it is 1 for a smooth phase and some 1/3 for noise.
+        """
+        # a few lines are a model's, or show no noise
+        if self.frequency.size < 2 * _PHASE_LINES:
+            return np.ones(self.frequency.size, bool)
+        # imported here: commands that only read a log start without it
+        from scipy.ndimage import uniform_filter1d
+
+        if self.variance is not None:
+            clear = np.abs(self.response) > _PHASE_ABOVE * np.sqrt(self.variance)
+        elif self.coherence is not None:
+            clear = np.asarray(self.coherence) > _PHASE_COHERENT
+        else:
+            steps = np.exp(1j * np.diff(np.angle(self.response), prepend=np.angle(self.response[0])))
+            agree = [uniform_filter1d(part, _PHASE_LINES, mode="nearest") for part in (steps.real, steps.imag)]
+            clear = np.hypot(*agree) > _PHASE_AGREES
+        # a line of noise exceeds the bound by chance, but not most of its neighbors
+        return clear & (uniform_filter1d(clear.astype(float), 3 * _PHASE_LINES, mode="nearest") > 0.5)
 
     @property
     def deviation(self) -> np.ndarray | None:

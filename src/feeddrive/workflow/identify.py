@@ -365,7 +365,8 @@ def tables(identified: Identified) -> list[Table]:
         shown.append(Table("position residual in closed loop by dead time", columns, rows))
     if identified.control is not None:
         shown.append(identified.control.table())
-    return [*shown, identified.delay.table(), identified.rigid.residuals.table(), identified.rigid.validation.table()]
+    rigid = identified.rigid
+    return [*shown, identified.delay.table(), rigid.rows_table(), rigid.residuals.table(), rigid.validation.table()]
 
 
 def _pictures(identified: Identified) -> Iterator[Picture]:

@@ -16,7 +16,7 @@ from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.motion import control_law
 from feeddrive.identification.motion.control_law import ControlFit, LawCheck
-from feeddrive.identification.motion.motion_log import HOLD, MotionLog, Preparation, checked, count_of, drawn, prepare
+from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
@@ -52,7 +52,12 @@ def with_rigid(axis: Axis, rigid: RigidFit, *, richer: bool = False) -> Axis:
     if richer and axis.friction_load is not None:
         friction = _scaled(axis.friction_load, friction)
     others: tuple[Force, ...] = tuple(force for force in axis.forces if not isinstance(force, Gravity))
-    gravity = rigid.gravity() if rigid.is_pulled or len(others) < len(axis.forces) else None
+    along = rigid.position_force()
+    if along is not None and not others:
+        # forces of the machine file along the travel are known better than from one move
+        others = (along,)
+    pulled = rigid.is_pulled or any(isinstance(force, Gravity) for force in axis.forces)
+    gravity = rigid.gravity() if pulled else None
     forces = others if gravity is None else (*others, gravity)
     return replace(axis, plant=plant, friction_load=friction, forces=forces)
 
@@ -392,7 +397,7 @@ def identify_motion(
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
     late = 0 if closed or start is not None or not delay.clear else max(0, delay.nearest)
-    rigid = _rigid(log, friction, how, stated + late)
+    rigid = identify_rigid(log, friction=friction, how=_fixed(how, stated + late), dead_time=delay.dead_time)
     if log.frame is SHAFT:
         doubt = _doubt(log, rigid, remarks)
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
@@ -415,18 +420,16 @@ def identify_motion(
         late = beyond(delay, stated)
     elif refinement is not None:
         late = refinement.delay
-    if late:
-        rigid = _rigid(log, friction, how, stated + late)
     if refinement is not None:
-        refinement = better(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late), remarks)
+        refinement = better(log, rigid, refinement, rigid.how, remarks)
     if refinement is not None and (rigid.left > POOR or rigid.changed):
-        rigid = with_counts(log, rigid, refinement, how or Preparation(delay=HOLD + stated + late))
+        rigid = with_counts(log, rigid, refinement, rigid.how)
     if refinement is None and loop is not None and start is not None:
         loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):
             loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
         loop = later(loop, late)
-    remarks += [*_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
+    remarks += [*log.hints(), *_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
@@ -561,14 +564,42 @@ _SHAFT = "the log is that of a shaft and no lead is given: the result stays in N
 _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel need positions of the table"
 
 
-def _rigid(log: MotionLog, friction: str, how: Preparation | None, delay: float) -> RigidFit:
-    """Fit the inverse dynamics, by default with a delay of the force of `delay` samples in addition to its hold."""
-    return identify_rigid(log, friction=friction, how=how or Preparation(delay=HOLD + delay))
+def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
+    """Return the caller's preparation with this dead time added, in samples; without one it is fitted (None)."""
+    return None if how is None else replace(how, delay=how.delay + dead_time)
 
 
 def _about(rigid: RigidFit, late: int) -> list[str]:
     """Return remarks on the validity of the standard errors and the model."""
     remarks: list[str] = []
+    pulses = rigid.left_out.get("pulse", 0)
+    if pulses:
+        remarks.append(
+            Text(
+                f"a force that the model does not hold acts for short times: {pulses} rows, "
+                f"{Quantity(pulses / (pulses + rigid.residuals.values.size), 'share'):2} of those in motion, are left "
+                "out; name its column if it was recorded"
+            )
+        )
+    if rigid.periods:
+        names = joined(
+            " and ",
+            (
+                "a force proportional to the position"
+                if math.isinf(p)
+                else Text(f"one that repeats every {Quantity(p, rigid.frame.position):3}")
+                for p in rigid.periods
+            ),
+        )
+        remarks.append(Text(f"the log gives evidence of a force along the travel: {names}; it is part of the model"))
+    if rigid.slowest:
+        remarks.append(
+            Text(
+                f"below {Quantity(rigid.slowest, 'share'):2} of the largest speed friction is not Coulomb plus viscous "
+                "friction, and these rows are left out: the levels are those of faster motion; runs at constant speeds "
+                "show the rest (feeddrive friction)"
+            )
+        )
     if late:
         remarks.append(f"the force acts {late} samples later than stated; that is taken into account")
     if not rigid.residuals.white:

@@ -14,6 +14,7 @@ from feeddrive.identification.regression import TABLE, TURNING, Frame, frame_of,
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -30,6 +31,13 @@ _JUMP = 3.0  # usual steps by which a row of a position leaves its neighbors
 _JUMP_TRAVEL = 1e-3  # of the travel, the least that counts
 _BEYOND = 1.05  # times its limit, beyond which a force was not commanded under that limit
 _SPIKE_ROWS = 3  # samples that a spike lasts at most
+_TOUCHED = 0.01  # share of its window in which a row sees the force at its limit
+_PER_SAMPLE = 3.0  # counts: from this speed on a reading that stands was not read anew
+_HELD_OVER = 16  # samples: the longest hold that is looked for is shorter
+_HELD_EVENLY = 0.1  # by which the share of new readings may differ from 1 / m, for rows of start and stop
+# samples: feedforward of velocity and rounding make a position lead by a sample or two
+MOST_LEAD = 4
+_LEAD_TRIED = 60  # samples to both sides
 MOST_SATURATED = 0.01  # share of the samples that may sit at the largest force
 
 
@@ -127,6 +135,40 @@ class MotionLog:
                 "or with a wider recorder range"
             )
 
+    def held_force(self) -> np.ndarray:
+        """Return a mask of the samples in which the force stays at its largest value, shape (n,)."""
+        size = np.abs(self.force)
+        most = float(np.max(size)) if self.force_limit is None else self.force_limit
+        there = size >= most * (1.0 - 1e-9)
+        held = np.zeros(there.size, bool)
+        held[1:] |= there[1:] & there[:-1]
+        held[:-1] |= held[1:] & there[:-1]
+        return held
+
+    def hints(self) -> tuple[str, ...]:
+        """Return sentences on faults of the recording that a fit may survive: held readings and a late set position."""
+        hints: list[str] = []
+        every = held_readings(self.position)
+        if every > 1:
+            hints.append(
+                Text(
+                    f"{self.name}: only every {every}. reading of the position is new, and the others repeat it: the "
+                    f"position has a sample time of {Quantity(every * self.sample_time, 's'):3}; record it as often "
+                    f"as the force, or keep every {every}. row and give --sample-time"
+                )
+            )
+        if self.set_position is not None:
+            late = lead_of(self.position, self.set_position, self.sample_time)
+            if late > MOST_LEAD:
+                hints.append(
+                    Text(
+                        f"{self.name}: the position moves {Quantity(late):2} samples before its set position, which no "
+                        "control can: the set position was recorded late, or is that of another stage; shift its "
+                        "column by as much, or name another one with --set-position"
+                    )
+                )
+        return tuple(hints)
+
     def _check_spikes(self) -> None:
         """Raise NotIdentifiableError for force spikes: single samples from a faulty line or recorder."""
         size = np.abs(self.force)
@@ -197,6 +239,45 @@ class MotionLog:
         force = self.force.copy()
         force[there] = np.interp(there, rows, self.force[rows])
         return replace(self, force=force), stray_remarks(f"{self.name}, force", self.force, spikes, self.frame.force)
+
+
+def held_readings(position: np.ndarray) -> int:
+    """Return m if only every m-th reading of a moving axis is new, else 1.
+
+    Judged where the axis moves more than `_PER_SAMPLE` counts a sample, so that a standing reading is no slow motion.
+    """
+    steps = np.abs(np.diff(position))
+    new = steps > 0.0
+    if not np.any(new):
+        return 1
+    count = float(np.min(steps[new]))
+    from scipy.ndimage import uniform_filter1d  # not for commands that only read
+
+    moving = uniform_filter1d(steps, _HELD_OVER, mode="nearest") > _PER_SAMPLE * count
+    if np.count_nonzero(moving) < LEAST_ROWS:
+        return 1
+    share = float(np.mean(new[moving]))
+    every = round(1.0 / max(share, 1.0 / _HELD_OVER))
+    return every if every > 1 and abs(share * every - 1.0) < _HELD_EVENLY else 1
+
+
+def lead_of(position: np.ndarray, set_position: np.ndarray, sample_time: float) -> float:
+    """Return by how many samples the position leads its set position; negative where it follows.
+
+    The lead with the least squared difference of the velocities, smoothed over 10 ms; whole samples.
+    """
+    from scipy.ndimage import uniform_filter1d  # not for commands that only read
+
+    over = max(1, round(0.01 / sample_time))
+    actual, wanted = (uniform_filter1d(np.diff(x), over, mode="nearest") for x in (position, set_position))
+    reach = min(_LEAD_TRIED, actual.size // 4)
+    if reach < 1 or not np.any(wanted):
+        return 0.0
+    middle = wanted[reach:-reach]
+    leads = np.arange(-reach, reach + 1)
+    # the position `lead` samples earlier is compared with the set position
+    off = [float(np.sum((actual[reach - lead : actual.size - reach - lead] - middle) ** 2)) for lead in leads]
+    return float(leads[int(np.argmin(off))])
 
 
 def checked(log: MotionLog) -> MotionLog:
@@ -332,7 +413,7 @@ def _counted(loop: Loop, count: float) -> tuple[Loop, dict[str, float]]:
 # samples: a force that is held from k to k+1 acts at k + 1/2 on average
 HOLD = 0.5
 _LEAST_ROWS = 40
-_REST = 5e-3  # share of the largest speed below which the axis counts as at rest
+REST = 5e-3  # share of the largest speed below which the axis counts as at rest
 _ORDER = 8  # of the decimating low pass
 _ENDS = 3 * _ORDER  # samples by which it extends both ends
 _SMEARED = 0.01  # of a step: what the low pass of the position may still show of a stop in a sample that counts
@@ -352,6 +433,7 @@ class Preparation:
     skip_end     samples left out at the end; None: as many as at the start
     reversals    True to keep rows at rest and within one decimated step of a reversal, where the sign of friction is
                  undefined
+    rest         share of the largest speed below which the axis counts as at rest
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
     balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
@@ -366,7 +448,18 @@ class Preparation:
     skip: int | None = None
     skip_end: int | None = None
     reversals: bool = False
+    rest: float = REST
 
+
+# The causes for which rows do not count, in words, and what would help.
+CAUSES = {
+    "ends": ("at the ends, where the filters lack the motion before and after", "start the recorder before the move"),
+    "rest": ("at rest, where friction holds any force", "shorter dwells bring more rows"),
+    "slow": ("slow, where friction is not Coulomb plus viscous", "runs at constant speeds show this friction"),
+    "reversal": ("within a row of a reversal or stop, where friction has no sign", ""),
+    "limit": ("with the force at its limit, which may not be what acted", "a lower acceleration keeps off the limit"),
+    "pulse": ("with an unknown force that the model does not hold", "name its column, or record without it"),
+}
 
 # The preparation of Janot, Gautier & Brunot 2019.  A force is assumed to act at its sample instant, not over the time
 # that it is held; docs/identification.md states the resulting error.
@@ -382,6 +475,7 @@ class Prepared:
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
     cutoff      Hz, of the low pass on the position; `sample_time`: that of the log, s; `how`: the settings
+    left_out    rows that do not count, by cause, in the order in which they were judged (see `CAUSES`)
     """
 
     time: np.ndarray
@@ -396,6 +490,7 @@ class Prepared:
     cutoff: float
     sample_time: float
     how: Preparation
+    left_out: dict[str, int]
 
     def reduced(self, values: np.ndarray) -> np.ndarray:
         """Return values at each sample of the log, filtered and decimated like the force along the last axis."""
@@ -405,9 +500,13 @@ class Prepared:
         """Return another force, sampled like the log, in these rows, after a delay of `delay` samples."""
         return self.reduced(delayed(force, delay))
 
+    def differenced(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return velocity and acceleration of another position, filtered like that of the log, at each sample."""
+        return _differenced(position, self.cutoff, self.sample_time, self.how)
+
     def errors(self, position: np.ndarray) -> np.ndarray:
         """Return the effect of position errors (m, one per sample) on acceleration and velocity, shape (2, n)."""
-        velocity, acceleration = _differenced(position, self.cutoff, self.sample_time, self.how)
+        velocity, acceleration = self.differenced(position)
         return self.reduced(np.array([acceleration, velocity]))
 
 
@@ -436,13 +535,24 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
             f"{Quantity((_LEAST_ROWS * factor - samples) * T, 's'):3 SI} more"
         )
     places = skip + kept(samples, factor)
+    left_out = {"ends": max(0, log.position.size // factor - places.size)}
     stretches: tuple[slice, ...] = (rows,)
     if not how.reversals:
-        stretches = _stretches(velocity, slice(*rows.indices(velocity.size)), reach(cutoff * T))
+        stretches = _stretches(velocity, slice(*rows.indices(velocity.size)), reach(cutoff * T), how.rest)
         within = np.zeros(velocity.size, dtype=bool)
         for stretch in stretches:
             within[stretch] = True
-        places = places[_away(velocity, places, factor) & within[places]]
+        counts = _away(velocity, places, factor) & within[places]
+        share = np.abs(velocity[places]) / max(float(np.max(np.abs(velocity))), np.finfo(float).tiny)
+        left_out["rest"] = int(np.sum(~counts & (share <= REST)))
+        left_out["slow"] = int(np.sum(~counts & (share > REST) & (share <= how.rest)))
+        left_out["reversal"] = int(np.sum(~counts & (share > max(REST, how.rest))))
+        places = places[counts]
+        held = log.held_force()
+        if np.any(held):
+            near = _decimating(held.astype(float), factor)[places] > _TOUCHED
+            left_out["limit"] = int(np.sum(near))
+            places = places[~near]
     if places.size < _LEAST_ROWS:
         raise NotIdentifiableError(
             f"{log.name}: {places.size} of {-(-samples // factor)} rows are left where the axis moves, more than "
@@ -452,7 +562,9 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         )
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
-    return Prepared(places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how)
+    return Prepared(
+        places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how, left_out
+    )
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
@@ -465,9 +577,9 @@ def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) 
     return velocity, acceleration
 
 
-def _stretches(velocity: np.ndarray, rows: slice, reach: int) -> tuple[slice, ...]:
+def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float) -> tuple[slice, ...]:
     """Return the ranges of samples in motion, at least `reach` samples from each rest and long enough to filter."""
-    moves = np.abs(velocity) > _REST * np.max(np.abs(velocity))
+    moves = np.abs(velocity) > rest * np.max(np.abs(velocity))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))
     stretches = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -581,6 +693,22 @@ def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray
         raise LogError(
             f"the log has {values.shape[-1]} samples; its filter needs more than {ends}: record a longer one"
         )
-    from scipy.signal import sosfiltfilt  # takes a second to import
+    from scipy.signal import sosfilt  # takes a second to import
 
-    return sosfiltfilt(sections, values, padlen=ends)
+    # `sosfiltfilt` with its states at rest computed once, not for each stretch
+    begin = 2.0 * values[..., :1] - values[..., ends:0:-1]
+    end = 2.0 * values[..., -1:] - values[..., -2 : -ends - 2 : -1]
+    extended = np.concatenate([begin, values, end], axis=-1)
+    rest = _at_rest(sections.tobytes(), len(sections))
+    rest = rest.reshape(len(sections), *(1,) * (values.ndim - 1), 2)
+    for _ in range(2):
+        extended = np.asarray(sosfilt(sections, extended, zi=rest * extended[..., :1])[0])[..., ::-1]
+    return extended[..., ends:-ends]
+
+
+@lru_cache(maxsize=64)
+def _at_rest(sections: bytes, count: int) -> np.ndarray:
+    """Return the states of second-order sections at a constant input of 1, shape (sections, 2)."""
+    from scipy.signal import sosfilt_zi  # takes a second to import
+
+    return np.asarray(sosfilt_zi(np.frombuffer(sections).reshape(count, 6)))

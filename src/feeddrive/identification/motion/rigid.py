@@ -1,11 +1,14 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
 from feeddrive.blocks.families import Friction
+from feeddrive.blocks.force.force_map import ForceMap
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
@@ -16,7 +19,7 @@ from feeddrive.identification.motion.motion_log import MotionLog, Preparation, P
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 
 # by structure alone: the columns are traced, so that the values do not matter
@@ -34,6 +37,33 @@ LEAST_INDEPENDENT = 0.02  # share of a column's size that the other columns must
 # bounded as in Andrews' rule: near 1 the recolored covariance would grow without limit
 MOST_MEMORY = 0.97
 LARGEST_ERROR = 0.5  # largest standard error over value of a mass that counts as identified
+# s: time constants of the low passes through which the set motion serves as instruments. They span the following
+# errors of position loops of some 5 to 100 1/s; more of them would bring the bias of least squares back
+FILTERED = (0.0, 8e-3, 30e-3, 0.1)
+_RANK = 1e-8  # of the largest eigenvalue: instruments that are alike beyond this are one
+BLOCKS = 10  # of rows, each predicted from the others: each is longer than the memory of a disturbance
+_STRONG = 10.0  # F of the first stage below which instruments are weak (Staiger & Stock 1997)
+_MOST_CONDITION = 1e12  # of the projected columns: beyond it rounding decides
+_LATEST_DOUBT = 5.0  # samples: what weak instruments may say about a delay is bounded by what delays are
+_TURNS = 8  # steps of Gauss-Newton to the dead time
+_SETTLED = 0.02  # samples: the slope of the force is the same over such a step
+_LARGEST_STEP = 2.0  # samples: over more the force is not straight
+# classes of speed, as shares of the largest, from the fast to the slow: the width of a Stribeck curve is unknown
+_SLOW = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.015, 0.01, 0.005)
+_PASSAGES = 4  # through a class of speed: fewer show no scatter
+_PULSE = 6.0  # robust standard deviations: a normal residual exceeds them once in 5e8 rows
+_PULSE_SPREAD = 2  # rows to both sides of a pulse that go with it
+_PULSE_TURNS = 4  # fits without the pulses found so far
+_MOST_PULSES = 0.4  # of the rows: what acts in more of them is no pulse
+_MOST_ASYMMETRY = 0.5  # of the mean level: guideways with a ratio above 3 : 1 are not known, weights are
+_EVIDENCE = 10.0  # of the information criterion: very strong evidence (Kass & Raftery 1995)
+# standard errors of a force along the travel; some 400 periods are tried, so that chance reaches 3.5
+_SURE_TERM = 5.0
+_LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like a constant and a slope
+_MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
+_FINER = 3  # grids of periods, each ten times finer than the one before
+_MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
+_DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,6 +75,13 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
+    dead_time   samples from the logged force to its effect, besides the hold; its error is 0 if it was not fitted
+    how         the preparation of the rows, with the delay of the fit
+    instruments True if the set motion served as instruments: the values are then free of the errors that counts and
+                the reaction of the control to disturbances cause
+    left_out    rows that do not count, by cause (`motion_log.CAUSES`)
+    periods     lengths after which a force along the travel repeats; infinite for one proportional to the position
+    travel      smallest and largest position in the log
     """
 
     name: str
@@ -56,7 +93,18 @@ class RigidFit(Result):
     criterion: dict[str, float]
     time: np.ndarray
     frame: Frame
+    dead_time: Estimate
+    how: Preparation
+    instruments: bool = False
+    left_out: Mapping[str, int] = field(default_factory=dict[str, int])
+    periods: tuple[float, ...] = ()
+    travel: tuple[float, float] = (0.0, 0.0)
     counts: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def slowest(self) -> float:
+        """The speed below which rows were left out, since friction is not Coulomb plus viscous there; 0: none."""
+        return self.how.rest if self.how.rest > motion_log.REST else 0.0
 
     @property
     def left(self) -> float:
@@ -83,6 +131,20 @@ class RigidFit(Result):
         )
         return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
+    def rows_table(self) -> Table:
+        """Return a table of the rows that count and of those that do not, with the cause and what would help."""
+        count = self.residuals.values.size
+        whole = max(count + sum(self.left_out.values()), 1)
+        rows: list[list[Cell]] = [["used", count, count / whole, ""]]
+        rows += [
+            [motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]]
+            for cause, left in self.left_out.items()
+            if left
+        ]
+        return Table(
+            "rows of the log that count", ["rows", "number", Column("share", "share", "3"), "what helps"], rows
+        )
+
     def at_table(self, lead: float, gear: float = 1.0) -> Self:
         """Return the drive in kg and N at a table with a screw of `lead` (m) and `gear` motor turns per screw turn."""
         if self.frame is not regression.SHAFT:
@@ -101,6 +163,8 @@ class RigidFit(Result):
             covariance=self.covariance * np.outer(factors, factors),
             residuals=residuals,
             frame=regression.TABLE,
+            periods=tuple(r * period for period in self.periods),
+            travel=(r * self.travel[0], r * self.travel[1]),
         )
 
     def plant(self) -> Rigid:
@@ -108,52 +172,216 @@ class RigidFit(Result):
         regression.require_table(self.frame, "the mass")
         return Rigid(mass=self["mass"].value)
 
+    @property
+    def levels(self) -> tuple[float, float, float]:
+        """Coulomb friction in both directions, and the constant force of the drive.
+
+        In motion the half difference of two levels and a constant force are the same. It counts as friction up to
+        `_MOST_ASYMMETRY` of the mean level; what is larger is a weight, as of a vertical axis.
+        """
+        if self.friction == "symmetric":
+            return self["coulomb"].value, self["coulomb"].value, self["offset"].value
+        positive, negative = self["coulomb_positive"].value, self["coulomb_negative"].value
+        mean, half = 0.5 * (positive + negative), 0.5 * (positive - negative)
+        return (mean, mean, half) if abs(half) > _MOST_ASYMMETRY * abs(mean) else (positive, negative, 0.0)
+
     def friction_block(self) -> Friction:
         """Return the friction as a block; a negative viscous or Coulomb part becomes 0."""
         regression.require_table(self.frame, "the friction")
         value = {estimate.name: max(0.0, estimate.value) for estimate in self.estimates}
+        positive, negative, _ = self.levels
         if self.friction == "symmetric":
             return Coulomb(coulomb=value["coulomb"], viscous=value["viscous"])
-        return Directional(**{name: value[name] for name in NAMES["directional"][1:]})
+        levels = {"coulomb_positive": max(0.0, positive), "coulomb_negative": max(0.0, negative)}
+        return Directional(**{name: value[name] for name in NAMES["directional"] if name[:7] == "viscous"}, **levels)
 
     @property
     def is_pulled(self) -> bool:
         """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
-        return self.friction == "symmetric" and regression.pulls(self["offset"], self["coulomb"].value)
+        if self.friction == "symmetric":
+            return regression.pulls(self["offset"], self["coulomb"].value)
+        return self.levels[2] != 0.0
 
     def gravity(self) -> Gravity | None:
-        """Return the constant force on the table, derived from the offset, or None for direction-dependent friction."""
+        """Return the constant force that acts on the table, or None if directional friction contains it."""
         regression.require_table(self.frame, "the offset")
+        if self.friction == "directional" and not self.is_pulled:
+            return None
         # the offset is the force of the drive, which balances the constant force on the table
-        return Gravity(force=-self["offset"].value) if self.friction == "symmetric" else None
+        return Gravity(force=-self.levels[2])
+
+    def position_force(self) -> ForceMap | None:
+        """Return the force that acts along the travel of the log, or None if the log shows none."""
+        regression.require_table(self.frame, "the force along the travel")
+        if not self.periods:
+            return None
+        begin, end = self.travel
+        places = np.linspace(begin, end, _MAP_ENTRIES)
+        values = [self[name].value for name in place_names(self.periods)]
+        row = -(place_columns(places, self.periods, 0.5 * (begin + end)) @ np.array(values))
+        return ForceMap(row=tuple(float(f) for f in row), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1))
 
 
 def identify_rigid(
-    log: MotionLog, *, friction: str = "best", how: Preparation | None = None, folds: int = 5
+    log: MotionLog,
+    *,
+    friction: str = "best",
+    how: Preparation | None = None,
+    folds: int = 5,
+    dead_time: float | None = None,
 ) -> RigidFit:
-    """Identify mass, friction and offset of a rigid drive by least squares on its inverse dynamics.
+    """Identify mass, friction, offset and dead time of a rigid drive from its inverse dynamics.
 
         symmetric:    force = mass a + viscous v + coulomb sign(v) + offset
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
 
-    friction  "symmetric", "directional", or "best": the one with the lower information criterion
-    how       filters and delays; default: `Preparation()`
-    folds     number of stretches in the cross-validation, each predicted by a fit of the others
+    friction   "symmetric", "directional", or "best": the one with the lower information criterion
+    how        filters and delays; the delay is then taken as it stands.  Default: `Preparation()`, with the dead time
+               as one more unknown, since a wrong one would spoil viscous friction
+    folds      number of stretches in the cross-validation, each predicted by a fit of the others
+    dead_time  samples besides the hold, from which its search starts; default: 0
+
+    With a set position the set motion serves as instruments (two-stage least squares): errors of the readings, and the
+    reaction of the control to a disturbance, are not correlated with it.  Without one the values are least squares.
 
     Standard errors are robust; those for a white residual are also returned.  Not suitable for an axis with significant
     elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
     Raises NotIdentifiableError with what to measure next, LogError for a log that is too short.
-    Source: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold.
+    Sources: Janot, Gautier & Brunot 2019, with the force delayed by half a sample because of its hold; Young 2011 for
+    instruments from the reference of a closed loop.
     """
     if friction not in (*FRICTIONS, "best"):
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
-    rows = motion_log.prepare(log, how or Preparation())
+    start = how or Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
+    rows = motion_log.prepare(log, start)
     check_motion(log.name, rows.velocity, log.frame)
+    instruments = None
+    if how is None:
+        instruments = instruments_of(log, rows)
+        faster = _without_slow_rows(log, rows, instruments)
+        if faster is not rows:
+            rows, instruments = faster, instruments_of(log, faster)
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
-    fits = [_fit(log, rows, model, folds) for model in models]
+    used = np.ones(rows.time.size, bool) if how is not None else _without_pulses(log, rows, instruments)
+    periods = () if how is not None else _periods(log, rows, used, instruments)
+    fits = [_fit(log, rows, used, instruments, model, folds, periods, free=how is None) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
+
+
+def place_names(periods: Sequence[float]) -> list[str]:
+    """Return the names of the parameters of a force along the travel."""
+    names = []
+    for period in periods:
+        names += ["slope"] if np.isinf(period) else ["sine", "cosine"]
+    return names
+
+
+def place_columns(position: np.ndarray, periods: Sequence[float], middle: float) -> np.ndarray:
+    """Return the columns of a force along the travel, shape (n, p): x - middle, or sin and cos of 2π x / period."""
+    columns = []
+    for period in periods:
+        turned = 2.0 * np.pi * position / period
+        columns += [position - middle] if np.isinf(period) else [np.sin(turned), np.cos(turned)]
+    return np.column_stack(columns) if columns else np.zeros((position.size, 0))
+
+
+def _middle(log: MotionLog) -> tuple[float, float, float]:
+    begin, end = float(np.min(log.position)), float(np.max(log.position))
+    return begin, end, 0.5 * (begin + end)
+
+
+def _place_rows(log: MotionLog, rows: Prepared, position: np.ndarray, periods: Sequence[float]) -> np.ndarray:
+    """Return the columns of a force along the travel in the rows of a fit, from any position over time."""
+    if not periods:
+        return np.zeros((rows.time.size, 0))
+    return rows.reduced(place_columns(position, periods, _middle(log)[2]).T).T
+
+
+def _periods(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> tuple[float, ...]:
+    """Return the periods of a force along the travel, as far as the log gives evidence of one.
+
+    Tried are a force proportional to the position, and one periodic along the travel: on an axis that turns one turn
+    (the weight of an arm), else the period that explains most of the residual. A term is taken if it lowers the
+    information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors.
+    """
+    begin, end, _ = _middle(log)
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns[used] != 0.0, axis=0)]
+    chosen: tuple[float, ...] = ()
+    best = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
+    criterion = regression.information(best.residual, best.values.size)
+    for periodic in (False, True):
+        period = 2.0 * np.pi if periodic else np.inf
+        if periodic and log.frame is regression.TABLE:
+            # the low pass of the rows shrinks a constant, and so a position
+            places = rows.reduced(log.position) / rows.constant
+            period = _strongest(places[used], best.columns, best.residual, end - begin)
+        if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
+            continue
+        tried = (*chosen, period)
+        added = _place_rows(log, rows, log.position, tried)
+        wider = np.column_stack([columns, added])
+        if _dependent(wider[used]):
+            continue
+        seen = instruments
+        if instruments is not None and log.set_position is not None:
+            seen = _with_places(log, rows, instruments, tried)
+        solved = _solve(log, rows, wider, rows.how.delay, free=True, instruments=seen, used=used)
+        lower = regression.information(solved.residual, solved.values.size)
+        count = 1 if np.isinf(period) else 2
+        at = slice(columns.shape[1] + added.shape[1] - count, columns.shape[1] + added.shape[1])
+        values, covariance = solved.values[at], solved.covariance[at, at]
+        sure = float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
+        if criterion - lower > _EVIDENCE and sure:
+            chosen, criterion, best = tried, lower, solved
+    return chosen
+
+
+def _with_places(log: MotionLog, rows: Prepared, instruments: np.ndarray, periods: Sequence[float]) -> np.ndarray:
+    """Return the instruments with those of a force along the travel, from the set position."""
+    if not periods or log.set_position is None:
+        return instruments
+    added = _place_rows(log, rows, log.set_position, periods)
+    sizes = np.linalg.norm(added, axis=0)
+    return np.column_stack([instruments, added[:, sizes > 0.0] / sizes[sizes > 0.0]])
+
+
+def _dependent(columns: np.ndarray) -> bool:
+    """Return True if a column is a sum of the others, up to `LEAST_INDEPENDENT` of its size."""
+    sizes = np.linalg.norm(columns, axis=0)
+    if np.any(sizes == 0.0):
+        return True
+    variance = np.diag(regression.inverse_gram(columns / sizes))
+    return bool(np.any(~(variance < 1.0 / LEAST_INDEPENDENT**2)))
+
+
+def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
+    """Return the period that explains most of the residual along the travel beside the columns, or 0 if none fits."""
+    if travel <= 0.0:
+        return 0.0
+    # between the longest that repeats in the travel and the shortest whose rows still show its shape
+    step = float(np.quantile(np.abs(np.diff(position)), 0.9))
+    most = min(0.25 / max(step, 1e-4 * travel), _MOST_REPEATS / travel)
+    width = 0.25 / travel
+    orders = np.arange(1.0 / travel, most, width)
+    basis = np.linalg.qr(columns)[0]
+    best = 0.0
+    for _ in range(_FINER):
+        if orders.size == 0:
+            return 0.0
+        waves = np.exp(2j * np.pi * position[:, None] * orders)
+        waves -= basis @ (basis.T @ waves)
+        sine, cosine = waves.imag, waves.real
+        a, b = np.sum(sine**2, axis=0), np.sum(cosine**2, axis=0)
+        c, u, v = np.sum(sine * cosine, axis=0), residual @ sine, residual @ cosine
+        # the decrease of the sum of squares by both waves at once
+        gain = (b * u * u - 2.0 * c * u * v + a * v * v) / np.maximum(a * b - c * c, 1e-9 * a * b)
+        best = float(orders[int(np.argmax(gain))])
+        width /= 10.0
+        orders = best + width * np.arange(-10, 11)
+    return 1.0 / best
 
 
 def columns_of(rows: Prepared, friction: str) -> np.ndarray:
@@ -166,46 +394,271 @@ def columns_of(rows: Prepared, friction: str) -> np.ndarray:
     return np.column_stack([columns[name] for name in NAMES[friction]])
 
 
-def _fit(log: MotionLog, rows: Prepared, friction: str, folds: int) -> RigidFit:
-    names, columns = NAMES[friction], columns_of(rows, friction)
-    check_columns(log.name, columns, names)
-    values = np.linalg.lstsq(columns, rows.force, rcond=None)[0]
-    residual = rows.force - columns @ values
-    counted, shifts = _with_counts(log, rows, columns, values, friction)
-    size = float(np.sqrt(np.mean(rows.force**2)))
+@dataclass(frozen=True)
+class _Solved:
+    """A solution of the inverse dynamics: values of the columns, and the delay of the force in samples.
+
+    columns    what the values multiply; with `free`, the last one is minus the slope of the force over the delay
+    projected  the columns as far as the instruments explain them, shape (n, p)
+    residual   force - columns · values, shape (n,)
+    doubt      samples by which weak instruments disagree with the delay of least squares
+    """
+
+    values: np.ndarray
+    delay: float
+    columns: np.ndarray
+    projected: np.ndarray
+    force: np.ndarray
+    free: bool
+    instrumented: bool
+    doubt: float = 0.0
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.force - self.columns @ self.values
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """The robust covariance; a doubt about the delay is an error of it, and of all that moves with it."""
+        plain = covariance_of(self.projected, self.residual)
+        if not self.doubt:
+            return plain
+        along = regression.inverse_gram(self.columns)[:, -1]
+        moved = self.doubt * along / along[-1]
+        return plain + np.outer(moved, moved)
+
+
+def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
+    """Return instruments in these rows, columns of unit size, shape (n, q); None without a set position.
+
+    They are the set velocity in each direction, the set acceleration and the set jerk, each through the low passes of
+    `FILTERED`, which span the usual answers of a position loop, and the two directions of motion.
+    """
+    if log.set_position is None:
+        return None
+    from scipy.signal import lfilter  # takes a second to import
+
+    velocity, acceleration = rows.differenced(log.set_position)
+    motion = np.array([velocity, acceleration, motion_log.central_difference(acceleration, log.sample_time)])
+    forward = rows.filtered > 0.0
+    signals = [forward.astype(float), (~forward).astype(float)]
+    for constant in FILTERED:
+        memory = np.exp(-log.sample_time / constant) if constant else 0.0
+        v, a, j = np.asarray(lfilter([1.0 - memory], [1.0, -memory], motion))
+        signals += [v * forward, v * ~forward, a, j]
+    columns = rows.reduced(np.array(signals)).T
+    sizes = np.linalg.norm(columns, axis=0)
+    return columns[:, sizes > 0.0] / sizes[sizes > 0.0]
+
+
+def _projected(columns: np.ndarray, instruments: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Return the columns as far as instruments predict them in rows of which the prediction does not know.
+
+        X̂(block) = Z(block) (Z'Z)⁻¹ Z'X of the other blocks,   projected = X̂ (X̂'X̂)⁻¹ X̂'X
+
+    A prediction from the same rows would hold a part q / n of their noise, and so of the bias of least squares.
+    Returned with True if the instruments are strong: F = R² / (1 - R²) (n - p) > `_STRONG` for each column beside the
+    others; weak instruments are no better than least squares, whose columns are returned where none are left.
+    Sources: Angrist, Imbens & Krueger 1999 (jackknife instruments; here by blocks, since noise has a memory);
+    Staiger & Stock 1997.
+    """
+    n, p = columns.shape
+    edges = np.linspace(0, n, BLOCKS + 1).astype(int)
+    blocks = [slice(int(begin), int(end)) for begin, end in pairwise(edges)]
+    grams = [(instruments[b].T @ instruments[b], instruments[b].T @ columns[b]) for b in blocks]
+    whole = sum(gram for gram, _ in grams), sum(right for _, right in grams)
+    # instruments that are nearly alike share what they explain
+    ridge = _RANK * np.eye(instruments.shape[1])
+    predicted = np.concatenate(
+        [
+            instruments[b] @ np.linalg.solve(whole[0] - gram + ridge, whole[1] - right)
+            for b, (gram, right) in zip(blocks, grams, strict=True)
+        ]
+    )
+    sizes = np.linalg.norm(predicted, axis=0)
+    if np.any(sizes == 0.0):
+        return columns, False
+    basis, triangle = np.linalg.qr(predicted / sizes)
+    if np.min(np.abs(np.diag(triangle))) < _RANK:
+        return columns, False
+    kept = basis @ (basis.T @ columns)
+    gram = (kept / np.linalg.norm(columns, axis=0)).T @ (kept / np.linalg.norm(columns, axis=0))
+    if np.linalg.cond(gram) > _MOST_CONDITION:
+        return columns, False
+    full, part = (np.diag(regression.inverse_gram(x)) for x in (columns, kept))
+    share = np.clip(full / part, 0.0, 1.0 - 1e-12)
+    return kept, bool(np.all(share / (1.0 - share) * (n - p) > _STRONG))
+
+
+def _solve(
+    log: MotionLog,
+    rows: Prepared,
+    columns: np.ndarray,
+    delay: float,
+    *,
+    free: bool,
+    instruments: np.ndarray | None,
+    used: slice | np.ndarray = slice(None),
+) -> _Solved:
+    """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
+    begin, columns = delay, columns[used]
+    instruments = None if instruments is None else instruments[used]
+    for turn in range(_TURNS):
+        shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
+        forces = rows.reduced(np.array([motion_log.delayed(log.force, delay + shift) for shift in shifts]))[:, used]
+        force, wide = forces[len(forces) // 2], columns
+        if free:
+            slope = 0.5 * (forces[2] - forces[0])
+            # a motion of one frequency: a delay cannot be told from less mass and more damping
+            if not np.any(slope) or _left(np.linalg.qr(columns)[0], slope) < LEAST_INDEPENDENT:
+                free = False
+            else:
+                wide = np.column_stack([columns, -slope])
+        strong, projected, doubt = True, wide, 0.0
+        if instruments is not None:
+            projected, strong = _projected(wide, instruments)
+        values = np.linalg.lstsq(projected, force, rcond=None)[0]
+        if not strong:
+            weak, projected = values, wide
+            values = np.linalg.lstsq(wide, force, rcond=None)[0]
+            doubt = float(np.clip(weak[-1] - values[-1], -_LATEST_DOUBT, _LATEST_DOUBT)) if free else 0.0
+        step = float(values[-1]) if free else 0.0
+        if abs(step) < _SETTLED or turn == _TURNS - 1:
+            break
+        delay += float(np.clip(step, -_LARGEST_STEP, _LARGEST_STEP))
+        if abs(delay - motion_log.HOLD) > REACH:
+            # no minimum nearby: the delay of the caller is as good as any
+            return _solve(log, rows, columns, begin, free=False, instruments=instruments, used=used)
+    return _Solved(values, delay, wide, projected, force, free, strong and instruments is not None, doubt)
+
+
+def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> Prepared:
+    """Return the rows without those near standstill if friction there deviates from Coulomb plus viscous friction.
+
+    From `_SLOW[0]` of the largest speed downwards each class of speeds is predicted by a fit of the faster rows. The
+    signed residual is averaged over each passage through the class; the first class whose mean over the passages is
+    beyond `_DEVIATES` standard errors ends the search, and all rows slower than its upper bound are left out.
+    """
+    speed = np.abs(rows.velocity)
+    top = float(np.max(np.abs(rows.filtered)))
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns != 0.0, axis=0)]
+    how, force = rows.how, None
+    for faster, slower in pairwise(_SLOW):
+        above = speed >= faster * top
+        within = (speed >= slower * top) & ~above
+        if np.count_nonzero(above) < 4 * columns.shape[1] or np.count_nonzero(within) < 2 * _PASSAGES:
+            continue
+        if force is None:
+            force = _solve(log, rows, columns, how.delay, free=True, instruments=instruments).force
+        used = columns[above]
+        if np.linalg.matrix_rank(used / np.maximum(np.linalg.norm(used, axis=0), 1e-300), tol=1e-3) < used.shape[1]:
+            continue
+        values = np.linalg.lstsq(used, force[above], rcond=None)[0]
+        signed = np.sign(rows.velocity) * (force - columns @ values)
+        passages = [signed[run].mean() for run in _runs(within)]
+        if len(passages) < _PASSAGES:
+            continue
+        error = float(np.std(passages, ddof=1)) / np.sqrt(len(passages))
+        if abs(float(np.mean(passages))) > _DEVIATES * error:
+            try:
+                return motion_log.prepare(log, replace(how, rest=faster))
+            except NotIdentifiableError:
+                return rows
+    return rows
+
+
+def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> np.ndarray:
+    """Return a mask of the rows without those in which an unknown force acts for a short time.
+
+    Such a row leaves more than `_PULSE` robust standard deviations, 1.4826 · median |r - median r|; its neighbors,
+    whose windows see the force, go with it. The fit is repeated without them until no more are found. If more than
+    `_MOST_PULSES` of the rows would go, it is no pulse but the usual residual, and all rows count.
+    """
+    columns = columns_of(rows, "directional")
+    columns = columns[:, np.any(columns != 0.0, axis=0)]
+    everything = np.ones(rows.time.size, bool)
+    used = everything
+    for _ in range(_PULSE_TURNS):
+        if np.any(np.all(columns[used] == 0.0, axis=0)):
+            return everything
+        solved = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
+        left = rows.force_with(log.force, solved.delay) - columns @ solved.values[: columns.shape[1]]
+        away = np.abs(left - np.median(left[used]))
+        far = away > _PULSE * 1.4826 * float(np.median(away[used]))
+        # a row on both sides: the decimating low pass spreads a pulse by some 10 ms
+        near = np.convolve(far, np.ones(2 * _PULSE_SPREAD + 1), "same") > 0.0
+        if np.mean(near) > _MOST_PULSES:
+            return everything
+        if np.array_equal(~near, used):
+            break
+        used = ~near
+    return used
+
+
+def _runs(flags: np.ndarray) -> list[slice]:
+    """Return the ranges of successive true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _fit(
+    log: MotionLog,
+    rows: Prepared,
+    used: np.ndarray,
+    instruments: np.ndarray | None,
+    friction: str,
+    folds: int,
+    periods: tuple[float, ...],
+    *,
+    free: bool,
+) -> RigidFit:
+    names = (*NAMES[friction], *place_names(periods))
+    columns = np.column_stack([columns_of(rows, friction), _place_rows(log, rows, log.position, periods)])
+    check_columns(log.name, columns[used], names)
+    if instruments is not None:
+        instruments = _with_places(log, rows, instruments, periods)
+    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments, used=used)
+    columns = columns[used]
+    p = len(names)
+    values, residual, force = solved.values[:p], solved.residual, solved.force
+    counted, shifts = _with_counts(log, rows, used, solved, names)
+    size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error
-    robust = covariance_of(columns, residual) + np.outer(shifts, shifts)
+    robust = solved.covariance + np.outer(shifts, shifts)
+    ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
-    units = [{"mass": frame.inertia, "viscous": frame.viscous}.get(name.split("_")[0], frame.force) for name in names]
+    special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
+    units = [special.get(name.split("_")[0], frame.force) for name in names]
     estimates = tuple(
-        Estimate(*row)
-        for row in zip(
-            names,
-            values,
-            units,
-            regression.errors(robust),
-            regression.errors(regression.ols_covariance(columns, residual)),
-            strict=True,
-        )
+        Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
     )
     check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
+    late, _ = _dead_time(solved)
+    error, white = (float(regression.errors(robust)[-1]), float(ols[-1])) if solved.free else (0.0, 0.0)
     return RigidFit(
         name=log.name,
         friction=friction,
         estimates=estimates,
-        covariance=robust,
-        residuals=Residuals(residual, rows.force, float(np.linalg.cond(columns)), frame.force),
-        validation=regression.cross_validated(columns, rows.force, folds, frame.force),
-        criterion={friction: regression.information(residual, len(names))},
-        time=rows.time,
+        covariance=robust[:p, :p],
+        residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
+        validation=regression.cross_validated(columns, force, folds, frame.force),
+        criterion={friction: regression.information(residual, p)},
+        time=rows.time[used],
         frame=frame,
+        dead_time=Estimate("dead_time", late, "samples", error, white),
+        how=replace(rows.how, delay=motion_log.HOLD + late),
+        instruments=solved.instrumented,
+        periods=periods,
+        travel=_middle(log)[:2],
+        left_out=rows.left_out | {"pulse": int(np.sum(~used))},
         # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
     )
 
 
 def _with_counts(
-    log: MotionLog, rows: Prepared, columns: np.ndarray, values: np.ndarray, friction: str
+    log: MotionLog, rows: Prepared, used: np.ndarray, solved: _Solved, names: Sequence[str]
 ) -> tuple[float, np.ndarray]:
     """Return the RMS residual due to quantization, and the bias of each value; 0 if readings are not quantized.
 
@@ -213,23 +666,29 @@ def _with_counts(
     equals that of the first one.
     Source: Cook & Stefanski 1994 (SIMEX, its first step).
     """
-    count, names = motion_log.count_of(log.position), NAMES[friction]
+    count = motion_log.count_of(log.position)
     if count == 0.0:
-        return 0.0, np.zeros(len(names))
+        return 0.0, np.zeros(solved.values.size)
     # a fixed seed: the same log gives the same errors
     random = np.random.default_rng(0)
-    ways = {"viscous_positive": rows.velocity > 0.0, "viscous_negative": rows.velocity < 0.0}
+    velocity = rows.velocity[used]
+    ways = {"viscous_positive": velocity > 0.0, "viscous_negative": velocity < 0.0}
     residuals, shifts = [], []
     for _ in range(_DRAWN):
-        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))
+        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))[:, used]
         noise = np.column_stack(
             [
                 changes if name == "mass" else slow * ways.get(name, 1.0) if name.startswith("viscous") else 0.0 * slow
                 for name in names
             ]
         )
-        residuals.append(np.mean((noise @ values) ** 2))
-        shifts.append(np.linalg.lstsq(columns + noise, rows.force, rcond=None)[0] - values)
+        if solved.free:
+            # the slope of the force holds no reading
+            noise = np.column_stack([noise, np.zeros(noise.shape[0])])
+        residuals.append(np.mean((noise @ solved.values) ** 2))
+        # the projected columns span what the instruments explain, and are the columns without instruments
+        inner = solved.projected if solved.instrumented else solved.columns + noise
+        shifts.append(np.linalg.solve(inner.T @ (solved.columns + noise), inner.T @ solved.force) - solved.values)
     return float(np.sqrt(np.mean(residuals))), np.sqrt(np.mean(np.square(shifts), axis=0))
 
 
@@ -320,6 +779,7 @@ LATEST = 5e-3  # s: a force that acts later than that does not belong to this cl
 CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better one counts as certain
 # s: unknown forces and counts shift the delay of a closed loop by as much
 _EARLY = 1e-3
+_CERTAIN = 4.0  # joint standard errors by which the delays of two halves differ if the clocks drift
 _DRIFT = 2  # times that, and samples, by which the delays of the two halves of a log differ if they drift
 
 
@@ -399,17 +859,42 @@ def find_delay(
     # the force is shifted and not the motion, so that the columns and their factorization serve all delays
     forces = base.reduced(np.array([motion_log.delayed(log.force, motion_log.HOLD + d) for d in delays]))
     residual = np.array([_left(basis, force) for force in forces])
-    best = int(np.argmin(residual))
     _check_slope(log, basis, forces, residual)
+    instruments = instruments_of(log, base)
+    if instruments is not None and _projected(columns, instruments)[1]:
+        # what the set motion explains of the force holds no reaction of the control to a disturbance
+        residual = _explained_left(columns, forces, instruments)
+    best = int(np.argmin(residual))
+
+    def dead_time_in(part: slice | np.ndarray, delay: int) -> tuple[float, float]:
+        kept = columns[:, np.any(columns[part] != 0.0, axis=0)]
+        start = motion_log.HOLD + delay
+        return _dead_time(_solve(log, base, kept, start, free=True, instruments=instruments, used=part))
+
     if clocks:
-        _check(log, int(delays[best]), delays, residual)
-        _check_drift(log, columns, forces, delays)
-    slope = 0.5 * (forces[min(best + 1, delays.size - 1)] - forces[max(best - 1, 0)])
-    # negative: a later force is the force less its slope times the delay
-    wide = np.column_stack([columns, -slope])
-    values = np.linalg.lstsq(wide, forces[best], rcond=None)[0]
-    error = float(regression.errors(covariance_of(wide, forces[best] - wide @ values))[-1])
-    return DelayFit(log.name, float(delays[best]) + float(values[-1]), error, delays, residual, log.sample_time)
+        # with all rows: clocks that differ leave a residual that looks like pulses
+        _check(log, int(delays[best]), delays, residual, dead_time_in(slice(None), int(delays[best]))[1])
+        _check_drift(log, columns, forces, delays, instruments, dead_time_in)
+    # an unknown force of short duration is no evidence of a delay
+    late, error = dead_time_in(_without_pulses(log, base, instruments), int(delays[best]))
+    return DelayFit(log.name, late, error, delays, residual, log.sample_time)
+
+
+def _dead_time(solved: _Solved) -> tuple[float, float]:
+    """Return the dead time in samples besides the hold, with its standard error; 0 if the delay was not free."""
+    late = solved.delay - motion_log.HOLD
+    if not solved.free:
+        return late, 0.0
+    return late + float(solved.values[-1]), float(regression.errors(solved.covariance)[-1])
+
+
+def _explained_left(columns: np.ndarray, forces: np.ndarray, instruments: np.ndarray) -> np.ndarray:
+    """Return the relative residual of each force, shape (m,), in what the instruments explain of it."""
+    u, s, _ = np.linalg.svd(instruments, full_matrices=False)
+    basis = u[:, s > np.sqrt(_RANK) * s[0]]
+    inner, explained = np.linalg.qr(basis.T @ columns)[0], forces @ basis
+    off = explained - (explained @ inner) @ inner.T
+    return np.linalg.norm(off, axis=1) / np.maximum(np.linalg.norm(explained, axis=1), np.finfo(float).tiny)
 
 
 def _left(basis: np.ndarray, force: np.ndarray) -> float:
@@ -439,12 +924,14 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
         )
 
 
-def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray) -> None:
+def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray, error: float = 0.0) -> None:
+    """Raise NotIdentifiableError for a delay that no drive has; `error`: its standard error in samples."""
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
     # otherwise there is no evidence for a delay other than 0
     clear = float(np.min(residual)) < CLEAR * at_zero and at_zero - float(np.min(residual)) > _rough(residual)
-    late = best * log.sample_time > LATEST
-    early = best < -1 and -best * log.sample_time > _EARLY
+    # what is left of a disturbance may move a delay by its error
+    late = (best - _CERTAIN * error) * log.sample_time > LATEST
+    early = best < -1 and -(best + _CERTAIN * error) * log.sample_time > _EARLY
     if clear and early and _trails(log):
         raise NotIdentifiableError(
             f"{log.name}: set position and position are swapped: the set position trails the position, and the axis "
@@ -481,11 +968,24 @@ def _trails(log: MotionLog) -> bool:
     return float(np.mean((log.set_position - log.position) * np.gradient(log.set_position))) < 0.0
 
 
-def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays: np.ndarray) -> None:
-    """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks."""
+def _check_drift(
+    log: MotionLog,
+    columns: np.ndarray,
+    forces: np.ndarray,
+    delays: np.ndarray,
+    instruments: np.ndarray | None,
+    dead_time_in: Callable[[slice, int], tuple[float, float]],
+) -> None:
+    """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks.
+
+    dead_time_in  dead time and its error (samples) in some rows, searched from a delay
+    """
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))
-    left = [np.array([_left(np.linalg.qr(columns[rows])[0], force[rows]) for force in forces]) for rows in halves]
+    if instruments is None:
+        left = [np.array([_left(np.linalg.qr(columns[h])[0], force[h]) for force in forces]) for h in halves]
+    else:
+        left = [_explained_left(columns[h], forces[:, h], instruments[h]) for h in halves]
     first, second = (int(np.argmin(residual)) for residual in left)
     other = left[0][second], left[1][first]
     least = left[0][first], left[1][second]
@@ -493,7 +993,13 @@ def _check_drift(log: MotionLog, columns: np.ndarray, forces: np.ndarray, delays
         lowest < CLEAR * at and at - lowest > _rough(residual)
         for lowest, at, residual in zip(least, other, left, strict=True)
     )
-    if sure and abs(second - first) >= _DRIFT * max(1.0, _EARLY / log.sample_time):
+    if not sure or abs(second - first) < _DRIFT * max(1.0, _EARLY / log.sample_time):
+        return
+    (early, before), (late, after) = (
+        dead_time_in(h, int(delays[place])) for place, h in zip((first, second), halves, strict=True)
+    )
+    # a disturbance that the control answers scatters the delay of a half
+    if abs(late - early) > _CERTAIN * np.hypot(before, after):
         raise NotIdentifiableError(
             f"{log.name}: force and position are not on one clock: the force acts {delays[first]} samples late in the "
             f"first half of the log and {delays[second]} in the second; record both channels with one recorder"
