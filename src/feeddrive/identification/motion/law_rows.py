@@ -59,6 +59,11 @@ class Basis:
         """The number of basis columns."""
         return len(self.names)
 
+    @property
+    def motion(self) -> np.ndarray:
+        """The places of the columns without the directions of the set motion."""
+        return np.array([k for k, name in enumerate(self.names) if not name.startswith(("sign", "moves"))])
+
     def zero(self) -> Term:
         """Return the regressor 0."""
         return Term(np.zeros(self.size))
@@ -149,6 +154,7 @@ class LawRows:
     """The rows of a log that a control law must explain.
 
     columns    (rows, basis): the basis columns, each without its mean over a stretch
+    whole      (samples, basis): the basis columns over the whole log, for filters
     force      (rows,): the force, likewise
     stretches  first row of each stretch and the number of rows
     places     (rows,): rows of the log
@@ -159,6 +165,7 @@ class LawRows:
 
     basis: Basis
     columns: np.ndarray
+    whole: np.ndarray
     force: np.ndarray
     starts: np.ndarray
     places: np.ndarray
@@ -176,9 +183,17 @@ class LawRows:
         runs = [(b, e) for b, e in zip(edges[::2], edges[1::2], strict=True) if e - b >= _SHORT]
         places = np.concatenate([np.arange(b, e) for b, e in runs]) if runs else np.zeros(0, dtype=np.int64)
         starts = np.cumsum([0, *(e - b for b, e in runs)])[:-1]
-        columns = signals.basis(basis)[places]
-        made = cls(basis, columns, signals.force[places], starts, places, signals)
-        return replace(made, columns=made.centered(columns), force=made.centered(made.force))
+        whole = signals.basis(basis)
+        made = cls(basis, whole[places], whole, signals.force[places], starts, places, signals)
+        return replace(made, columns=made.centered(made.columns), force=made.centered(made.force))
+
+    def signed(self, signals: Signals) -> LawRows:
+        """Return the rows with the directions of the set motion as `signals` smooth them; all else is kept."""
+        whole = self.whole.copy()
+        for name in self.basis.names:
+            if name.startswith(("sign", "moves")):
+                whole[:, self.basis.names.index(name)] = signals.direction(name)
+        return replace(self, whole=whole, columns=self.centered(whole[self.places]), raw=signals)
 
     def centered(self, values: np.ndarray) -> np.ndarray:
         """Return values without their mean over each stretch."""
@@ -231,9 +246,6 @@ class Signals:
         """Return all basis columns over the whole log, shape (samples, basis)."""
         e = self.wanted - self.x
         changes = {"dx": np.diff(self.x, prepend=self.x[0]), "ds": np.diff(self.wanted, prepend=self.wanted[0])}
-        v = changes["ds"] / self.T
-        sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(np.abs(v) < _still(v), 0.0, v))
-        changes |= {"sign": sign, "moves": np.abs(sign)}
         out = np.empty((e.size, basis.size))
         for k, name in enumerate(basis.names):
             if name == "e":
@@ -242,10 +254,18 @@ class Signals:
                 out[:, k] = self.T * np.cumsum(e)
             elif name == "s":
                 out[:, k] = self.wanted
+            elif name.startswith(("sign", "moves")):
+                out[:, k] = self.direction(name)
             else:
-                kind = name.rstrip("-0123456789")
-                out[:, k] = shifted(changes[kind], int(name[len(kind) :]))
+                out[:, k] = shifted(changes[name[:2]], int(name[2:]))
         return out
+
+    def direction(self, name: str) -> np.ndarray:
+        """Return the basis column of a direction of the set motion (sign) or of its size (moves)."""
+        v = np.diff(self.wanted, prepend=self.wanted[0]) / self.T
+        sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(np.abs(v) < _still(v), 0.0, v))
+        kind = name.rstrip("-0123456789")
+        return shifted(np.abs(sign) if kind == "moves" else sign, int(name[len(kind) :]))
 
     def free(self, limit: float | None) -> np.ndarray:
         """Return a mask of the samples at which the command is not held at its limit.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,10 +26,17 @@ _KEPT = 4  # pairs of n and d that are fitted with every structure
 _STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 _FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
+_STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
 _MOST_DEAD = 3  # samples of dead time in a reference model
+_LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, which the superset lacks
+_LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
+_ZOOMS = 4  # times that the grid of corners shrinks
+_AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
+_FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
-_SMOOTH = (0.003, 0.01, 0.03, 0.1)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
 _LEAST_ROWS = 100
+_CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +59,28 @@ class Floor:
     ssr        sum of squares that is left;   power: that of the force
     memory     first autocorrelation of what is left
     effective  number of independent rows
-    price      criterion of the free law
+    unknowns   its number of coefficients
     """
 
     ssr: float
     power: float
     memory: float
     effective: float
-    price: float
+    unknowns: int
+
+    @property
+    def price(self) -> float:
+        """The criterion of the free law."""
+        return self.unknowns * math.log(self.effective)
 
     @property
     def left(self) -> float:
         return math.sqrt(self.ssr / self.power)
+
+    def misses(self, scored: Scored) -> bool:
+        """Return True if a structure leaves more than chance lets a law leave beyond the free one."""
+        spare = self.unknowns - scored.structure.parameters
+        return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
 
     def criterion(self, ssr: float, unknowns: int) -> float:
         """Return n ln(ssr / floor) + p ln n with n independent rows."""
@@ -77,7 +94,7 @@ def floor_of(rows: LawRows, part: Reduced) -> Floor:
     ssr, n = part.rest(), rows.force.size
     rho = correlation(rest)
     effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
-    return Floor(ssr, part.power, rho, effective, rows.basis.size * math.log(effective))
+    return Floor(ssr, part.power, rho, effective, rows.basis.size)
 
 
 def remains(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -93,6 +110,30 @@ def correlation(rest: np.ndarray) -> float:
     """Return the first autocorrelation of a residual."""
     power = float(rest @ rest)
     return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+
+
+def nonlinear(rows: LawRows, found: Fitted, rest: np.ndarray, floor: Floor) -> float:
+    """Return by how much nonlinear functions of the signals explain what a law leaves, as a criterion: > 0 if they do.
+
+    A dead band, a limit inside of the law or friction compensation by the measured velocity leave what no linear law
+    explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)
+    """
+    n, d = found.structure.n, found.structure.d
+    basis, whole = rows.basis, rows.whole
+    e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
+    e = e - np.mean(e[rows.places])
+    columns = []
+    for signal in (e, v):
+        size = 1.4826 * float(np.median(np.abs(signal[rows.places]))) or float(np.std(signal))
+        columns += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
+        columns += [np.abs(signal)]
+    more = rows.centered(np.stack(columns, axis=1)[rows.places])
+    linear = np.hstack([law_structures.regressors(found, rows), rows.columns])
+    least = remains(linear, rest)
+    other = remains(np.hstack([linear, more]), rest)
+    noise = _ROUNDING**2 * floor.power
+    gain = floor.effective * math.log((float(least @ least) + noise) / (float(other @ other) + noise))
+    return gain - more.shape[1] * math.log(floor.effective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +152,7 @@ class Search:
     def residual(self, scored: Scored) -> np.ndarray:
         """Return what a structure leaves of the force, over the rows."""
         found = scored.fitted
-        rows = replace(self.rows, columns=self.rows.columns, raw=scored.signals)
+        rows = self.rows if scored.signals is self.rows.raw else self.rows.signed(scored.signals)
         columns = law_structures.regressors(found, rows)
         gains = columns[:, : found.values.size]
         return self.rows.force - gains @ found.values
@@ -142,12 +183,8 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
         return None
     basis, part = rows.basis, rows.reduced()
     floor = floor_of(rows, part)
-    tried = {
-        (n, d): law_structures.left_by(part, law_structures.wide(basis, n, d, friction=True))
-        for n in range(1, MOST_SAMPLES + 1)
-        for d in range(MOST_DELAY + 1)
-    }
-    likely = sorted(tried, key=lambda pair: tried[pair])[:_KEPT]
+    tried = _scanned(rows, part)
+    likely = list(tried)[:_KEPT]
     scored = [
         Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
         for n, d in likely
@@ -157,13 +194,10 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     if not scored:
         return None
     scored.sort(key=lambda one: one.criterion)
-    if scored[0].criterion > floor.price:
-        scored += _models(rows, floor, scored, signals)
-        scored += _lags(rows, floor, scored, signals)
-        scored.sort(key=lambda one: one.criterion)
-    if scored[0].structure.friction is not None and signals.smoothing == 0.0:
-        scored += _smoothed(rows, floor, scored[0], keep)
-        scored.sort(key=lambda one: one.criterion)
+    for further in (_smoothed, _models, _lags):
+        if floor.misses(scored[0]):
+            scored += further(rows, floor, scored[0], keep)
+            scored.sort(key=lambda one: one.criterion)
     return Search(rows, floor, tried, tuple(scored))
 
 
@@ -180,106 +214,151 @@ def structures(n: int, d: int) -> Iterator[Structure]:
                         yield Structure(PID, True, n, d, older, central, forward, fed, friction)
 
 
-def _models(rows: LawRows, floor: Floor, scored: list[Scored], signals: Signals) -> list[Scored]:
-    """Return fits with a reference model in the integral, for the likeliest cascades."""
-    found: list[Scored] = []
-    pairs = _pairs(scored, 2)
+def _models(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+    """Return fits with a reference model in the integral, for the likeliest n and d."""
+    some = [law_structures.through_model(rows, Model(rate, 0, False), 0, 0, central=False) for rate in _STANDING]
+    # models of four rates with free gains stand for any model while n and d are told apart
     Q, part = _orthogonal(rows)
-    for n, d in pairs:
-        for forward in law_structures.FORWARD:
-            plain = Structure(CASCADE, True, n, d, forward=forward)
-            for samples in range(_MOST_DEAD + 1):
-
-                def at(rate: float, plain: Structure = plain, samples: int = samples) -> Fitted | None:
-                    structure = replace(plain, model=Model(rate, samples))
-                    more = law_structures.through_model(rows, Model(rate, samples), plain.d, 0, central=False)
-                    return law_structures.fit(structure, rows.basis, _extended(rows, Q, part, more), 2)
-
-                best = _profile(at, _RATES)
-                if best is not None:
-                    found.append(Scored(best, floor.criterion(best.ssr, best.structure.parameters), signals))
-    return found
-
-
-def _lags(rows: LawRows, floor: Floor, scored: list[Scored], signals: Signals) -> list[Scored]:
-    """Return fits with a low pass of the command, for the likeliest structures."""
+    wide = _extended(part, Q, np.hstack(some))
     found: list[Scored] = []
-    plain = [
-        Structure(family, integral, n, d, forward=forward, fed=fed)
-        for n, d in {(n, d) for n in (1, 2, 4) for d in (0, 1)} | set(_pairs(scored, 2))
-        for fed in ("", "central")
-        for family, integral, forward in ((CASCADE, True, "free"), (CASCADE, False, "free"), (PID, True, "free"))
-    ]
-    left: dict[tuple[float, Structure], Fitted] = {}
-    for share in _POLES:
-        part = reduced(law_structures.lagged(rows, 1.0 - share).columns, rows.force)
-        for one in plain:
-            for old in (0.0, 0.5):
-                structure = replace(one, lag=Lag(1.0 - float(share), old))
-                fitted = law_structures.fit(structure, rows.basis, part)
-                if fitted is not None:
-                    left[float(share), structure] = fitted
-    best = sorted(left.values(), key=lambda one: one.ssr)[:3]
-    for one in best:
-        lag = one.structure.lag
-        assert lag is not None
-
-        def at(share: float, one: Fitted = one, lag: Lag = lag) -> Fitted | None:
-            part = reduced(law_structures.lagged(rows, 1.0 - share).columns, rows.force)
-            return law_structures.fit(replace(one.structure, lag=Lag(1.0 - share, lag.old)), rows.basis, part)
-
-        share = 1.0 - lag.pole
-        step = float(_POLES[1] / _POLES[0])
-        fitted = _profile(at, np.geomspace(share / step, min(0.95, share * step), 5))
-        if fitted is None:
-            continue
-        variants = [fitted]
-        for forward in law_structures.FORWARD:
-            for fed in ("", "backward", "central", "middle"):
-                part = reduced(law_structures.lagged(rows, fitted.structure.lag.pole).columns, rows.force)  # type: ignore[union-attr]
-                if fitted.structure.family == PID and forward == "one":
-                    continue
-                other = law_structures.fit(replace(fitted.structure, forward=forward, fed=fed), rows.basis, part)
-                variants += [] if other is None else [other]
-        found += [Scored(v, floor.criterion(v.ssr, v.structure.parameters), signals) for v in variants]
+    for n, d in list(_scanned(rows, wide))[:2]:
+        problems = law_structures.ModelProblems(rows, n, d)
+        coarse: list[Fitted] = []
+        for inside in (True, False):
+            for samples in range(_MOST_DEAD + 1):
+                rates = _RATES[_RATES * (samples + 1) < 1.0] if inside else _RATES
+                top = _profile(rows, lambda rate, m=samples, i=inside: problems.fit(Model(rate, m, i), "free"), rates)
+                coarse += [] if top is None else [top]
+        coarse.sort(key=lambda one: one.ssr)
+        for one in coarse[:3]:
+            model = one.structure.model
+            assert model is not None
+            for forward in law_structures.FORWARD:
+                near = model.rate * _AROUND
+                top = _profile(
+                    rows, lambda rate, m=model, f=forward: problems.fit(m._replace(rate=rate), f), near
+                )
+                if top is not None:
+                    found.append(Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw))
     return found
+
+
+def _lags(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+    """Return fits with a low pass of the command, for the likeliest structures."""
+    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
+    grid, step = _POLES, float(_POLES[1] / _POLES[0])
+    motion = rows.basis.motion
+    # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
+    for _ in range(_ZOOMS):
+        for share in map(float, grid):
+            columns = np.zeros_like(rows.columns)
+            columns[:, motion] = law_structures.lagged(rows, 1.0 - share, motion)
+            factor = reduced(columns[:, motion], rows.force)
+            whole = np.zeros((factor.factor.shape[0], rows.basis.size))
+            whole[:, motion] = factor.factor
+            parts[share] = Reduced(whole, factor.right)
+            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=False).items()]
+        step **= 0.4
+        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    coarse = list[Fitted]()
+    for _, share, (n, d) in sorted(scans)[:_LIKELY]:
+        for fed in ("", "backward"):
+            for family in (CASCADE, PID):
+                for old in (0.0, 0.5):
+                    structure = Structure(family, True, n, d, fed=fed, lag=Lag(1.0 - share, old))
+                    fitted = law_structures.fit(structure, rows.basis, parts[share])
+                    coarse += [] if fitted is None else [fitted]
+    coarse.sort(key=lambda one: one.ssr)
+    # the best of each kind: another kind may be nearer to its minimum on the coarse grid
+    kinds = dict[tuple[object, ...], Fitted]()
+    for one in coarse:
+        assert one.structure.lag is not None
+        kinds.setdefault((one.structure.family, one.structure.lag.old, one.structure.fed), one)
+    fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
+    found = list[Fitted]()
+    for one in fine[:2] if len(fine) < 2 else sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
+        if one is None:
+            continue
+        for structure in _variants(one.structure):
+            fitted = law_structures.sensible(structure, law_structures.lagged_problem(rows, structure))
+            found += [] if fitted is None else [fitted]
+    found.sort(key=lambda one: floor.criterion(one.ssr, one.structure.parameters))
+    found[:3] = [better for one in found[:3] if (better := _along_lag(rows, one.structure, _AROUND)) is not None]
+    return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
+
+
+def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:
+    """Return the fit of a structure with the best corner of its low pass."""
+    lag = structure.lag
+    assert lag is not None
+
+    def at(share: float) -> Fitted | None:
+        other = replace(structure, lag=lag._replace(pole=1.0 - share))
+        return law_structures.sensible(other, law_structures.lagged_problem(rows, other))
+
+    return _profile(rows, at, (1.0 - lag.pole) * about)
+
+
+def _variants(structure: Structure) -> Iterator[Structure]:
+    """Yield a structure with all feedforwards, with and without an integral."""
+    for fed in ("", "backward", "central", "middle"):
+        for forward in law_structures.FORWARD if structure.family == CASCADE else ("free", "none"):
+            for integral in (True, False) if structure.family == CASCADE else (True,):
+                yield replace(structure, fed=fed, forward=forward, integral=integral)
 
 
 def _smoothed(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
     """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
-    found: list[Scored] = []
+    if best.structure.friction is None:
+        return []
     fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
-    for share in (0.0, *_SMOOTH):
-        signals = replace(rows.raw, smoothing=share * fastest)
-        other = LawRows.of(signals, keep)
-        for friction in (0, -1):
-            for sides in (False, True):
-                structure = replace(best.structure, friction=friction, sides=sides)
-                part, extra = law_structures.reduced_for(other, structure)
-                fitted = law_structures.fit(structure, other.basis, part, extra)
-                if fitted is not None:
-                    unknowns = structure.parameters + (share > 0.0)
-                    found.append(Scored(fitted, floor.criterion(fitted.ssr, unknowns), signals))
-    return found
+    found: dict[tuple[bool, float], Scored] = {}
+    for sides in (False, True):
+        structure = replace(best.structure, sides=sides, friction=0)
+
+        def at(speed: float, structure: Structure = structure, sides: bool = sides) -> Fitted | None:
+            signals = replace(rows.raw, smoothing=speed * fastest)
+            changed = rows.signed(signals)
+            part, extra = law_structures.reduced_for(changed, structure)
+            fitted = law_structures.fit(structure, changed.basis, part, extra)
+            if fitted is not None:
+                found[sides, speed] = Scored(fitted, floor.criterion(fitted.ssr, structure.parameters + 1), signals)
+            return fitted
+
+        _profile(rows, at, _SMOOTH)
+    return sorted(found.values(), key=lambda one: one.criterion)[:3]
 
 
-def _pairs(scored: list[Scored], most: int) -> list[tuple[int, int]]:
-    """Return the n and d of the best fits, without repetition."""
-    return list(dict.fromkeys((one.structure.n, one.structure.d) for one in scored))[:most]
+def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tuple[int, int], float]:
+    """Return what the superset of all structures leaves for each n and d, the smallest first."""
+    left = {
+        (n, d): law_structures.left_by(part, law_structures.wide(rows.basis, n, d, friction=friction))
+        for n in range(1, MOST_SAMPLES + 1)
+        for d in range(MOST_DELAY + 1)
+    }
+    return dict(sorted(left.items(), key=lambda item: item[1]))
 
 
-def _profile(at: object, grid: np.ndarray, rounds: int = 3) -> Fitted | None:
-    """Return the best fit over one more unknown, searched on a grid that shrinks about the best value."""
-    values, best = grid, None
-    for _ in range(rounds):
-        fits = [(value, fitted) for value in values if (fitted := at(float(value))) is not None]  # type: ignore[operator]
-        if not fits:
-            return best
-        place, fitted = min(fits, key=lambda pair: pair[1].ssr)
-        best = fitted if best is None or fitted.ssr < best.ssr else best
-        step = float(values[1] / values[0])
-        values = np.geomspace(place / step, place * step, 7)
-    return best
+def _profile(rows: LawRows, at: Callable[[float], Fitted | None], grid: np.ndarray) -> Fitted | None:
+    """Return the best fit over one more unknown: on a grid first, then by Brent's method about the best value."""
+    from scipy.optimize import minimize_scalar  # takes a second to import
+
+    found, power = dict[float, Fitted](), float(rows.force @ rows.force)
+
+    def left(logarithm: float) -> float:
+        value = math.exp(logarithm)
+        fitted = at(value) if value < 1.0 else None
+        if fitted is not None:
+            found[value] = fitted
+        return power if fitted is None else fitted.ssr
+
+    lefts = [left(math.log(value)) for value in grid]
+    if not found:
+        return None
+    k = min(max(int(np.argmin(lefts)), 1), len(grid) - 2)
+    bounds = math.log(grid[k - 1]), math.log(grid[k + 1])
+    minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINE, "maxiter": 25})
+    return min(found.values(), key=lambda one: one.ssr)
 
 
 def _orthogonal(rows: LawRows) -> tuple[np.ndarray, Reduced]:
@@ -287,7 +366,7 @@ def _orthogonal(rows: LawRows) -> tuple[np.ndarray, Reduced]:
     return Q, Reduced(R[:, :-1], R[:, -1])
 
 
-def _extended(rows: LawRows, Q: np.ndarray, part: Reduced, more: np.ndarray) -> Reduced:
+def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
     """Return a reduced problem with further columns behind its own."""
     on = Q.T @ more
     outside = np.linalg.qr(more - Q @ on, mode="r")
@@ -296,4 +375,4 @@ def _extended(rows: LawRows, Q: np.ndarray, part: Reduced, more: np.ndarray) -> 
     return Reduced(factor, np.concatenate([part.right, np.zeros(factor.shape[0] - size)]))
 
 
-__all__ = ["Floor", "Scored", "Search", "correlation", "remains", "search", "shifted"]
+__all__ = ["Floor", "Scored", "Search", "correlation", "nonlinear", "remains", "search", "shifted"]

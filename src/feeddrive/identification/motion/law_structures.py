@@ -27,10 +27,30 @@ class Lag(NamedTuple):
 
 
 class Model(NamedTuple):
-    """A reference model in the integral: r = T Kp / model_mass, and its dead time in samples."""
+    """A reference model in the integral: r = T Kp / model_mass, and its dead time in samples.
+
+    inside  True if the dead time is in the loop of the model, as in `CascadePPI`; False if it precedes a lag of first
+            order
+    """
 
     rate: float
     samples: int
+    inside: bool = True
+
+    def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return b and a of the filter from the velocity command to the velocity that the integral expects.
+
+            v_m(k+1) = v_m(k) + r/2 (u(k-m) + u(k-m-1)),   u = command - v_m                         (inside)
+            v_m(k+1) = v_m(k) + r/2 (c(k) - v_m(k+1) + c(k-1) - v_m(k)),   c = command m samples ago  (before)
+        """
+        half, b = 0.5 * self.rate, np.zeros(self.samples + 3)
+        b[-2:] = half
+        a = np.zeros(self.samples + 3)
+        a[:2] = 1.0, -1.0
+        if self.inside:
+            return b, a + b
+        a[:2] = 1.0 + half, half - 1.0
+        return b, a
 
 
 @dataclass(frozen=True)
@@ -219,7 +239,12 @@ def _with(task: Problem, rate: float) -> tuple[np.ndarray, float, float]:
 
 def fit(structure: Structure, basis: Basis, part: Reduced, extra: int = 0) -> Fitted | None:
     """Return the sensible fit with the smallest residual, or None."""
-    found = [one for one in fits(structure, problem(structure, basis, part, extra)) if one.sensible]
+    return sensible(structure, problem(structure, basis, part, extra))
+
+
+def sensible(structure: Structure, task: Problem) -> Fitted | None:
+    """Return the fit of a problem with the smallest residual among those that act against the error, or None."""
+    found = [one for one in fits(structure, task) if one.sensible]
     return min(found, key=lambda one: one.ssr, default=None)
 
 
@@ -233,8 +258,9 @@ def wide(basis: Basis, n: int, d: int, *, friction: bool) -> list[Term]:
 
 
 def left_by(part: Reduced, terms: list[Term]) -> float:
-    """Return the sum of squares that is left by regressors with free coefficients."""
-    C = part.factor @ np.stack([term.on for term in terms], axis=1)
+    """Return the sum of squares that is left by regressors, and by columns behind the basis, with free coefficients."""
+    size = terms[0].on.size
+    C = np.hstack([part.factor[:, :size] @ np.stack([term.on for term in terms], axis=1), part.factor[:, size:]])
     sizes = np.linalg.norm(C, axis=0)
     kept = sizes > 0.0
     values = np.linalg.lstsq(C[:, kept] / sizes[kept], part.right, rcond=1e-13)[0]
@@ -243,33 +269,34 @@ def left_by(part: Reduced, terms: list[Term]) -> float:
 
 
 def through_model(rows: LawRows, model: Model, d: int, older: int, *, central: bool) -> np.ndarray:
-    """Return Se and the set travel after a reference model, over the rows, shape (rows, 2).
-
-        v_m(k+1) = v_m(k) + r/2 (u(k-m) + u(k-m-1)),   u = command - v_m
-    """
+    """Return Se and the set travel after a reference model, over the rows, shape (rows, 2)."""
     basis = rows.basis
-    whole = rows.raw.basis(basis)
     on = np.stack([basis.error_sum(d, older).on, basis.set_travel(d + older, central=central).on], axis=1)
-    half = 0.5 * model.rate
-    b = np.zeros(model.samples + 3)
-    b[-2:] = half
-    a = b.copy()
-    a[0] += 1.0
-    a[1] -= 1.0
-    return filtered(rows, (b, a), whole @ on)
+    return filtered(rows, model.coefficients(), rows.whole @ on)
 
 
-def lagged(rows: LawRows, pole: float) -> LawRows:
-    """Return rows whose basis columns passed through a low pass of first order."""
-    whole = rows.raw.basis(rows.basis)
-    columns = filtered(rows, (np.array([1.0 - pole]), np.array([1.0, -pole])), whole)
-    return replace(rows, columns=columns)
+def lagged(rows: LawRows, pole: float, places: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """Return basis columns over the rows after a low pass of first order."""
+    return filtered(rows, _low_pass(pole), rows.whole[:, places])
+
+
+def lagged_problem(rows: LawRows, structure: Structure) -> Problem:
+    """Return the problem of one structure with a low pass; only its own columns are filtered."""
+    assert structure.lag is not None
+    A, B = structure.terms(rows.basis)
+    on = np.stack([term.on for term in (*A, *B)], axis=1)
+    part = reduced(filtered(rows, _low_pass(structure.lag.pole), rows.whole @ on), rows.force)
+    return Problem(part.factor[:, : len(A)], part.factor[:, len(A) :], part.right)
+
+
+def _low_pass(pole: float) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([1.0 - pole]), np.array([1.0, -pole])
 
 
 def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
     """Return the derivatives of the force with respect to the gains and 1/Tn over the rows."""
     structure, basis = found.structure, rows.basis
-    columns = rows.columns if structure.lag is None else lagged(rows, structure.lag.pole).columns
+    columns = rows.columns if structure.lag is None else lagged(rows, structure.lag.pole)
     extra = 0
     if structure.model is not None:
         more = through_model(rows, structure.model, structure.d, structure.older, central=structure.central)
@@ -284,8 +311,39 @@ def reduced_for(rows: LawRows, structure: Structure) -> tuple[Reduced, int]:
     """Return the reduced problem in which a structure with a model or a low pass is linear but for 1/Tn."""
     columns, extra = rows.columns, 0
     if structure.lag is not None:
-        columns = lagged(rows, structure.lag.pole).columns
+        columns = lagged(rows, structure.lag.pole)
     if structure.model is not None:
         more = through_model(rows, structure.model, structure.d, structure.older, central=structure.central)
         columns, extra = np.hstack([columns, more]), more.shape[1]
     return reduced(columns, rows.force), extra
+
+
+class ModelProblems:
+    """The problems of P-PI cascades with one n and d and any reference model, reduced to the columns that they have."""
+
+    def __init__(self, rows: LawRows, n: int, d: int) -> None:
+        self.rows, self.n, self.d = rows, n, d
+        basis = rows.basis
+        own = [basis.error(d), basis.set_velocity(d, central=False), basis.velocity(n, d), basis.travel(n, d)]
+        self.Q, R = np.linalg.qr(np.column_stack([rows.at(own), rows.force]))
+        self.own, self.y = R[:, :-1], R[:, -1]
+        inputs = [basis.error_sum(d), basis.set_travel(d, central=False)]
+        self.inputs = rows.whole @ np.stack([term.on for term in inputs], axis=1)
+
+    def fit(self, model: Model, forward: str) -> Fitted | None:
+        """Return the fit with a model, or None."""
+        more = filtered(self.rows, model.coefficients(), self.inputs)
+        on = self.Q.T @ more
+        outside = np.linalg.qr(more - self.Q @ on, mode="r")
+        size = self.y.size
+        wide = np.block([[self.own, on], [np.zeros((2, 4)), outside]])
+        e, wanted, v, X, Se, Sv = wide.T
+        y, zero = np.concatenate([self.y, np.zeros(2)]), np.zeros(size + 2)
+        columns = {
+            "free": ([e, wanted, -v], [Se, Sv, -X]),
+            "one": ([e, wanted - v], [Se, Sv - X]),
+            "none": ([e, -v], [Se, -X]),
+        }
+        A, B = columns[forward]
+        structure = Structure(CASCADE, True, self.n, self.d, forward=forward, model=model)
+        return sensible(structure, Problem(np.stack(A, 1), np.stack([*B], 1) + 0.0 * zero[:, None], y))
