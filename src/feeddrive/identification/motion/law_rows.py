@@ -21,6 +21,12 @@ _HELD = 1e-3  # of the largest force, within which successive samples are at the
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
 
+_HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
+_LAGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # s: of the low passes of the instruments
+_TURNS = 0.01  # of the largest set speed, at which the direction of the set motion turns in an instrument
+_DEPENDENT = 1e-6  # of the largest singular value, below which an instrument repeats the others
+
+
 class Term(NamedTuple):
     """A regressor of a control law: its coefficients on the basis columns of `LawRows`."""
 
@@ -47,8 +53,8 @@ class Basis:
 
     def __init__(self, T: float) -> None:
         self.T = T
-        names = ["e", "Se", "s"]
-        names += [f"dx{j}" for j in range(_CHANGES)]
+        names = ["e", "Se", "s", "t"]
+        names += [f"dx{j}" for j in range(-1, _CHANGES)]
         names += [f"ds{j}" for j in range(-_AHEAD, _PAST)]
         names += [f"sign{j}" for j in _SIGNS] + [f"moves{j}" for j in _SIGNS]
         self.names = names
@@ -84,30 +90,41 @@ class Basis:
     def set_position(self, d: int) -> Term:
         return self.one("s") - self.many("ds", 0, d)
 
-    def error(self, d: int, q: int = 0) -> Term:
+    def error(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
         """Return x_set(k-d-q) - x(k-d)."""
-        return self.one("e") - self.many("ds", 0, d + q) + self.many("dx", 0, d)
+        error = self.one("e") - self.many("ds", 0, d + q) + self.many("dx", 0, d)
+        return error - compliance * self._bend(d) if compliance else error
 
-    def error_sum(self, d: int, q: int = 0) -> Term:
+    def error_sum(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
         """Return T Σ e up to k-d."""
         total = self.one("Se") - self.T * float(q) * self.set_position(d)
         for i in range(d):
             total = total - self.T * self.error(i)
-        return total
+        return total - (compliance / self.T) * self.one(f"dx{d - 1}") if compliance else total
 
     def reading(self, d: int) -> Term:
         return self.set_position(d) - self.error(d)
 
-    def velocity(self, n: int, d: int) -> Term:
+    def velocity(self, n: int, d: int, compliance: float = 0.0) -> Term:
         """Return (x(k-d) - x(k-d-n)) / nT."""
-        return (1.0 / (n * self.T)) * self.many("dx", d, d + n)
+        total = (1.0 / (n * self.T)) * self.many("dx", d, d + n)
+        if compliance:
+            total = total + (compliance / (n * self.T)) * (self._bend(d) - self._bend(d + n))
+        return total
 
-    def travel(self, n: int, d: int) -> Term:
+    def travel(self, n: int, d: int, compliance: float = 0.0) -> Term:
         """Return T Σ of `velocity`, the mean of the last n readings."""
         total = self.reading(d)
         for j in range(n - 1):
             total = total - ((n - 1.0 - j) / n) * self.one(f"dx{d + j}")
+        if compliance:
+            bend = self.one(f"dx{d - 1}") - self.one(f"dx{d + n - 1}")
+            total = total + (compliance / (n * self.T**2)) * bend
         return total
+
+    def _bend(self, d: int) -> Term:
+        """Return the acceleration of the reading: a motor is ahead of its load by m_load/k times that."""
+        return (1.0 / self.T**2) * (self.one(f"dx{d - 1}") - self.one(f"dx{d}"))
 
     def set_velocity(self, d: int, *, central: bool) -> Term:
         """Return the set velocity by a backward or a central difference; the latter is the planner's own velocity."""
@@ -204,6 +221,28 @@ class LawRows:
         means = np.add.reduceat(values, self.starts, axis=0) / lengths.reshape(shape)
         return values - np.repeat(means, lengths, axis=0)
 
+    def instruments(self) -> np.ndarray:
+        """Return functions of the set motion that no error of a reading is in, orthonormal, shape (rows, p).
+
+        The motion of a loop follows from the set position, its derivatives, its direction (friction) and their past:
+        low passes of first and second order from 2 to 200 ms, and sums.
+        """
+        wanted, T = self.raw.wanted, self.raw.T
+        v = np.diff(wanted, prepend=wanted[0]) / T
+        v = 0.25 * (shifted(v, -1) + 2.0 * v + shifted(v, 1))
+        a = np.gradient(v, T)
+        sign = np.tanh(v / (_TURNS * np.max(np.abs(v))))
+        plain = np.stack([v, a, sign], axis=1)
+        parts = [wanted[:, None], plain, T * np.cumsum(sign)[:, None], T * np.cumsum(wanted - wanted[0])[:, None]]
+        for lag in _LAGS:
+            pole = float(np.exp(-T / lag))
+            once = _low_passed(pole, plain)
+            parts += [once, _low_passed(pole, once)]
+        Z = self.centered(np.hstack(parts)[self.places])
+        sizes = np.linalg.norm(Z, axis=0)
+        U, s, _ = np.linalg.svd(Z[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
+        return U[:, s > _DEPENDENT * s[0]]
+
     def reduced(self, rows: slice = slice(None), more: np.ndarray | None = None) -> Reduced:
         """Return the problem of some rows reduced to its factor; `more` are further columns of the same rows."""
         columns = self.columns if more is None else np.hstack([self.columns, more])
@@ -254,6 +293,8 @@ class Signals:
                 out[:, k] = self.T * np.cumsum(e)
             elif name == "s":
                 out[:, k] = self.wanted
+            elif name == "t":
+                out[:, k] = self.T * np.arange(e.size)
             elif name.startswith(("sign", "moves")):
                 out[:, k] = self.direction(name)
             else:
@@ -314,6 +355,40 @@ def filtered(rows: LawRows, coefficients: tuple[np.ndarray, np.ndarray], columns
     initial: Any = lfilter_zi(b, a)
     values, _ = lfilter(b, a, columns, axis=0, zi=initial[:, None] * columns[:1])
     return rows.centered(np.asarray(values)[rows.places])
+
+
+def _low_passed(pole: float, columns: np.ndarray) -> np.ndarray:
+    from scipy.signal import lfilter  # takes a second to import
+
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], columns, axis=0))
+
+
+def steadied(values: np.ndarray, count: float) -> np.ndarray:
+    """Return a rounded set position as it was before: the smoothest within the errors of rounding.
+
+    It minimizes Σ (s - rounded)² + λ Σ (third difference of s)², λ such that the RMS of s - rounded in motion is that
+    of rounding, count/√12.  (Whittaker and Henderson.)
+    """
+    from scipy.linalg import solveh_banded  # takes a second to import
+
+    n = values.size
+    bands = np.zeros((4, n))
+    weights = np.array([-1.0, 3.0, -3.0, 1.0])
+    for i in range(4):
+        for j in range(i, 4):
+            bands[3 - (j - i), j : n - 3 + j] += weights[i] * weights[j]
+    moves = widened(np.diff(values, prepend=values[0]) != 0.0, 3, 3)
+    offset, low, high, best = values - values[0], -2.0, 12.0, values
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        matrix = 10.0**middle * bands
+        matrix[3] += 1.0
+        smooth = solveh_banded(matrix, offset)
+        if np.sqrt(np.mean((smooth - offset)[moves] ** 2)) > count / np.sqrt(12.0):
+            high = middle
+        else:
+            low, best = middle, smooth + values[0]
+    return best
 
 
 def halves(rows: LawRows, share: float) -> Iterator[slice]:

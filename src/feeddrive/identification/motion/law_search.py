@@ -20,6 +20,7 @@ from feeddrive.identification.motion.law_rows import (
     widened,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
+from feeddrive.identification.regression import errors, robust_covariance
 
 _ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
 _KEPT = 4  # pairs of n and d that are fitted with every structure
@@ -35,6 +36,8 @@ _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
+_SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
@@ -194,7 +197,7 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     if not scored:
         return None
     scored.sort(key=lambda one: one.criterion)
-    for further in (_smoothed, _models, _lags):
+    for further in (_smoothed, _shifted, _models, _lags):
         if floor.misses(scored[0]):
             scored += further(rows, floor, scored[0], keep)
             scored.sort(key=lambda one: one.criterion)
@@ -287,6 +290,86 @@ def _lags(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[S
     return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
 
 
+@dataclass(frozen=True, eq=False)
+class Instrumented:
+    """A cascade fitted by instruments, for a log whose readings are not those of the law.
+
+    ratio  sum of squares that is left in the space of the instruments, over that of chance
+    """
+
+    fitted: Fitted
+    covariance: np.ndarray
+    ratio: float
+
+
+def instrumented(rows: LawRows) -> Instrumented | None:
+    """Return the likeliest cascade by instruments, or None.
+
+    Errors of readings enter the columns and bias least squares; functions of the set motion do not hold them.
+    """
+    Z = rows.instruments()
+    on = Z.T @ np.column_stack([rows.columns, rows.force])
+    part = Reduced(on[:, :-1], on[:, -1])
+    basis, spare = rows.basis, Z.shape[1]
+
+    def best(structures: Iterator[Structure]) -> list[Fitted]:
+        fits = [one for structure in structures if (one := law_structures.fit(structure, basis, part)) is not None]
+        return sorted(fits, key=lambda one: one.ssr)
+
+    scan = best(
+        Structure(CASCADE, True, n, d, fed="backward", friction=0, compliance=h, shifted=True)
+        for n in (1, 2, 4, 8)
+        for d in (0, 1, 2)
+        for h in (0.0, *map(float, _BENDS))
+    )
+    if not scan:
+        return None
+    n, d, h = scan[0].structure.n, scan[0].structure.d, scan[0].structure.compliance
+
+    def at(value: float, structure: Structure) -> Fitted | None:
+        return law_structures.fit(replace(structure, compliance=float(value)), basis, part)
+
+    found = list[Fitted]()
+    for forward in law_structures.FORWARD:
+        for fed in ("", "backward"):
+            for friction in (None, 0):
+                for integral in (True, False):
+                    plain = Structure(
+                        CASCADE, integral, n, d, forward=forward, fed=fed, friction=friction, shifted=integral
+                    )
+                    one = law_structures.fit(plain, basis, part)
+                    found += [] if one is None else [one]
+                    if h > 0.0:
+                        one = _profile(rows, lambda value, s=plain: at(value, s), h * _AROUND**2)
+                        found += [] if one is None else [one]
+    if not found:
+        return None
+    noise = _slow_noise(rows, found)
+    found.sort(key=lambda one: one.ssr / noise + one.structure.parameters * math.log(spare))
+    top = found[0]
+    columns = law_structures.regressors(top, rows)
+    if top.structure.compliance > 0.0:
+        step = 0.01 * top.structure.compliance
+        other = replace(top, structure=replace(top.structure, compliance=top.structure.compliance + step))
+        size = top.values.size
+        bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
+        columns = np.column_stack([columns, bend])
+    projected = Z @ (Z.T @ columns)
+    size = top.values.size
+    rest = rows.force - columns[:, :size] @ top.values
+    covariance = robust_covariance(projected, rest, smooth=64)
+    return Instrumented(top, covariance, top.ssr / noise / max(1, spare - top.structure.parameters))
+
+
+def _slow_noise(rows: LawRows, found: list[Fitted]) -> float:
+    """Return the variance per row of the slow part of what the likeliest structure leaves."""
+    top = min(found, key=lambda one: one.ssr)
+    rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
+    length = max(1, round(_SLOW / rows.raw.T))
+    blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)
+    return 1.4826**2 * float(np.median(np.abs(blocks - np.median(blocks)))) ** 2 / length
+
+
 def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:
     """Return the fit of a structure with the best corner of its low pass."""
     lag = structure.lag
@@ -307,12 +390,23 @@ def _variants(structure: Structure) -> Iterator[Structure]:
                 yield replace(structure, fed=fed, forward=forward, integral=integral)
 
 
+def _shifted(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+    """Return the structures with an integral of a reading with another zero than the logged one."""
+    found, part = list[Scored](), rows.reduced()
+    for structure in structures(best.structure.n, best.structure.d):
+        if structure.integral and structure.friction == best.structure.friction:
+            fitted = law_structures.fit(replace(structure, shifted=True), rows.basis, part)
+            if fitted is not None:
+                found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters), rows.raw))
+    return found
+
+
 def _smoothed(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
     """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
     if best.structure.friction is None:
         return []
     fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
-    found: dict[tuple[bool, float], Scored] = {}
+    found, again = dict[tuple[bool, float], Scored](), list[Scored]()
     for sides in (False, True):
         structure = replace(best.structure, sides=sides, friction=0)
 
@@ -326,7 +420,19 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> li
             return fitted
 
         _profile(rows, at, _SMOOTH)
-    return sorted(found.values(), key=lambda one: one.criterion)[:3]
+    if not found:
+        return []
+    top = min(found.values(), key=lambda one: one.criterion)
+    # other feedforwards made up for the wrong sign before
+    changed = rows.signed(top.signals)
+    part = changed.reduced()
+    for structure in structures(top.structure.n, top.structure.d):
+        if structure.friction == 0:
+            fitted = law_structures.fit(replace(structure, sides=top.structure.sides), changed.basis, part)
+            if fitted is not None:
+                unknowns = fitted.structure.parameters + 1
+                again.append(Scored(fitted, floor.criterion(fitted.ssr, unknowns), top.signals))
+    return [top, *again]
 
 
 def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tuple[int, int], float]:
@@ -375,4 +481,4 @@ def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
     return Reduced(factor, np.concatenate([part.right, np.zeros(factor.shape[0] - size)]))
 
 
-__all__ = ["Floor", "Scored", "Search", "correlation", "nonlinear", "remains", "search", "shifted"]
+__all__ = ["Floor", "Instrumented", "errors", "instrumented", "Scored", "Search", "correlation", "nonlinear", "remains", "search", "shifted"]

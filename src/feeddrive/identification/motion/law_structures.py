@@ -65,6 +65,8 @@ class Structure:
     forward   velocity feedforward: of a cascade free, one or none; of a PID free (FF1) or none
     fed       when the set acceleration is taken that is fed forward; empty for none
     friction  samples by which the direction of the set motion is older that friction feedforward uses; None for none
+    compliance  s2: the law read a motor that is ahead of the logged load by this times its acceleration, m_load/k
+    shifted   the zero of the logged reading is not that of the law: its integral then rises by a straight line
     sides     friction feedforward has a level for each direction
     """
 
@@ -80,6 +82,8 @@ class Structure:
     sides: bool = False
     model: Model | None = None
     lag: Lag | None = None
+    compliance: float = 0.0
+    shifted: bool = False
 
     @property
     def gains(self) -> tuple[str, ...]:
@@ -91,6 +95,7 @@ class Structure:
         names += ["mass"] if self.fed else []
         if self.friction is not None:
             names += ["friction", *(["difference"] if self.sides else [])]
+        names += ["slope"] if self.shifted else []
         return tuple(names)
 
     @property
@@ -101,7 +106,7 @@ class Structure:
     @property
     def parameters(self) -> int:
         """The number of unknowns; discrete choices do not count."""
-        return len(self.gains) + self.curved + (self.model is not None) + (self.lag is not None)
+        return len(self.gains) + self.curved + (self.model is not None) + (self.lag is not None) + (self.compliance > 0.0)
 
     def terms(self, basis: Basis) -> tuple[list[Term], list[Term]]:
         """Return the regressors A and B of the gains: the columns are A + B/Tn."""
@@ -116,7 +121,8 @@ class Structure:
 
     def _terms(self, basis: Basis, d: int) -> tuple[list[Term], list[Term]]:
         n, q, zero = self.n, self.older, basis.zero()
-        e, Se, v = basis.error(d, q), basis.error_sum(d, q), basis.velocity(n, d)
+        h = float(self.compliance)
+        e, Se, v = basis.error(d, q, h), basis.error_sum(d, q, h), basis.velocity(n, d, h)
         wanted = basis.set_velocity(d + q, central=self.central)
         if self.family == PID:
             # LinuxCNC's pid: an older target enters the error alone
@@ -125,7 +131,7 @@ class Structure:
             B = [zero] * len(A)
             q = 0
         else:
-            X, Sv = basis.travel(n, d), basis.set_travel(d + q, central=self.central)
+            X, Sv = basis.travel(n, d, h), basis.set_travel(d + q, central=self.central)
             if self.forward == "free":
                 A, B = [e, wanted, zero - v], [Se, Sv, zero - X]
             elif self.forward == "one":
@@ -139,6 +145,8 @@ class Structure:
             A, B = [*A, basis.one(f"sign{age}")], [*B, zero]
             if self.sides:
                 A, B = [*A, basis.one(f"moves{age}")], [*B, zero]
+        if self.shifted:
+            A, B = [*A, basis.one("t")], [*B, zero]
         return A, B
 
 
