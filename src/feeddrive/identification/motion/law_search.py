@@ -37,6 +37,8 @@ _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a mo
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
+_REFINED = 12  # fits by instruments whose twist is searched finely
+_ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
@@ -192,7 +194,7 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
         Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
         for n, d in likely
         for structure in structures(n, d)
-        if (found := law_structures.fit(structure, basis, part)) is not None
+        for found in law_structures.minima(structure, basis, part)
     ]
     if not scored:
         return None
@@ -294,12 +296,15 @@ def _lags(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[S
 class Instrumented:
     """A cascade fitted by instruments, for a log whose readings are not those of the law.
 
-    ratio  sum of squares that is left in the space of the instruments, over that of chance
+    ratio   sum of squares that is left in the space of the instruments, over that of chance
+    likely  this and other fits with their criteria, best first
+    instruments  (rows, p): their orthonormal columns
     """
 
     fitted: Fitted
-    covariance: np.ndarray
     ratio: float
+    likely: tuple[tuple[Fitted, float], ...]
+    instruments: np.ndarray
 
 
 def instrumented(rows: LawRows) -> Instrumented | None:
@@ -311,59 +316,77 @@ def instrumented(rows: LawRows) -> Instrumented | None:
     on = Z.T @ np.column_stack([rows.columns, rows.force])
     part = Reduced(on[:, :-1], on[:, -1])
     basis, spare = rows.basis, Z.shape[1]
-
-    def best(structures: Iterator[Structure]) -> list[Fitted]:
-        fits = [one for structure in structures if (one := law_structures.fit(structure, basis, part)) is not None]
-        return sorted(fits, key=lambda one: one.ssr)
-
-    scan = best(
-        Structure(CASCADE, True, n, d, fed="backward", friction=0, compliance=h, shifted=True)
+    scan = [
+        one
         for n in (1, 2, 4, 8)
         for d in (0, 1, 2)
         for h in (0.0, *map(float, _BENDS))
-    )
+        for one in law_structures.minima(
+            Structure(CASCADE, True, n, d, fed="backward", friction=0, compliance=h, shifted=True), basis, part
+        )
+    ]
     if not scan:
         return None
-    n, d, h = scan[0].structure.n, scan[0].structure.d, scan[0].structure.compliance
+    scan.sort(key=lambda one: one.ssr)
+    h = scan[0].structure.compliance
+    noise = _slow_noise(rows, scan[0])
 
-    def at(value: float, structure: Structure) -> Fitted | None:
-        return law_structures.fit(replace(structure, compliance=float(value)), basis, part)
+    def price(one: Fitted) -> float:
+        return one.ssr / noise + one.structure.parameters * math.log(spare)
 
-    found = list[Fitted]()
-    for forward in law_structures.FORWARD:
-        for fed in ("", "backward"):
-            for friction in (None, 0):
-                for integral in (True, False):
-                    plain = Structure(
-                        CASCADE, integral, n, d, forward=forward, fed=fed, friction=friction, shifted=integral
-                    )
-                    one = law_structures.fit(plain, basis, part)
-                    found += [] if one is None else [one]
-                    if h > 0.0:
-                        one = _profile(rows, lambda value, s=plain: at(value, s), h * _AROUND**2)
-                        found += [] if one is None else [one]
+    def best(n: int, d: int) -> list[Fitted]:
+        found = list[Fitted]()
+        for forward in law_structures.FORWARD:
+            for fed in ("", "backward"):
+                for friction in (None, 0):
+                    for integral in (True, False):
+                        plain = Structure(
+                            CASCADE, integral, n, d, forward=forward, fed=fed, friction=friction, shifted=integral
+                        )
+                        for bend in (0.0, h) if h > 0.0 else (0.0,):
+                            found += law_structures.minima(replace(plain, compliance=bend), basis, part)
+        return found
+
+    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:4]
+    found = sorted((one for pair in pairs for one in best(*pair)), key=price)
     if not found:
         return None
-    noise = _slow_noise(rows, found)
-    found.sort(key=lambda one: one.ssr / noise + one.structure.parameters * math.log(spare))
-    top = found[0]
-    columns = law_structures.regressors(top, rows)
+    # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
+    fine = list[Fitted]()
+    for one in found[:_REFINED]:
+        if one.structure.compliance == 0.0:
+            fine.append(one)
+            continue
+
+        def at(value: float, one: Fitted = one) -> Fitted | None:
+            structure = replace(one.structure, compliance=float(value))
+            fits = law_structures.minima(structure, basis, part)
+            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
+            return min(near, key=lambda other: other.ssr, default=None)
+
+        refined = _profile(rows, at, h * _AROUND**2)
+        fine += [] if refined is None else [refined]
+    fine.sort(key=price)
+    top = fine[0]
+    likely = [one for one in fine if price(one) < price(top) + _ODD]
+    ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
+    return Instrumented(top, ratio, tuple((one, price(one)) for one in likely), Z)
+
+
+def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
+    """Return the covariance of gains, 1/Tn and compliance that were found by instruments."""
+    columns, size = law_structures.regressors(top, rows), top.values.size
+    rest = rows.force - columns[:, :size] @ top.values
     if top.structure.compliance > 0.0:
         step = 0.01 * top.structure.compliance
         other = replace(top, structure=replace(top.structure, compliance=top.structure.compliance + step))
-        size = top.values.size
         bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
         columns = np.column_stack([columns, bend])
-    projected = Z @ (Z.T @ columns)
-    size = top.values.size
-    rest = rows.force - columns[:, :size] @ top.values
-    covariance = robust_covariance(projected, rest, smooth=64)
-    return Instrumented(top, covariance, top.ssr / noise / max(1, spare - top.structure.parameters))
+    return robust_covariance(Z @ (Z.T @ columns), rest, smooth=64)
 
 
-def _slow_noise(rows: LawRows, found: list[Fitted]) -> float:
+def _slow_noise(rows: LawRows, top: Fitted) -> float:
     """Return the variance per row of the slow part of what the likeliest structure leaves."""
-    top = min(found, key=lambda one: one.ssr)
     rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
     length = max(1, round(_SLOW / rows.raw.T))
     blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)

@@ -250,6 +250,11 @@ def fit(structure: Structure, basis: Basis, part: Reduced, extra: int = 0) -> Fi
     return sensible(structure, problem(structure, basis, part, extra))
 
 
+def minima(structure: Structure, basis: Basis, part: Reduced) -> list[Fitted]:
+    """Return all sensible fits: where Kv and 1/Tn may change places, there are two."""
+    return [one for one in fits(structure, problem(structure, basis, part)) if one.sensible]
+
+
 def sensible(structure: Structure, task: Problem) -> Fitted | None:
     """Return the fit of a problem with the smallest residual among those that act against the error, or None."""
     found = [one for one in fits(structure, task) if one.sensible]
