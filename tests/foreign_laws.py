@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import foreign_axis as fa
 import numpy as np
+
+import foreign_axis as fa
 
 # kind: law of `foreign_axis`, options of its draw, changes of the law that is drawn
 KINDS: dict[str, dict[str, Any]] = {

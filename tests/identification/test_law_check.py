@@ -22,8 +22,8 @@ from feeddrive.identification.motion.control_law import (
     _readings,
     _Rows,
     check_law,
-    identify_control,
 )
+from feeddrive.identification.motion.identify_law import identify_control
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
 

@@ -22,7 +22,7 @@ from feeddrive.identification.motion.law_search import Instrumented, Scored, Sea
 from feeddrive.identification.motion.law_structures import PID, Fitted, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
-from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
+from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
@@ -32,6 +32,8 @@ ALIKE = 6.0  # difference of the criterion up to which two laws explain a log eq
 WHITE = 0.15  # first autocorrelation that a law may add to that of the free law: dead bands add more than 0.5
 NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyond the free law
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
+TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
+MOST_LAG = 1.5  # samples; filters of the law look like a twist with 2.5 samples and more
 SURE = 0.1  # largest relative error of Kp and Kv with which a law found by instruments counts as known
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
@@ -132,8 +134,8 @@ def identify_control(log: MotionLog) -> ControlFit:
         cascade   u = Kp (Kv e + ff v_set - v) (1 + S/Tn) (+ mass a_set + friction sgn v_set)
         PID       u = P e + I S e + D (v_set - v) + FF1 v_set + FF2 a_set (+ friction sgn v_set)
 
-    S is the sum over time; v is differenced over n samples, and all signals are d samples old. The integral of a cascade
-    may compare with a reference model, and a low pass of first order may follow the law. No plant is involved.
+    S is the sum over time; v is differenced over n samples, and all signals are d samples old. The integral of a
+    cascade may compare with a reference model, and a low pass of first order may follow the law. No plant is involved.
 
     A law computes its command from the readings that it has. If the log holds these, all errors are in the force, and
     least squares is exact for any resolution. One constant for each stretch between two limits takes the initial
@@ -159,11 +161,11 @@ def identify_control(log: MotionLog) -> ControlFit:
         )
     verdict = _judged(found)
     if verdict.law:
-        return _fit(log, found, verdict, near=False)
+        return _fit(log, found, near=False)
     if verdict.instrumented is not None:
         return _by_instruments(log, found, verdict.instrumented)
     if verdict.near:
-        return _fit(log, found, verdict, near=True)
+        return _fit(log, found, near=True)
     power = found.floor.power
     best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
     free, bound = Quantity(found.floor.left, "share"), Quantity(NEAR, "share")
@@ -218,19 +220,20 @@ def _judged(found: Search) -> _Verdict:
 def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
     """Return True if a cascade that was found by instruments is the law, and the log holds other readings than it had.
 
-    Other readings show by their noise, which a difference makes blue, or by the twist between motor and load.
+    Other readings show by their noise, which a difference makes blue, or by the twist between motor and load. A filter
+    in the law may look like a twist, but with samples of lag.
     """
     values = found.fitted.values
     covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
     errors, gains = regression.errors(covariance)[: values.size], found.fitted.structure.gains
-    sure = all(
-        errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp")
-    )
-    twisted = found.fitted.structure.compliance > 0.0
+    sure = all(errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp"))
+    structure = found.fitted.structure
+    lag = 0.5 * (structure.n - 1) + structure.d
+    twisted = structure.compliance > 0.0 and found.gain > TWIST and lag <= MOST_LAG
     return sure and found.ratio < RATIO and (twisted or memory < -WHITE)
 
 
-def _fit(log: MotionLog, found: Search, verdict: _Verdict, *, near: bool) -> ControlFit:
+def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     """Return the laws that explain the log as well as the best one."""
     alike = [one for one in found.scored if one.criterion < found.best.criterion + ALIKE]
     readings: dict[str, LawReading] = {}
@@ -261,7 +264,9 @@ def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> C
     readings = list[LawReading]()
     for one, price in by_motion.likely:
         # fits that differ in samples or feedforward alone are one law; a far 1/Tn is another one
-        known = any(reading.structure.integral == one.structure.integral and _near(reading, one) for reading in readings)
+        known = any(
+            reading.structure.integral == one.structure.integral and _near(reading, one) for reading in readings
+        )
         if known or price > by_motion.likely[0][1] + ALIKE or len(readings) == _SHOWN:
             continue
         covariance = _covariance_by_motion(found.rows, by_motion, one)
@@ -288,7 +293,9 @@ def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> C
 
 
 def _near(reading: LawReading, one: Fitted) -> bool:
-    """Return True if a fit has the same 1/Tn as a reading, within a third."""
+    """Return True if a fit has the same 1/Tn as a reading, within a third, or neither has one."""
+    if reading.structure.integral != one.structure.integral:
+        return False
     rate = 1.0 / reading["Tn"].value if reading.structure.integral else 1.0
     return abs(math.log((one.rate or 1.0) / rate)) < _APART
 
@@ -471,9 +478,7 @@ def _title(structure: Structure) -> str:
     return parts[0] if len(parts) == 1 else f"{parts[0]} with {' and '.join(parts[1:])}"
 
 
-def _remarks(
-    first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float
-) -> list[str]:
+def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float) -> list[str]:
     remarks = list[str]()
     if near:
         remarks.append(
@@ -555,11 +560,3 @@ def _stock(reading: LawReading, turning: bool) -> LinuxcncPid:
     }
     pid = StockPid(**gains, error_previous_target=reading.structure.older > 0)
     return LinuxcncPid(position=pid, units=units)
-
-
-def explained(fit: ControlFit) -> str:
-    """Return the sentence that names the law."""
-    return Text(f"{fit.readings[0].name}: {', '.join(f'{e.name} {e.quantity}' for e in fit.estimates)}")
-
-
-__all__ = ["ControlFit", "FeeddriveError", "LawReading", "explained", "identify_control"]

@@ -88,6 +88,7 @@ class Basis:
         return Term(on)
 
     def set_position(self, d: int) -> Term:
+        """Return x_set(k-d)."""
         return self.one("s") - self.many("ds", 0, d)
 
     def error(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
@@ -103,6 +104,7 @@ class Basis:
         return total - (compliance / self.T) * self.one(f"dx{d - 1}") if compliance else total
 
     def reading(self, d: int) -> Term:
+        """Return x(k-d)."""
         return self.set_position(d) - self.error(d)
 
     def velocity(self, n: int, d: int, compliance: float = 0.0) -> Term:
@@ -278,6 +280,7 @@ class Signals:
 
     @classmethod
     def of(cls, log: MotionLog) -> Self:
+        """Return the signals of a log with set positions."""
         assert log.set_position is not None
         return cls(log.position, log.set_position, log.force, log.sample_time)
 

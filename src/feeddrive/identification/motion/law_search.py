@@ -16,11 +16,10 @@ from feeddrive.identification.motion.law_rows import (
     Reduced,
     Signals,
     reduced,
-    shifted,
     widened,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
-from feeddrive.identification.regression import errors, robust_covariance
+from feeddrive.identification.regression import robust_covariance
 
 _ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
 _KEPT = 4  # pairs of n and d that are fitted with every structure
@@ -54,6 +53,7 @@ class Scored:
 
     @property
     def structure(self) -> Structure:
+        """The fitted structure."""
         return self.fitted.structure
 
 
@@ -80,6 +80,7 @@ class Floor:
 
     @property
     def left(self) -> float:
+        """The RMS that is left, relative to that of the force."""
         return math.sqrt(self.ssr / self.power)
 
     def misses(self, scored: Scored) -> bool:
@@ -152,6 +153,7 @@ class Search:
 
     @property
     def best(self) -> Scored:
+        """The structure with the best criterion."""
         return self.scored[0]
 
     def residual(self, scored: Scored) -> np.ndarray:
@@ -199,9 +201,16 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     if not scored:
         return None
     scored.sort(key=lambda one: one.criterion)
-    for further in (_smoothed, _shifted, _models, _lags):
+    # the cheap ones first: each is tried only while something is missed
+    further: tuple[Callable[[], list[Scored]], ...] = (
+        lambda: _smoothed(rows, floor, scored[0]),
+        lambda: _shifted(rows, floor, scored[0]),
+        lambda: _models(rows, floor),
+        lambda: _lags(rows, floor),
+    )
+    for tried_next in further:
         if floor.misses(scored[0]):
-            scored += further(rows, floor, scored[0], keep)
+            scored += tried_next()
             scored.sort(key=lambda one: one.criterion)
     return Search(rows, floor, tried, tuple(scored))
 
@@ -219,7 +228,7 @@ def structures(n: int, d: int) -> Iterator[Structure]:
                         yield Structure(PID, True, n, d, older, central, forward, fed, friction)
 
 
-def _models(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+def _models(rows: LawRows, floor: Floor) -> list[Scored]:
     """Return fits with a reference model in the integral, for the likeliest n and d."""
     some = [law_structures.through_model(rows, Model(rate, 0, False), 0, 0, central=False) for rate in _STANDING]
     # models of four rates with free gains stand for any model while n and d are told apart
@@ -232,7 +241,7 @@ def _models(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list
         for inside in (True, False):
             for samples in range(_MOST_DEAD + 1):
                 rates = _RATES[_RATES * (samples + 1) < 1.0] if inside else _RATES
-                top = _profile(rows, lambda rate, m=samples, i=inside: problems.fit(Model(rate, m, i), "free"), rates)
+                top = _profile(rows, problems.along(Model(1.0, samples, inside), "free"), rates)
                 coarse += [] if top is None else [top]
         coarse.sort(key=lambda one: one.ssr)
         for one in coarse[:3]:
@@ -240,15 +249,13 @@ def _models(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list
             assert model is not None
             for forward in law_structures.FORWARD:
                 near = model.rate * _AROUND
-                top = _profile(
-                    rows, lambda rate, m=model, f=forward: problems.fit(m._replace(rate=rate), f), near
-                )
+                top = _profile(rows, problems.along(model, forward), near)
                 if top is not None:
                     found.append(Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw))
     return found
 
 
-def _lags(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+def _lags(rows: LawRows, floor: Floor) -> list[Scored]:
     """Return fits with a low pass of the command, for the likeliest structures."""
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
@@ -297,12 +304,14 @@ class Instrumented:
     """A cascade fitted by instruments, for a log whose readings are not those of the law.
 
     ratio   sum of squares that is left in the space of the instruments, over that of chance
+    gain    criterion of the best fit without a twist between motor and load, less that of this one
     likely  this and other fits with their criteria, best first
     instruments  (rows, p): their orthonormal columns
     """
 
     fitted: Fitted
     ratio: float
+    gain: float
     likely: tuple[tuple[Fitted, float], ...]
     instruments: np.ndarray
 
@@ -370,7 +379,8 @@ def instrumented(rows: LawRows) -> Instrumented | None:
     top = fine[0]
     likely = [one for one in fine if price(one) < price(top) + _ODD]
     ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
-    return Instrumented(top, ratio, tuple((one, price(one)) for one in likely), Z)
+    stiff = min((price(one) for one in found if one.structure.compliance == 0.0), default=math.inf)
+    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), Z)
 
 
 def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
@@ -413,7 +423,7 @@ def _variants(structure: Structure) -> Iterator[Structure]:
                 yield replace(structure, fed=fed, forward=forward, integral=integral)
 
 
-def _shifted(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     """Return the structures with an integral of a reading with another zero than the logged one."""
     found, part = list[Scored](), rows.reduced()
     for structure in structures(best.structure.n, best.structure.d):
@@ -424,7 +434,7 @@ def _shifted(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> lis
     return found
 
 
-def _smoothed(rows: LawRows, floor: Floor, best: Scored, keep: np.ndarray) -> list[Scored]:
+def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
     if best.structure.friction is None:
         return []
@@ -502,6 +512,3 @@ def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
     size = part.factor.shape[0]
     factor = np.block([[part.factor, on], [np.zeros((outside.shape[0], part.factor.shape[1])), outside]])
     return Reduced(factor, np.concatenate([part.right, np.zeros(factor.shape[0] - size)]))
-
-
-__all__ = ["Floor", "Instrumented", "errors", "instrumented", "Scored", "Search", "correlation", "nonlinear", "remains", "search", "shifted"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,8 +40,8 @@ class Model(NamedTuple):
     def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
         """Return b and a of the filter from the velocity command to the velocity that the integral expects.
 
-            v_m(k+1) = v_m(k) + r/2 (u(k-m) + u(k-m-1)),   u = command - v_m                         (inside)
-            v_m(k+1) = v_m(k) + r/2 (c(k) - v_m(k+1) + c(k-1) - v_m(k)),   c = command m samples ago  (before)
+        v_m(k+1) = v_m(k) + r/2 (u(k-m) + u(k-m-1)),   u = command - v_m                         (inside)
+        v_m(k+1) = v_m(k) + r/2 (c(k) - v_m(k+1) + c(k-1) - v_m(k)),   c = command m samples ago  (before)
         """
         half, b = 0.5 * self.rate, np.zeros(self.samples + 3)
         b[-2:] = half
@@ -106,7 +106,9 @@ class Structure:
     @property
     def parameters(self) -> int:
         """The number of unknowns; discrete choices do not count."""
-        return len(self.gains) + self.curved + (self.model is not None) + (self.lag is not None) + (self.compliance > 0.0)
+        return (
+            len(self.gains) + self.curved + (self.model is not None) + (self.lag is not None) + (self.compliance > 0.0)
+        )
 
     def terms(self, basis: Basis) -> tuple[list[Term], list[Term]]:
         """Return the regressors A and B of the gains: the columns are A + B/Tn."""
@@ -343,15 +345,18 @@ class ModelProblems:
         inputs = [basis.error_sum(d), basis.set_travel(d, central=False)]
         self.inputs = rows.whole @ np.stack([term.on for term in inputs], axis=1)
 
+    def along(self, model: Model, forward: str) -> Callable[[float], Fitted | None]:
+        """Return the fit as a function of the rate of the model."""
+        return lambda rate: self.fit(model._replace(rate=rate), forward)
+
     def fit(self, model: Model, forward: str) -> Fitted | None:
         """Return the fit with a model, or None."""
         more = filtered(self.rows, model.coefficients(), self.inputs)
         on = self.Q.T @ more
         outside = np.linalg.qr(more - self.Q @ on, mode="r")
-        size = self.y.size
         wide = np.block([[self.own, on], [np.zeros((2, 4)), outside]])
         e, wanted, v, X, Se, Sv = wide.T
-        y, zero = np.concatenate([self.y, np.zeros(2)]), np.zeros(size + 2)
+        y = np.concatenate([self.y, np.zeros(2)])
         columns = {
             "free": ([e, wanted, -v], [Se, Sv, -X]),
             "one": ([e, wanted - v], [Se, Sv - X]),
@@ -359,4 +364,4 @@ class ModelProblems:
         }
         A, B = columns[forward]
         structure = Structure(CASCADE, True, self.n, self.d, forward=forward, model=model)
-        return sensible(structure, Problem(np.stack(A, 1), np.stack([*B], 1) + 0.0 * zero[:, None], y))
+        return sensible(structure, Problem(np.stack(A, 1), np.stack(B, 1), y))
