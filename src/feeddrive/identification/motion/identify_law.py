@@ -204,10 +204,12 @@ class _Verdict:
 
 def _judged(found: Search) -> _Verdict:
     best, floor = found.best, found.floor
+    if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
+        return _Verdict(True, False, False, None)
     rest = found.residual(best)
     added = abs(law_search.correlation(rest)) - abs(floor.memory)
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
-    bent = law_search.nonlinear(found.rows, best.fitted, rest, floor) > 0.0
+    bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
     explains = best.criterion < floor.price and not floor.misses(best)
     if explains and added < WHITE and not bent:
         return _Verdict(True, False, False, None)
@@ -327,7 +329,7 @@ def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -
 
 def _readings(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> list[LawReading]:
     """Return the law of a structure, and the same loop with Kv and 1/Tn exchanged where a log cannot tell them."""
-    rows = found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
+    rows = _rows(found, one)
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
     rest = found.residual(one)
@@ -335,6 +337,11 @@ def _readings(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored
     if one.structure.family == PID:
         return [_pid_reading(log.frame, one.fitted, covariance)]
     return [_cascade_reading(log.frame, one.fitted, covariance, log.sample_time)]
+
+
+def _rows(found: Search, one: Scored) -> LawRows:
+    """Return the rows with the directions of the set motion as a fit smooths them."""
+    return found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
 
 
 def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarray]:

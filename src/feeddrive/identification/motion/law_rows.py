@@ -21,6 +21,7 @@ _HELD = 1e-3  # of the largest force, within which successive samples are at the
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
 
+_BLOCK = 1000  # rows of a block when a search takes fewer
 _HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
 _LAGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # s: of the low passes of the instruments
 _TURNS = 0.01  # of the largest set speed, at which the direction of the set motion turns in an instrument
@@ -205,6 +206,24 @@ class LawRows:
         whole = signals.basis(basis)
         made = cls(basis, whole[places], whole, signals.force[places], starts, places, signals)
         return replace(made, columns=made.centered(made.columns), force=made.centered(made.force))
+
+    def fewer(self, most: int) -> LawRows:
+        """Return at most about `most` rows, in blocks spread over the log, each with its own constant."""
+        total = self.force.size
+        if total <= most:
+            return self
+        blocks = max(1, most // _BLOCK)
+        firsts = np.linspace(0, total - _BLOCK, blocks).astype(np.int64)
+        chosen = np.zeros(total, bool)
+        for first in firsts:
+            chosen[first : first + _BLOCK] = True
+        rows = np.flatnonzero(chosen)
+        # a new stretch begins where rows are left out and where one began before
+        old = np.zeros(total, bool)
+        old[self.starts] = True
+        begins = old[rows] | (np.diff(rows, prepend=-2) > 1)
+        made = replace(self, force=self.force[rows], starts=np.flatnonzero(begins), places=self.places[rows])
+        return replace(made, columns=made.centered(self.columns[rows]), force=made.centered(made.force))
 
     def signed(self, signals: Signals) -> LawRows:
         """Return the rows with the directions of the set motion as `signals` smooth them; all else is kept."""

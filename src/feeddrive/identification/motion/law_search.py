@@ -21,7 +21,9 @@ from feeddrive.identification.motion.law_rows import (
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
 from feeddrive.identification.regression import robust_covariance
 
-_ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
+ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
+_HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
+_SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
 _STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 _FEW = 0.03  # of the rows that may be left out so
@@ -32,6 +34,9 @@ _LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, whic
 _LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
 _ZOOMS = 4  # times that the grid of corners shrinks
 _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
+_CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
+_FEWER = 5000  # rows with which models and low passes are searched
+_REFITTED = 4  # fits that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
@@ -88,28 +93,30 @@ class Floor:
         spare = self.unknowns - scored.structure.parameters
         return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
 
+    def gain(self, more: float, less: float) -> float:
+        """Return n ln(more / less) of two sums of squares."""
+        noise = ROUNDING**2 * self.power
+        return self.effective * math.log((more + noise) / (less + noise))
+
     def criterion(self, ssr: float, unknowns: int) -> float:
         """Return n ln(ssr / floor) + p ln n with n independent rows."""
-        noise = _ROUNDING**2 * self.power
-        return self.effective * math.log((ssr + noise) / (self.ssr + noise)) + unknowns * math.log(self.effective)
+        return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
 
 
 def floor_of(rows: LawRows, part: Reduced) -> Floor:
     """Return the floor of the rows."""
-    rest = remains(rows.columns, rows.force)
+    rest = rows.force - rows.columns @ _solution(part)
     ssr, n = part.rest(), rows.force.size
     rho = correlation(rest)
     effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
     return Floor(ssr, part.power, rho, effective, rows.basis.size)
 
 
-def remains(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return what least squares leave of the force."""
-    sizes = np.linalg.norm(columns, axis=0)
-    kept = sizes > 0.0
-    scaled = columns[:, kept] / sizes[kept]
-    Q, _ = np.linalg.qr(scaled)
-    return force - Q @ (Q.T @ force)
+def _solution(part: Reduced) -> np.ndarray:
+    """Return the coefficients of all basis columns."""
+    sizes = np.linalg.norm(part.factor, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
 
 
 def correlation(rest: np.ndarray) -> float:
@@ -118,28 +125,33 @@ def correlation(rest: np.ndarray) -> float:
     return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
 
 
-def nonlinear(rows: LawRows, found: Fitted, rest: np.ndarray, floor: Floor) -> float:
+def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     """Return by how much nonlinear functions of the signals explain what a law leaves, as a criterion: > 0 if they do.
 
     A dead band, a limit inside of the law or friction compensation by the measured velocity leave what no linear law
     explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)
     """
     n, d = found.structure.n, found.structure.d
-    basis, whole = rows.basis, rows.whole
+    few = rows.fewer(_FEWER)
+    basis, whole = few.basis, few.whole
     e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
-    e = e - np.mean(e[rows.places])
+    e = e - np.mean(e[few.places])
     columns = []
     for signal in (e, v):
-        size = 1.4826 * float(np.median(np.abs(signal[rows.places]))) or float(np.std(signal))
+        size = 1.4826 * float(np.median(np.abs(signal[few.places]))) or float(np.std(signal))
         columns += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
         columns += [np.abs(signal)]
-    more = rows.centered(np.stack(columns, axis=1)[rows.places])
-    linear = np.hstack([law_structures.regressors(found, rows), rows.columns])
-    least = remains(linear, rest)
-    other = remains(np.hstack([linear, more]), rest)
-    noise = _ROUNDING**2 * floor.power
-    gain = floor.effective * math.log((float(least @ least) + noise) / (float(other @ other) + noise))
-    return gain - more.shape[1] * math.log(floor.effective)
+    more = few.centered(np.stack(columns, axis=1)[few.places])
+    own = law_structures.regressors(found, few)
+    rest = few.force - own[:, : found.values.size] @ found.values
+    linear = np.hstack([own, few.columns])
+    both = np.column_stack([linear, more, rest])
+    sizes = np.linalg.norm(both[:, :-1], axis=0)
+    R = np.linalg.qr(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0), mode="r")
+    noise = ROUNDING**2 * float(few.force @ few.force)
+    least, other = float(np.sum(R[linear.shape[1] :, -1] ** 2)), float(R[-1, -1] ** 2)
+    effective = floor.effective * few.force.size / rows.force.size
+    return effective * math.log((least + noise) / (other + noise)) - more.shape[1] * math.log(effective)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +186,7 @@ def search(signals: Signals, limit: float | None) -> Search | None:
     # single samples at a limit, where a feedforward spikes, and steps of the set position
     rest = found.residual(found.best)
     spread = 1.4826 * float(np.median(np.abs(rest)))
-    noise = _ROUNDING * math.sqrt(found.floor.power / rest.size)
+    noise = ROUNDING * math.sqrt(found.floor.power / rest.size)
     far = np.abs(rest) > _STRAY * max(spread, noise)
     if 0 < np.sum(far) <= _FEW * far.size:
         strays = np.zeros(keep.size, bool)
@@ -191,11 +203,15 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     basis, part = rows.basis, rows.reduced()
     floor = floor_of(rows, part)
     tried = _scanned(rows, part)
-    likely = list(tried)[:_KEPT]
+    # pairs of n and d that leave clearly more cannot win; without a friction feedforward its columns gain by chance alone
+    least = next(iter(tried.values()))
+    likely = [pair for pair, left in list(tried.items())[:_KEPT] if floor.gain(left, least) < _HOPELESS]
+    bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
+    friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
     scored = [
         Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
         for n, d in likely
-        for structure in structures(n, d)
+        for structure in structures(n, d, friction)
         for found in law_structures.minima(structure, basis, part)
     ]
     if not scored:
@@ -205,8 +221,8 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     further: tuple[Callable[[], list[Scored]], ...] = (
         lambda: _smoothed(rows, floor, scored[0]),
         lambda: _shifted(rows, floor, scored[0]),
-        lambda: _models(rows, floor),
-        lambda: _lags(rows, floor),
+        lambda: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),
+        lambda: _again(rows, floor, _lags(rows.fewer(_FEWER), floor)),
     )
     for tried_next in further:
         if floor.misses(scored[0]):
@@ -215,17 +231,35 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     return Search(rows, floor, tried, tuple(scored))
 
 
-def structures(n: int, d: int) -> Iterator[Structure]:
-    """Yield all structures without a model or a low pass, for one n and d."""
+def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
+    """Yield all structures without a model or a low pass, for one n and d; `feeds`: of friction feedforward."""
     for older in (0, 1):
         for fed in ("", "backward", "central", "middle"):
             for central in (False, True) if not fed else (False,):
-                for friction in (None, 0, -1):
+                for friction in feeds:
                     for forward in law_structures.FORWARD:
                         for integral in (True, False):
                             yield Structure(CASCADE, integral, n, d, older, central, forward, fed, friction)
                     for forward in ("free", "none"):
                         yield Structure(PID, True, n, d, older, central, forward, fed, friction)
+
+
+def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
+    """Return the likeliest of fits to fewer rows, fitted to all rows."""
+    found.sort(key=lambda one: one.criterion)
+    again = list[Scored]()
+    for one in found[:_REFITTED]:
+        structure = one.structure
+        if structure.model is not None:
+            problems = law_structures.ModelProblems(rows, structure.n, structure.d)
+            along = problems.along(structure.model, structure.forward)
+            fitted = _profile(rows, along, structure.model.rate * _CLOSE)
+        else:
+            fitted = _along_lag(rows, structure, _CLOSE)
+        if fitted is not None:
+            criterion = floor.criterion(fitted.ssr, fitted.structure.parameters)
+            again.append(Scored(fitted, criterion, rows.raw))
+    return again
 
 
 def _models(rows: LawRows, floor: Floor) -> list[Scored]:
