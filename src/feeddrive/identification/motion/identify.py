@@ -278,6 +278,7 @@ class Identified(Result):
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
     remarks     parameters that could not be identified, with the reasons
+    started     what the law of `loop` is if it is a start law that did not run; else empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
     """
 
@@ -291,6 +292,7 @@ class Identified(Result):
     remarks: tuple[str, ...]
     doubt: str = ""
     law: LawCheck | None = None
+    started: str = ""
 
     @property
     def rotary(self) -> bool:

@@ -168,11 +168,11 @@ def identify_control(log: MotionLog) -> ControlFit:
         return _fit(log, found, near=True)
     power = found.floor.power
     best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
-    free, bound = Quantity(found.floor.left, "share"), Quantity(NEAR, "share")
+    free = Quantity(found.floor.left, "share")
     why = "a nonlinear part (dead band, limit) is in it" if verdict.bent else "another part (filter, observer) is in it"
     raise NotIdentifiableError(
         f"{log.name}: no cascade and no PID explains the force: the nearest, {_title(found.best.structure)}, leaves "
-        f"{best:3} of it, a free linear law of the same signals {free:3}, and at most {bound:6} more is admitted; "
+        f"{best:3} of it, a free linear law of the same signals {free:3}; "
         f"{why}, or the columns are not what the law read and commanded; state the law in a machine file"
     )
 
