@@ -36,8 +36,6 @@ class ForeignLog:
     force: np.ndarray
     T: float
     truth: dict[str, Any]
-    limit: float
-    rotary: bool
 
 
 def drawn(kind: str, seed: int, count: int, seconds: float = 6.0) -> Iterator[ForeignLog]:
@@ -48,17 +46,12 @@ def drawn(kind: str, seed: int, count: int, seconds: float = 6.0) -> Iterator[Fo
     options.setdefault("two", False)
     T = float(rng.choice((5e-4, 1e-3)))
     move = str(rng.choice(fa.MOVES[:4]))
-    old = fa.draw_law
 
-    def with_friction(*given: Any, **more: Any) -> Any:
-        law = old(*given, **more)
-        return replace(law, friction_ff=given[1].coulomb_positive * given[0].uniform(0.4, 0.9)) if friction else law
+    def with_friction(law: Any, axes: fa.Axes) -> Any:
+        return replace(law, friction_ff=0.7 * axes.coulomb_positive)
 
-    fa.draw_law = with_friction
-    try:
-        logs = fa.draw(rng, count=count, T=T, move=move, seconds=seconds, rotary=False, **options)
-    finally:
-        fa.draw_law = old
+    change = with_friction if friction else None
+    logs = fa.draw(rng, count=count, T=T, move=move, seconds=seconds, rotary=False, change=change, **options)
     for i in range(count):
         if not logs.stable[i]:
             continue
@@ -67,7 +60,6 @@ def drawn(kind: str, seed: int, count: int, seconds: float = 6.0) -> Iterator[Fo
         if rounded:
             count_length = fa.log_uniform(rng, 1e-7, 5e-6)
             setpoint = np.rint(setpoint / count_length) * count_length
-        limit = np.broadcast_to(np.asarray(logs.axes.limit), (count,))[i]
         truth = {name: logs.true(name, i) for name in logs.truth if np.ndim(logs.truth[name]) < 2}
         yield ForeignLog(
             kind,
@@ -76,6 +68,4 @@ def drawn(kind: str, seed: int, count: int, seconds: float = 6.0) -> Iterator[Fo
             log["force"],
             T,
             truth,
-            float(limit),
-            False,
         )

@@ -175,6 +175,7 @@ def _started(identified: Identified) -> Identified:
     return replace(identified, loop=start.loop, started=start.sentence, remarks=remarks)
 
 
+_START = ", with a start law that did not run"
 _FAST = 0.95  # quantile of the speed of the log, with which a start law is simulated
 _RISE = 0.1  # s to that speed: the acceleration of the simulated move
 _NO_LAW = "the law that ran is not known; give it with --machine, or by its numbers with --law"
@@ -325,7 +326,7 @@ def _new(identified: Identified, axis: str) -> str:
     text = machine_toml(
         Machine.of({axis: loop}),
         f"axis identified from {_plain(identified.log.name)}",
-        f"feeddrive identify {_plain(identified.log.name)}{', with a start law that did not run' if identified.started else ''}",
+        f"feeddrive identify {_plain(identified.log.name)}{_START if identified.started else ''}",
         f"{identified.started[:1].upper()}{identified.started[1:]}." if identified.started else found,
     )
     edit = TomlEdit(text, "identified.toml")

@@ -21,6 +21,7 @@ _HELD = 1e-3  # of the largest force, within which successive samples are at the
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
 
+_MEDIAN, _NOISE = 15, 4.0  # samples and standard deviations with which a noisy plateau of the command is found
 _BLOCK = 1000  # rows of a block when a search takes fewer
 _HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
 _LAGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # s: of the low passes of the instruments
@@ -340,6 +341,19 @@ class Signals:
         there = np.abs(self.force) >= (1.0 - _HELD) * most
         held = there & (np.roll(there, 1) | np.roll(there, -1)) if limit is None else there
         return ~widened(held)
+
+
+    def below_plateau(self) -> np.ndarray:
+        """Return a mask of the samples away from the highest plateau of the command, within the noise of the log.
+
+        The plateau is that of the median over 15 samples; samples within 4 standard deviations of it are left out.
+        """
+        from scipy.ndimage import median_filter  # takes a second to import
+
+        middle = median_filter(self.force, _MEDIAN, mode="nearest")
+        spread = 1.4826 * float(np.median(np.abs(self.force - middle)))
+        most = float(np.max(np.abs(middle)))
+        return ~widened(np.abs(self.force) > (1.0 - _HELD) * most - _NOISE * spread)
 
 
 def _still(v: np.ndarray) -> float:

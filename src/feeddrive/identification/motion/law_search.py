@@ -180,9 +180,17 @@ class Search:
 def search(signals: Signals, limit: float | None) -> Search | None:
     """Return the structures that explain a log, or None if too few rows are away from the limit."""
     keep = signals.free(limit)
-    found = _searched(signals, keep)
+    found = _searched(signals, keep, deep=False)
     if found is None:
         return None
+    if found.floor.misses(found.best):
+        # noise of the log hides that the command is held: all that is near to the highest plateau is left out
+        apart = keep & signals.below_plateau()
+        other = _searched(signals, apart, deep=False)
+        if other is not None and not other.floor.misses(other.best):
+            found, keep = other, apart
+        else:
+            found = _searched(signals, keep, deep=True) or found
     # single samples at a limit, where a feedforward spikes, and steps of the set position
     rest = found.residual(found.best)
     spread = 1.4826 * float(np.median(np.abs(rest)))
@@ -191,21 +199,20 @@ def search(signals: Signals, limit: float | None) -> Search | None:
     if 0 < np.sum(far) <= _FEW * far.size:
         strays = np.zeros(keep.size, bool)
         strays[found.rows.places[far]] = True
-        again = _searched(signals, keep & ~widened(strays, 0, 0))
+        again = _searched(signals, keep & ~widened(strays, 0, 0), deep=True)
         found = again or found
     return found
 
 
-def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
+def _searched(signals: Signals, keep: np.ndarray, *, deep: bool) -> Search | None:
+    """Return the search over the rows in `keep`; only a deep one tries models and low passes."""
     rows = LawRows.of(signals, keep)
     if rows.force.size < _LEAST_ROWS:
         return None
     basis, part = rows.basis, rows.reduced()
     floor = floor_of(rows, part)
     tried = _scanned(rows, part)
-    # pairs of n and d that leave clearly more cannot win; without a friction feedforward its columns gain by chance alone
-    least = next(iter(tried.values()))
-    likely = [pair for pair, left in list(tried.items())[:_KEPT] if floor.gain(left, least) < _HOPELESS]
+    likely, least = _likely(floor, tried), next(iter(tried.values()))
     bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
     friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
     scored = [
@@ -220,11 +227,13 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     # the cheap ones first: each is tried only while something is missed
     further: tuple[Callable[[], list[Scored]], ...] = (
         lambda: _smoothed(rows, floor, scored[0]),
+        # once more, with the samples that the first smoothed sign brought out
+        lambda: _smoothed(rows, floor, scored[0]),
         lambda: _shifted(rows, floor, scored[0]),
         lambda: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),
         lambda: _again(rows, floor, _lags(rows.fewer(_FEWER), floor)),
     )
-    for tried_next in further:
+    for tried_next in further if deep else further[:3]:
         if floor.misses(scored[0]):
             scored += tried_next()
             scored.sort(key=lambda one: one.criterion)
@@ -490,16 +499,22 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     if not found:
         return []
     top = min(found.values(), key=lambda one: one.criterion)
-    # other feedforwards made up for the wrong sign before
+    # samples and other feedforwards made up for the wrong sign before
     changed = rows.signed(top.signals)
     part = changed.reduced()
-    for structure in structures(top.structure.n, top.structure.d):
-        if structure.friction == 0:
-            fitted = law_structures.fit(replace(structure, sides=top.structure.sides), changed.basis, part)
-            if fitted is not None:
+    pairs = _scanned(changed, part)
+    for n, d in _likely(floor, pairs):
+        for structure in structures(n, d, (0,)):
+            for fitted in law_structures.minima(replace(structure, sides=top.structure.sides), changed.basis, part):
                 unknowns = fitted.structure.parameters + 1
                 again.append(Scored(fitted, floor.criterion(fitted.ssr, unknowns), top.signals))
     return [top, *again]
+
+
+def _likely(floor: Floor, tried: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
+    """Return the pairs of n and d that may win: others leave clearly more."""
+    least = next(iter(tried.values()))
+    return [pair for pair, left in list(tried.items())[:_KEPT] if floor.gain(left, least) < _HOPELESS]
 
 
 def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tuple[int, int], float]:
