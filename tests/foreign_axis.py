@@ -767,12 +767,13 @@ def draw(
     seconds: float = 6.0,
     with_pulses: bool = False,
     n: int | None = None,
+    change: Callable[[Law, Axes], Law] | None = None,
     **over: Any,
 ) -> Logs:
     """Draw everything that is not given, and run `count` axes of one structure (family, T, masses, kind of move).
 
     Gains are lowered (x 0.6) until a loop is calm; an axis that never is has `stable` False. `over`: fields of `Axes`
-    that are given. The logs end after `seconds` (at least one way there and back). One axis costs 1 to 5 s, 100 axes
+    that are given; `change` replaces a law that was drawn for an axis. The logs end after `seconds` (at least one way there and back). One axis costs 1 to 5 s, 100 axes
     twice that.
     """
     T = float(rng.choice((2.5e-4, 5e-4, 1e-3))) if T is None else T
@@ -800,6 +801,7 @@ def draw(
     todo, whole = np.arange(count), None
     for _ in range(7):
         laws = [draw_law(np.random.default_rng(law_seeds[i]), axes[i], T, family, 0.6 ** lowered[i], n) for i in todo]
+        laws = laws if change is None else [change(law, axes[i]) for law, i in zip(laws, todo, strict=True)]
         logs = simulate(
             _stack([axes[i] for i in todo], SHARED),
             _stack(laws, SHARED),

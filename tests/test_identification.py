@@ -17,7 +17,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.cogging import CoggingRun, identify_cogging
 from feeddrive.identification.friction_curve import fit_friction, runs_of, steady_runs
-from feeddrive.identification.motion.control_law import identify_control
+from feeddrive.identification.motion.identify_law import identify_control
 from feeddrive.identification.motion.motion_log import JANOT, MotionLog
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.rigid import find_delay, identify_rigid

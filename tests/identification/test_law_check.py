@@ -22,8 +22,8 @@ from feeddrive.identification.motion.control_law import (
     _readings,
     _Rows,
     check_law,
-    identify_control,
 )
+from feeddrive.identification.motion.identify_law import identify_control
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
 
@@ -315,10 +315,11 @@ def commanded_log(strange: int) -> MotionLog:
     return MotionLog(name="log", position=x, force=force, set_position=wanted, sample_time=step)
 
 
-@pytest.mark.parametrize(("strange", "counts"), [(15, False), (30, True)])
-def test_a_law_is_identified_from_its_20th_sample_on_over_8_samples_and_3_delays(strange: int, counts: bool) -> None:
+@pytest.mark.parametrize("strange", [30, 250])
+def test_a_law_is_identified_without_its_first_samples_and_single_wrong_ones(strange: int) -> None:
+    """The filters and models of a law may hold an unknown past for 0.2 s; one wrong force later is left out."""
     found = identify_control(commanded_log(strange))
-    assert bool(found.residual > 1e-9) is counts
+    assert found.residual < 1e-9
     assert set(found.tried) == {(n, d) for n in range(1, 9) for d in range(4)}
 
 

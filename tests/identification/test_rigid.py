@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.blocks.force.gravity import Gravity
-from feeddrive.identification.motion.control_law import identify_control
 from feeddrive.identification.motion.identify import identify_motion, with_rigid
+from feeddrive.identification.motion.identify_law import identify_control
 from feeddrive.identification.motion.motion_log import JANOT, MotionLog, central_difference, decimated, kept, zero_phase
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.rigid import (

@@ -47,6 +47,20 @@ class OnLog(Block):
         return after, {"force": command.applied}
 
 
+def path_of(control: Control, set_position: np.ndarray, sample_time: float) -> Recorded:
+    """Return the set positions of a log (m) as the reference of a controller.
+
+    A controller that feeds forward gets their central differences, whose Taylor expansion has the same backward
+    differences; others get the positions alone, to the bit.
+    """
+    if not control.feedforward and not control.law.feeds:
+        return Recorded(position=set_position, sample_time=sample_time)
+    T, around = sample_time, np.pad(set_position, 1, mode="edge")
+    velocity = (around[2:] - around[:-2]) / (2.0 * T)
+    acceleration = np.diff(around, 2) / T**2
+    return Recorded(position=set_position, velocity=velocity, acceleration=acceleration, sample_time=T)
+
+
 def commanded(
     control: Control,
     sample_time: float,
@@ -67,7 +81,7 @@ def commanded(
     T = np.float64(sample_time)
     motor = reading if reading_motor is None else reading_motor
     _, velocity = estimate_start(reading, float(T))
-    path = Recorded(position=set_position, sample_time=float(T)).at(np.arange(set_position.size) * float(T))
+    path = path_of(control, set_position, float(T)).at(np.arange(set_position.size) * float(T))
     # `applied` of a sample is the command of the sample before
     acted = np.concatenate([force[:1], force[:-1]])
     rows = np.column_stack([np.broadcast_to(row, reading.size) for row in (*path, motor, reading, acted)])
@@ -183,7 +197,7 @@ def replay(loop: Loop, measured: Mapping[str, np.ndarray], *, skip: int = 0, nam
     forces = {name: RecordedForce(force=force, sample_time=T) for name, force in injected.items()}
     run = simulate(
         loop,
-        Recorded(position=setpoint, sample_time=T),
+        path_of(loop.control, setpoint, T),
         load=forces.get("load_force"),
         added_force=forces.get("added_force"),
         start=estimate_start(position, T),

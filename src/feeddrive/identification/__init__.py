@@ -12,8 +12,8 @@ make_lazy(
         "friction_curve": (
             "FrictionCurve SteadyRuns fit_friction runs_of steady_runs LearnedStops learned_stops stretches"
         ),
-        "motion.control_law": "ControlFit identify_control",
         "motion.identify": "Identified identify_motion",
+        "motion.identify_law": "ControlFit LawReading identify_control",
         "motion.motion_log": "MotionLog Preparation",
         "motion.output_error": "Refinement refine",
         "motion.rigid": "DelayFit find_delay RigidFit identify_rigid",

@@ -19,10 +19,11 @@ from feeddrive.identification.friction_curve import learned_stops as learned_sto
 from feeddrive.identification.friction_curve import runs_of as runs_of
 from feeddrive.identification.friction_curve import steady_runs as steady_runs
 from feeddrive.identification.friction_curve import stretches as stretches
-from feeddrive.identification.motion.control_law import ControlFit as ControlFit
-from feeddrive.identification.motion.control_law import identify_control as identify_control
 from feeddrive.identification.motion.identify import Identified as Identified
 from feeddrive.identification.motion.identify import identify_motion as identify_motion
+from feeddrive.identification.motion.identify_law import ControlFit as ControlFit
+from feeddrive.identification.motion.identify_law import LawReading as LawReading
+from feeddrive.identification.motion.identify_law import identify_control as identify_control
 from feeddrive.identification.motion.motion_log import MotionLog as MotionLog
 from feeddrive.identification.motion.motion_log import Preparation as Preparation
 from feeddrive.identification.motion.output_error import Refinement as Refinement

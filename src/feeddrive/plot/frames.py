@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from feeddrive.identification.excitation.excitation import Excitation
     from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate
     from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
-    from feeddrive.identification.motion.control_law import ControlFit
     from feeddrive.identification.motion.identify import Identified
+    from feeddrive.identification.motion.identify_law import ControlFit
     from feeddrive.identification.motion.output_error import Refinement
     from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from feeddrive.blocks.families import Friction
     from feeddrive.identification.cogging import CoggingFit, CoggingRun
     from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
-    from feeddrive.identification.motion.control_law import ControlFit
     from feeddrive.identification.motion.identify import Identified
+    from feeddrive.identification.motion.identify_law import ControlFit
     from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation
     from feeddrive.loop.loop import Loop

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
@@ -22,22 +24,24 @@ from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
-from feeddrive.identification.motion.identify import Identified, identify_motion, swapped
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.regression import Estimate
+from feeddrive.identification.motion.identify import Identified, identify_motion, swapped, with_rigid
+from feeddrive.identification.motion.motion_log import MotionLog, count_of
+from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
+from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
+from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.channels import Doubt, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
@@ -92,6 +96,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     identified = _identified(channels, loop, request, doubt, mapping, progress)
     if unused:
         identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
+    identified = _started(identified)
     why = identified.unusable or ("" if identified.loop is not None else _NO_LAW)
     text = None if why else machine_text(identified, machine, axis_name(loop, request.axis))
     files: dict[str, Path] = {}
@@ -144,6 +149,35 @@ def _not_used(columns: Sequence[str]) -> str:
     return f"named and not used: {', '.join(columns)}{why if outside else ''}"
 
 
+def _started(identified: Identified) -> Identified:
+    """Return the result with a safe start law if none was found, so that the machine can be tuned and simulated."""
+    log, rigid = identified.log, identified.rigid
+    if identified.loop is not None or identified.unusable or rigid.frame is SHAFT:
+        return identified
+    axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
+    # the larger one, and its error with it: a shorter dead time would make the law too fast
+    late = max(0.0, identified.delay.dead_time + NORMAL * identified.delay.error, float(identified.delay.nearest))
+    axis = replace(axis, actuator=replace(axis.actuator, dead_time=late * log.sample_time))
+    speed = np.gradient(log.position, log.sample_time)
+    fast = float(np.quantile(np.abs(speed), _FAST))
+    try:
+        start = start_law(
+            axis,
+            log.sample_time,
+            count=count_of(log.position),
+            force_limit=log.force_limit,
+            force=float(np.max(np.abs(log.force))),
+            motion=(0.5 * float(np.ptp(log.position)), fast, fast / _RISE),
+        )
+    except FeeddriveError as error:
+        return replace(identified, remarks=(*identified.remarks, Text(f"{error}")))
+    remarks = (*identified.remarks, start.sentence)
+    return replace(identified, loop=start.loop, started=start.sentence, remarks=remarks)
+
+
+_START = ", with a start law that did not run"
+_FAST = 0.95  # quantile of the speed of the log, with which a start law is simulated
+_RISE = 0.1  # s to that speed: the acceleration of the simulated move
 _NO_LAW = "the law that ran is not known; give it with --machine, or by its numbers with --law"
 
 
@@ -288,11 +322,12 @@ def _new(identified: Identified, axis: str) -> str:
     """Return a complete machine file; estimated parameters have their standard errors in comments."""
     loop = identified.loop
     assert loop is not None
+    found = "Mass, friction and gains were found in one log; limits and encoders are not in it: add them."
     text = machine_toml(
         Machine.of({axis: loop}),
         f"axis identified from {_plain(identified.log.name)}",
-        f"feeddrive identify {_plain(identified.log.name)}",
-        "Mass, friction and gains were found in one log; limits and encoders are not in it: add them.",
+        f"feeddrive identify {_plain(identified.log.name)}{_START if identified.started else ''}",
+        f"{identified.started[:1].upper()}{identified.started[1:]}." if identified.started else found,
     )
     edit = TomlEdit(text, "identified.toml")
     _say_errors(edit, identified, axis, loop)

@@ -1,164 +1,26 @@
-"""Control law of a log: identification of P-PI cascade gains, and a check of a stated law against the logged force."""
+"""A check of a stated control law against the force of a log."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from feeddrive.analysis.replay import commanded
-from feeddrive.blocks.controller.cascade_ppi import CascadePPI
-from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.identification import regression
+from feeddrive.identification.motion.law_rows import MOST_DELAY
 from feeddrive.identification.motion.motion_log import MotionLog, count_of, decimated
 from feeddrive.identification.motion.rigid import LEAST_INDEPENDENT, covariance_of
-from feeddrive.identification.regression import Estimate, TracedForce
 from feeddrive.language import tree
-from feeddrive.language.block import Number
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Result, Table
+from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 
-# The gains of a P-PI cascade, identified from its logged inputs and its logged command.
-
-MOST_DELAY = 3  # samples between reading and command that are tried
-MOST_SAMPLES = 8  # over which a velocity may be computed by differences
-LARGEST = 0.05  # largest unexplained share of the force for which a law counts as identified
-_START = 20  # samples that a difference over the past needs
-_FIRST = _START - MOST_DELAY  # first sample whose reading counts
-_GAINS = ("Kv", "velocity_feedforward", "Kp")
-# at these gains the slopes are the columns of Kp Kv, Kp share and Kp
-_PLAIN = {
-    "Kv": 0.0,
-    "velocity_feedforward": 0.0,
-    "Kp": 1.0,
-}
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ControlFit(Result):
-    """The P-PI cascade fitted to the logged force: Kv (1/s), Kp and velocity feedforward (1).
-
-    delay      samples between the reading used by the law and the command
-    residual   RMS of the force that the law does not explain, relative to the RMS of the force
-    tried      (velocity samples, delay) -> residual
-    """
-
-    name: str
-    estimates: tuple[Estimate, ...]
-    velocity_samples: int
-    delay: int
-    residual: float
-    tried: dict[tuple[int, int], float]
-
-    def __getitem__(self, parameter: str) -> Estimate:
-        return next(estimate for estimate in self.estimates if estimate.name == parameter)
-
-    def table(self) -> Table:
-        """Return a table of the gains with their errors."""
-        title = Text(
-            f"{self.name}: P-PI cascade, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
-            f"{Quantity(self.residual, 'share'):3} of the force is left"
-        )
-        return regression.estimates_table(title, self.estimates)
-
-    def law(self) -> CascadePPI:
-        """Return the cascade as a block; a feedforward of 0 or 1 within its error is set to that value."""
-        share = self["velocity_feedforward"]
-        near = next(
-            (whole for whole in (0.0, 1.0) if abs(share.value - whole) < max(0.01, regression.NORMAL * share.error)),
-            None,
-        )
-        return CascadePPI(
-            Kv=self["Kv"].value,
-            Kp=self["Kp"].value,
-            velocity_feedforward=max(0.0, share.value) if near is None else near,
-            velocity_samples=self.velocity_samples,
-        )
-
-
-def identify_control(log: MotionLog) -> ControlFit:
-    """Identify the gains of the loop that produced a log, by least squares on the cascade's control law.
-
-        force(k) = Kp (Kv (x_set - x) + share v_set - v),   v = (x - x n samples before) / n T,   all delayed by d
-
-    This is the traced step of `CascadePPI`, in which `share` is the velocity feedforward; the derivatives with respect
-    to the gains are the columns of the least-squares problem.  All n from 1 to 8 and d from 0 to 3 are tried, and the
-    pair with the smallest residual is selected. Samples at the force limit are left out.
-    Raises NotIdentifiableError if every such cascade leaves more than 5 % of the force unexplained: the loop then has
-    an integral part, filters or another law, whose parameters the user must state.
-    """
-    if log.set_position is None:
-        raise NotIdentifiableError(
-            f"{log.name}: the gains of the loop are not identifiable without the set position: record it next, on the "
-            f"same clock"
-        )
-    # at its limit the command does not follow the law; 0.1 % for the rounding of the log
-    free = np.abs(log.force) < 0.999 * np.max(np.abs(log.force))
-    rows = np.arange(_START, log.force.size - 1)
-    rows = rows[free[rows]]
-    tried: dict[tuple[int, int], float] = {}
-    for n in range(1, MOST_SAMPLES + 1):
-        slopes = _slopes(_traced(n), _PLAIN, log, n)
-        for d in range(MOST_DELAY + 1):
-            columns, force = slopes[rows - d], log.force[rows]
-            off = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
-            tried[n, d] = float(np.linalg.norm(off) / np.linalg.norm(force))
-    n, d = min(tried, key=lambda pair: tried[pair])
-    if tried[n, d] > LARGEST:
-        raise NotIdentifiableError(
-            f"{log.name}: no P-PI cascade without an integral part explains the force: the best leaves "
-            f"{Quantity(tried[n, d], 'share'):3}, at most {Quantity(LARGEST, 'share'):6} is allowed; state the law in "
-            "a machine file"
-        )
-    law, force = _traced(n), log.force[rows]
-    columns = _slopes(law, _PLAIN, log, n)[rows - d]
-    linear = dict(zip(_GAINS, map(float, np.linalg.lstsq(columns, force, rcond=None)[0]), strict=True))
-    off = force - columns @ np.array(list(linear.values()))
-    # the force of a plain cascade is linear in these three; the first two are gains times Kp
-    gains = {name: value if name == "Kp" else value / linear["Kp"] for name, value in linear.items()}
-    columns = _slopes(law, gains, log, n)[rows - d]
-    robust, ols = (
-        regression.errors(regression.robust_covariance(columns, off)),
-        regression.errors(regression.ols_covariance(columns, off)),
-    )
-    units = ("1/s", "", log.frame.viscous)
-    estimates = tuple(Estimate(*row) for row in zip(_GAINS, gains.values(), units, robust, ols, strict=True))
-    return ControlFit(log.name, estimates, n, d, tried[n, d], tried)
-
-
-def _traced(samples: int) -> TracedForce[CascadePPI]:
-    """Trace the force of the cascade as a function of set position, reading and earlier readings."""
-    block = CascadePPI(Kv=1.0, Kp=1.0, velocity_samples=samples)
-    earlier = tuple(f"position_{i + 1}" for i in range(samples))
-
-    def force(law: CascadePPI, signals: Mapping[str, Number]) -> Number:
-        T, position = signals["T"], signals["position"]
-        setpoint = Setpoint(signals["set_position"], signals["set_velocity"], 0.0, 0.0, 0.0)
-        state = law.State(tuple(signals[name] for name in earlier), 0.0)
-        return law.step(law.prepare(T), state, setpoint, Reading(position, position), T)[1]
-
-    return TracedForce(block, ("T", "set_position", "set_velocity", "position", *earlier), force)
-
-
-def _slopes(law: TracedForce[CascadePPI], gains: Mapping[str, float], log: MotionLog, n: int) -> np.ndarray:
-    """Return the derivatives of the law's force with respect to `_GAINS`, shape (samples, 3), 0 in the first rows."""
-    assert log.set_position is not None
-    x, wanted, T = log.position, log.set_position, log.sample_time
-    before = {f"position_{i + 1}": x[_FIRST - 1 - i : x.size - 1 - i] for i in range(n)}
-    # the law forms a backward difference itself: with an acceleration of 0 it passes this one on unchanged
-    velocity = np.diff(wanted[_FIRST - 1 :]) / T
-    _, slopes = law.at(
-        gains, T=np.array(T), set_position=wanted[_FIRST:], set_velocity=velocity, position=x[_FIRST:], **before
-    )
-    columns = np.zeros((x.size, len(_GAINS)))
-    columns[_FIRST:] = slopes[:, [law.names.index(name) for name in _GAINS]]
-    return columns
-
+LARGEST = 0.05  # largest unexplained share of the force for which a law counts as the one that ran
 
 # A check of a law against a log: its command at the log's own readings is compared with the force of the log.
 

@@ -15,7 +15,8 @@ from feeddrive.blocks.friction.directional import Directional
 from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.identification.motion import control_law
-from feeddrive.identification.motion.control_law import ControlFit, LawCheck
+from feeddrive.identification.motion.control_law import LawCheck
+from feeddrive.identification.motion.identify_law import ControlFit, identify_control
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
@@ -282,6 +283,7 @@ class Identified(Result):
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
     remarks     parameters that could not be identified, with the reasons
+    started     what the law of `loop` is if it is a start law that did not run; else empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
     """
 
@@ -295,6 +297,7 @@ class Identified(Result):
     remarks: tuple[str, ...]
     doubt: str = ""
     law: LawCheck | None = None
+    started: str = ""
 
     @property
     def rotary(self) -> bool:
@@ -385,14 +388,14 @@ def identify_motion(
     if check is None or not check.proves:
         log, spikes = whole.without_spikes()
         remarks += spikes
-    control = (
-        _attempted(lambda: control_law.identify_control(log), remarks)
-        if start is None and law is None and closed
-        else None
-    )
+    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
     # a wrong sign gives gains that no law can have: the fit of the rigid drive reports it
     if control is not None:
-        check = _attempted(lambda: _checked_law(log, None, control.law()), [])
+        remarks += control.remarks
+        # other readings than those of the law contradict any law; it was found in spite of them
+        if not control.instruments:
+            found = control.control(log.force_limit)
+            check = _attempted(lambda: control_law.check_law(found, log, place=_PLACE), [])
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
@@ -409,7 +412,7 @@ def identify_motion(
         loop, refinement = _refined(log, start, rigid, loop, delay, stated, remarks)
     if start is not None:
         remarks += axis_remarks(start.axis, rigid)
-    if loop is not None and refinement is not None and check is None:
+    if loop is not None and refinement is not None and check is None and control is None:
         check = control_law.check_law(
             loop.control, log, apart=_apart(refinement, log.position.size), place=loop.place_of("control")
         )
@@ -631,12 +634,13 @@ def _loop(
         return None
     if start is not None:
         return replace(start, axis=with_rigid(start.axis, rigid))
-    if control is not None:
-        law = control.law()
-    if law is None:
+    if control is None and law is None:
         return None
     # with a stated law the output-error fit finds the dead time
     T, late = log.sample_time, 0 if control is None else control.delay
     axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
     delayed = replace(axis, actuator=replace(axis.actuator, dead_time=late * T))
+    if control is not None:
+        return Loop(control=control.control(log.force_limit), axis=delayed, sample_time=T)
+    assert law is not None
     return Loop(control=Control(law=law, force_limit=log.force_limit), axis=delayed, sample_time=T)

@@ -6,9 +6,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from feeddrive.analysis.replay import estimate_start
+from feeddrive.analysis.replay import estimate_start, path_of
 from feeddrive.blocks.load.recorded_force import RecordedForce
-from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.identification.regression import TABLE, TURNING, Frame, frame_of, short_runs, stray_remarks
 from feeddrive.language import tree
@@ -360,7 +359,7 @@ def drawn(
     assert log.set_position is not None
     random = np.random.default_rng(seed)
     counted, offsets = _counted(loop, count)
-    reference = Recorded(position=log.set_position, sample_time=float(loop.sample_time))
+    reference = path_of(loop.control, log.set_position, float(loop.sample_time))
     position, velocity = estimate_start(log.position, log.sample_time)
     simulated = []
     for i in range(runs):

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.replay import Replay, estimate_start, replay
-from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.analysis.replay import Replay, estimate_start, path_of, replay
 from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of, drawn, spread, unknown_force
 from feeddrive.identification.regression import Estimate, errors, estimates_table, robust_covariance
 from feeddrive.language import tree
@@ -194,7 +193,7 @@ def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )
     assert log.set_position is not None
-    reference = Recorded(position=log.set_position, sample_time=float(loop.sample_time))
+    reference = path_of(loop.control, log.set_position, float(loop.sample_time))
     start = estimate_start(log.position, log.sample_time)
     run = simulate(loop, reference, start=start, record=_SIGNALS)
     return np.array([run[name][skip : log.position.size] for name in _SIGNALS])

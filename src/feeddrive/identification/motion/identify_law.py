@@ -1,0 +1,569 @@
+"""The control law of a log: the structure that commanded its force, with gains, errors and what one log cannot tell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.families import Feedforward, Law
+from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.filter.low_pass import LowPass
+from feeddrive.identification import regression
+from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
+from feeddrive.identification.motion.law_search import Instrumented, Scored, Search
+from feeddrive.identification.motion.law_structures import PID, Fitted, Structure
+from feeddrive.identification.motion.motion_log import MotionLog, count_of
+from feeddrive.identification.regression import Estimate, Frame
+from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Result, Table
+from feeddrive.language.text import Text
+from feeddrive.loop.control import Control
+
+ALIKE = 6.0  # difference of the criterion up to which two laws explain a log equally well: odds of 1 to 20
+WHITE = 0.15  # first autocorrelation that a law may add to that of the free law: dead bands add more than 0.5
+NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyond the free law
+RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
+TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
+MOST_LAG = 1.5  # samples; filters of the law look like a twist with 2.5 samples and more
+SURE = 0.1  # largest relative error of Kp and Kv with which a law found by instruments counts as known
+_SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
+_APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
+_SHOWN = 3  # laws that are named
+_PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
+
+
+@dataclass(frozen=True)
+class LawReading:
+    """One law that explains a log: its name and its gains.
+
+    structure  the structure, with its discrete parts
+    estimates  gains with errors
+    """
+
+    name: str
+    structure: Structure
+    estimates: tuple[Estimate, ...]
+
+    def __getitem__(self, name: str) -> Estimate:
+        return next(estimate for estimate in self.estimates if estimate.name == name)
+
+    def value(self, name: str, default: float = 0.0) -> float:
+        """Return a gain, or `default` if this law has none of that name."""
+        return next((estimate.value for estimate in self.estimates if estimate.name == name), default)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ControlFit(Result):
+    """The control law of a log: the law that ran, and others that the log cannot tell from it.
+
+    readings   laws that explain the log equally well, the first one is used; Kv and 1/Tn may change places
+    residual   RMS of the force that the law does not explain, relative to the RMS of the force
+    free       the same of a free linear law, which is the noise of the log
+    near       True if the free law explains clearly more: a filter or another part of the law was not found
+    added      first autocorrelation that the law adds to the residual of the free law
+    instruments  True if the gains were found by instruments, since the log holds other readings than the law had
+    remarks    what the blocks of the library represent only approximately
+    tried      (velocity samples, delay) -> residual of the superset of all structures
+    """
+
+    name: str
+    readings: tuple[LawReading, ...]
+    residual: float
+    free: float
+    near: bool
+    instruments: bool
+    smoothing: float
+    remarks: tuple[str, ...]
+    tried: dict[tuple[int, int], float]
+    sample_time: float
+    turning: bool = False
+
+    def __getitem__(self, parameter: str) -> Estimate:
+        return self.readings[0][parameter]
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """The gains of the law that is used."""
+        return self.readings[0].estimates
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of the law that is used."""
+        return self.readings[0].structure
+
+    @property
+    def velocity_samples(self) -> int:
+        """The number of samples over which the velocity is differenced."""
+        return self.structure.n
+
+    @property
+    def delay(self) -> int:
+        """The number of samples between the reading used by the law and the command."""
+        return self.structure.d
+
+    def table(self) -> Table:
+        """Return a table of the gains with their errors."""
+        first = self.readings[0]
+        title = Text(
+            f"{self.name}: {first.name}, velocity over {self.velocity_samples} samples, {self.delay} samples of delay; "
+            f"{Quantity(self.residual, 'share'):3} of the force is left, {Quantity(self.free, 'share'):3} by a free law"
+        )
+        return regression.estimates_table(title, first.estimates)
+
+    def law(self) -> Law:
+        """Return the feedback law as a block."""
+        return self.control().law
+
+    def control(self, force_limit: float | None = None) -> Control:
+        """Return law, filter and feedforward as blocks."""
+        return _control(self.readings[0], self.smoothing, self.sample_time, self.turning, force_limit)
+
+
+def identify_control(log: MotionLog) -> ControlFit:
+    """Identify the control law that commanded the force of a log, from its set positions and readings.
+
+        cascade   u = Kp (Kv e + ff v_set - v) (1 + S/Tn) (+ mass a_set + friction sgn v_set)
+        PID       u = P e + I S e + D (v_set - v) + FF1 v_set + FF2 a_set (+ friction sgn v_set)
+
+    S is the sum over time; v is differenced over n samples, and all signals are d samples old. The integral of a
+    cascade may compare with a reference model, and a low pass of first order may follow the law. No plant is involved.
+
+    A law computes its command from the readings that it has. If the log holds these, all errors are in the force, and
+    least squares is exact for any resolution. One constant for each stretch between two limits takes the initial
+    integral and any anti-windup. All n from 1 to 8 and d from 0 to 3 are scanned with the superset of all structures.
+    A structure counts as the law if its residual differs from that of a free linear law (13 readings, 9 set positions,
+    both sums) by chance only, and no nonlinear function of the signals explains more. A rounded set position is first
+    restored by the smoothest path within its rounding. If the log holds other readings than the law had, such as those
+    of the load's encoder, the gains are found by instruments: functions of the set motion.
+
+    Raises NotIdentifiableError with the share that a free law explains if no structure is the law.
+    """
+    if log.set_position is None:
+        raise NotIdentifiableError(
+            f"{log.name}: the gains of the loop are not identifiable without the set position: record it next, on the "
+            f"same clock"
+        )
+    signals = Signals.of(log)
+    found = _searched(log, signals)
+    if found is None:
+        raise NotIdentifiableError(
+            f"{log.name}: the command is at its limit in nearly all rows, where it does not follow the law: record a "
+            "motion of lower acceleration"
+        )
+    verdict = _judged(found)
+    if verdict.law:
+        return _fit(log, found, near=False)
+    if verdict.instrumented is not None:
+        return _by_instruments(log, found, verdict.instrumented)
+    if verdict.near:
+        return _fit(log, found, near=True)
+    power = found.floor.power
+    best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
+    free = Quantity(found.floor.left, "share")
+    why = "a nonlinear part (dead band, limit) is in it" if verdict.bent else "another part (filter, observer) is in it"
+    raise NotIdentifiableError(
+        f"{log.name}: no cascade and no PID explains the force: the nearest, {_title(found.best.structure)}, leaves "
+        f"{best:3} of it, a free linear law of the same signals {free:3}; "
+        f"{why}, or the columns are not what the law read and commanded; state the law in a machine file"
+    )
+
+
+def _searched(log: MotionLog, signals: Signals) -> Search | None:
+    """Return the search with the set position as it is, or restored if it was rounded."""
+    count = count_of(signals.wanted)
+    plain = None
+    if count > _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
+        smooth = replace(signals, wanted=steadied(signals.wanted, count))
+        restored = law_search.search(smooth, log.force_limit)
+        if restored is None or not restored.floor.misses(restored.best):
+            return restored
+        plain = law_search.search(signals, log.force_limit)
+        # a law that computes with the rounded positions itself leaves less with them
+        return restored if plain is None or restored.best.fitted.ssr < plain.best.fitted.ssr else plain
+    return law_search.search(signals, log.force_limit)
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """What a search shows: the law, a law near to it, or none; `bent` if nonlinear functions explain the rest."""
+
+    law: bool
+    near: bool
+    bent: bool
+    instrumented: Instrumented | None
+
+
+def _judged(found: Search) -> _Verdict:
+    best, floor = found.best, found.floor
+    if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
+        return _Verdict(True, False, False, None)
+    rest = found.residual(best)
+    added = abs(law_search.correlation(rest)) - abs(floor.memory)
+    left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
+    bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
+    explains = best.criterion < floor.price and not floor.misses(best)
+    if explains and added < WHITE and not bent:
+        return _Verdict(True, False, False, None)
+    by_motion = law_search.instrumented(found.rows)
+    if by_motion is not None and _known(found.rows, by_motion, floor.memory):
+        return _Verdict(False, False, bent, by_motion)
+    return _Verdict(False, left < NEAR and added < WHITE and not bent, bent, None)
+
+
+def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
+    """Return True if a cascade that was found by instruments is the law, and the log holds other readings than it had.
+
+    Other readings show by their noise, which a difference makes blue, or by the twist between motor and load. A filter
+    in the law may look like a twist, but with samples of lag.
+    """
+    values = found.fitted.values
+    covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
+    errors, gains = regression.errors(covariance)[: values.size], found.fitted.structure.gains
+    sure = all(errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp"))
+    structure = found.fitted.structure
+    lag = 0.5 * (structure.n - 1) + structure.d
+    twisted = structure.compliance > 0.0 and found.gain > TWIST and lag <= MOST_LAG
+    return sure and found.ratio < RATIO and (twisted or memory < -WHITE)
+
+
+def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
+    """Return the laws that explain the log as well as the best one."""
+    alike = [one for one in found.scored if one.criterion < found.best.criterion + ALIKE]
+    readings: dict[str, LawReading] = {}
+    for one in alike:
+        for reading in _readings(log, found, one, alike):
+            readings.setdefault(f"{reading.name} {'swapped' if reading.name in readings else ''}", reading)
+    ordered = sorted(readings.values(), key=lambda reading: _unusual(reading))
+    first = ordered[0]
+    ordered = [first, *(one for one in ordered[1:] if one.name != first.name or one.estimates != first.estimates)]
+    power = found.floor.power
+    residual, free = math.sqrt(found.best.fitted.ssr / power), found.floor.left
+    return ControlFit(
+        log.name,
+        tuple(ordered[:_SHOWN]),
+        residual,
+        free,
+        near,
+        False,
+        found.best.signals.smoothing,
+        tuple(_remarks(first, ordered[1:_SHOWN], near, residual, free)),
+        {pair: math.sqrt(ssr / power) for pair, ssr in sorted(found.tried.items())},
+        log.sample_time,
+        log.turning,
+    )
+
+
+def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> ControlFit:
+    readings = list[LawReading]()
+    for one, price in by_motion.likely:
+        # fits that differ in samples or feedforward alone are one law; a far 1/Tn is another one
+        known = any(
+            reading.structure.integral == one.structure.integral and _near(reading, one) for reading in readings
+        )
+        if known or price > by_motion.likely[0][1] + ALIKE or len(readings) == _SHOWN:
+            continue
+        covariance = _covariance_by_motion(found.rows, by_motion, one)
+        readings.append(_cascade_reading(log.frame, one, covariance, log.sample_time))
+    readings.sort(key=lambda one: _unusual(one))
+    power = found.floor.power
+    remark = Text(
+        "the log holds other readings than the law had (another encoder, or rounded values): its gains are found by "
+        "functions of the set motion, and the samples of the velocity and of the delay are not known"
+    )
+    return ControlFit(
+        log.name,
+        tuple(readings),
+        math.sqrt(found.best.fitted.ssr / power),
+        found.floor.left,
+        False,
+        True,
+        0.0,
+        (remark, *_remarks(readings[0], readings[1:], False, 0.0, 0.0)),
+        {pair: math.sqrt(ssr / power) for pair, ssr in sorted(found.tried.items())},
+        log.sample_time,
+        log.turning,
+    )
+
+
+def _near(reading: LawReading, one: Fitted) -> bool:
+    """Return True if a fit has the same 1/Tn as a reading, within a third, or neither has one."""
+    if reading.structure.integral != one.structure.integral:
+        return False
+    rate = 1.0 / reading["Tn"].value if reading.structure.integral else 1.0
+    return abs(math.log((one.rate or 1.0) / rate)) < _APART
+
+
+def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -> np.ndarray:
+    """Return the covariance of a fit by instruments, with the scatter among likely fits of other samples."""
+    covariance = law_search.covariance_by(rows, by_motion.instruments, one)
+    near = [
+        (other, price)
+        for other, price in by_motion.likely
+        if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < _APART
+    ]
+    weights = np.exp(-0.5 * np.array([price for _, price in near]))
+    weights /= np.sum(weights)
+    names = [name for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains]
+    places = [one.structure.gains.index(name) for name in names]
+    for weight, (other, _) in zip(weights, near, strict=True):
+        off = np.zeros(covariance.shape[0])
+        for place, name in zip(places, names, strict=True):
+            off[place] = (other[name] if name in other.structure.gains else other["Kp"]) - one[name]
+        if one.structure.curved and other.structure.curved:
+            off[one.values.size] = other.rate - one.rate
+        covariance = covariance + weight * np.outer(off, off)
+    return covariance
+
+
+# Gains of a law from the coefficients of its columns.
+
+
+def _readings(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> list[LawReading]:
+    """Return the law of a structure, and the same loop with Kv and 1/Tn exchanged where a log cannot tell them."""
+    rows = _rows(found, one)
+    columns = law_structures.regressors(one.fitted, rows)
+    columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
+    rest = found.residual(one)
+    covariance = regression.robust_covariance(columns, rest, smooth=8) + _scatter(one, alike, columns.shape[1])
+    if one.structure.family == PID:
+        return [_pid_reading(log.frame, one.fitted, covariance)]
+    return [_cascade_reading(log.frame, one.fitted, covariance, log.sample_time)]
+
+
+def _rows(found: Search, one: Scored) -> LawRows:
+    """Return the rows with the directions of the set motion as a fit smooths them."""
+    return found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
+
+
+def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarray]:
+    """Return the derivative of the force with respect to the rate of a model or the pole of a low pass."""
+    structure, size = fitted.structure, fitted.values.size
+    if structure.model is not None:
+        step = 1e-3 * structure.model.rate
+        other = replace(structure, model=structure.model._replace(rate=structure.model.rate + step))
+    elif structure.lag is not None:
+        step = 1e-3 * (1.0 - structure.lag.pole)
+        other = replace(structure, lag=structure.lag._replace(pole=structure.lag.pole + step))
+    else:
+        return []
+    moved = law_structures.regressors(replace(fitted, structure=other), rows)
+    return [(moved[:, :size] - columns[:, :size]) @ fitted.values / step]
+
+
+def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
+    """Return the covariance of the coefficients among structures that differ in whole samples alone.
+
+    Their dead times and differences are known only as far as the log tells them apart; each is weighed by its odds.
+    """
+    same = [
+        other
+        for other in alike
+        if replace(other.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
+        == replace(one.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
+        and (other.structure.model is None) == (one.structure.model is None)
+        and (other.structure.lag is None) == (one.structure.lag is None)
+        and abs(math.log((other.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
+    ]
+    weights = np.exp(-0.5 * (np.array([other.criterion for other in same]) - one.criterion))
+    weights /= np.sum(weights)
+    total = np.zeros((size, size))
+    for weight, other in zip(weights, same, strict=True):
+        off = np.zeros(size)
+        off[: one.fitted.values.size] = other.fitted.values - one.fitted.values
+        if one.structure.curved:
+            off[one.fitted.values.size] = other.fitted.rate - one.fitted.rate
+        total += weight * np.outer(off, off)
+    return total
+
+
+def _cascade_reading(frame: Frame, fitted: Fitted, covariance: np.ndarray, T: float) -> LawReading:
+    """Return the gains of a cascade with errors by the delta method."""
+    structure, size = fitted.structure, covariance.shape[0]
+    gains, values = structure.gains, fitted.values
+    a, c = gains.index("Kp Kv"), gains.index("Kp")
+    Kp = float(values[c])
+
+    def ratio(k: int) -> tuple[float, np.ndarray]:
+        slope = np.zeros(size)
+        slope[k], slope[c] = 1.0 / Kp, -values[k] / Kp**2
+        return float(values[k] / Kp), slope
+
+    def plain(k: int) -> tuple[float, np.ndarray]:
+        slope = np.zeros(size)
+        slope[k] = 1.0
+        return float(values[k]), slope
+
+    rows: list[tuple[str, str, tuple[float, np.ndarray]]] = [("Kv", "1/s", ratio(a)), ("Kp", frame.viscous, plain(c))]
+    if structure.integral:
+        slope = np.zeros(size)
+        slope[values.size] = -1.0 / fitted.rate**2
+        rows.append(("Tn", "s", (1.0 / fitted.rate, slope)))
+    if structure.forward == "free":
+        rows.append(("velocity_feedforward", "", ratio(gains.index("Kp ff"))))
+    if structure.model is not None:
+        slope = np.zeros(size)
+        mass = T * Kp / structure.model.rate
+        slope[c], slope[-1] = mass / Kp, -mass / structure.model.rate
+        rows.append(("model_mass", frame.inertia, (mass, slope)))
+    rows += _others(frame, fitted, plain, size, T)
+    return LawReading(_title(structure), structure, _estimates(rows, covariance))
+
+
+def _pid_reading(frame: Frame, fitted: Fitted, covariance: np.ndarray) -> LawReading:
+    size, gains = covariance.shape[0], fitted.structure.gains
+
+    def plain(k: int) -> tuple[float, np.ndarray]:
+        slope = np.zeros(size)
+        slope[k] = 1.0
+        return float(fitted.values[k]), slope
+
+    stiff = f"{frame.force}/{frame.position}"
+    units = {"P": stiff, "I": f"{stiff}/s", "D": frame.viscous, "FF1": frame.viscous}
+    rows = [(name, units[name], plain(gains.index(name))) for name in gains if name in units]
+    rows += _others(frame, fitted, plain, size, 1.0, fed="FF2")
+    return LawReading(_title(fitted.structure), fitted.structure, _estimates(rows, covariance))
+
+
+def _others(
+    frame: Frame, fitted: Fitted, plain: object, size: int, T: float, fed: str = "mass"
+) -> list[tuple[str, str, tuple[float, np.ndarray]]]:
+    structure, rows = fitted.structure, list[tuple[str, str, tuple[float, np.ndarray]]]()
+    if structure.fed:
+        rows.append((fed, frame.inertia, plain(structure.gains.index("mass"))))  # type: ignore[operator]
+    if structure.friction is not None:
+        rows.append(("friction", frame.force, plain(structure.gains.index("friction"))))  # type: ignore[operator]
+    if structure.sides:
+        rows.append(("difference", frame.force, plain(structure.gains.index("difference"))))  # type: ignore[operator]
+    if structure.lag is not None and fitted.structure.family != PID:
+        pole = structure.lag.pole
+        tau = -T / math.log(pole)
+        slope = np.zeros(size)
+        slope[-1] = T / (pole * math.log(pole) ** 2)
+        rows.append(("time_constant", "s", (tau, slope)))
+    return rows
+
+
+def _estimates(
+    rows: Sequence[tuple[str, str, tuple[float, np.ndarray]]], covariance: np.ndarray
+) -> tuple[Estimate, ...]:
+    made = []
+    for name, unit, (value, slope) in rows:
+        error = math.sqrt(max(0.0, float(slope @ covariance @ slope)))
+        made.append(Estimate(name, value, unit, error, error))
+    return tuple(made)
+
+
+def _unusual(reading: LawReading) -> tuple[bool, bool]:
+    """Return an order of readings: an older target is LinuxCNC's pid; else a cascade, the slower loop outside."""
+    pid = reading.structure.family == PID
+    plain = pid != (reading.structure.older > 0 or reading.structure.forward == "free")
+    swapped = not pid and reading.structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
+    return plain, swapped
+
+
+def _title(structure: Structure) -> str:
+    """Return the name of a structure."""
+    if structure.family == PID:
+        parts = ["PID"]
+        parts += ["FF1"] if structure.forward == "free" else []
+        parts += ["FF2"] if structure.fed else []
+    else:
+        parts = ["P-PI cascade" if structure.integral else "P-P cascade"]
+        parts += ["reference model"] if structure.model is not None else []
+        parts += ["acceleration feedforward"] if structure.fed else []
+    parts += ["friction feedforward"] if structure.friction is not None else []
+    parts += ["low pass"] if structure.lag is not None else []
+    return parts[0] if len(parts) == 1 else f"{parts[0]} with {' and '.join(parts[1:])}"
+
+
+def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float) -> list[str]:
+    remarks = list[str]()
+    if near:
+        remarks.append(
+            Text(
+                f"the law is near to {first.name}, which leaves {Quantity(residual, 'share'):3} of the force, where a "
+                f"free linear law leaves {Quantity(free, 'share'):3}: a filter or another part of it was not found"
+            )
+        )
+    for other in others:
+        gains = ", ".join(f"{e.name} {Quantity(e.value, e.unit, e.error)}" for e in other.estimates)
+        remarks.append(Text(f"this log cannot tell {first.name} from {other.name} with {gains}: both make its force"))
+    structure = first.structure
+    if structure.family == PID and structure.n > 1:
+        remarks.append(
+            Text(
+                f"the velocity of the PID is differenced over {structure.n} samples, that of the block over one: its "
+                f"lag is {Quantity(0.5 * (structure.n - 1)):3} samples shorter"
+            )
+        )
+    if structure.model is not None and not structure.model.inside:
+        remarks.append(
+            "the reference model is a lag of first order behind a dead time; the block's model has the dead time "
+            "within its loop"
+        )
+    if structure.lag is not None and structure.lag.old == 0.0:
+        remarks.append("the low pass of the law is half a sample faster than that of the block")
+    if structure.older and structure.family != PID:
+        remarks.append("the set position is one sample older than the reading: the feedforward is less by Kv T for it")
+    return remarks
+
+
+# Blocks of a law.
+
+
+def _control(reading: LawReading, smoothing: float, T: float, turning: bool, force_limit: float | None) -> Control:
+    """Return the law with its feedforward and filter as blocks."""
+    structure = reading.structure
+    feedforward = list[Feedforward]()
+    mass, Kp = reading.value("mass"), reading.value("Kp")
+    law: Law
+    if structure.family == PID:
+        law = _stock(reading, turning)
+    else:
+        share = {"one": 1.0, "none": 0.0}.get(structure.forward, reading.value("velocity_feedforward"))
+        # e of a setpoint one sample older is less by v_set T
+        share -= reading.value("Kv") * T * structure.older
+        # half a sample of the planner's own velocity is an acceleration
+        mass += 0.5 * T * share * Kp if structure.central else 0.0
+        law = CascadePPI(
+            Kv=reading.value("Kv"),
+            Kp=Kp,
+            Tn=reading.value("Tn") if structure.integral else None,
+            velocity_feedforward=max(0.0, share),
+            velocity_samples=structure.n,
+            model_mass=reading.value("model_mass") if structure.model is not None else None,
+            model_samples=1 if structure.model is None else structure.model.samples,
+        )
+        if mass > 0.0:
+            feedforward.append(Inertia(mass=mass))
+    level, half = reading.value("friction"), reading.value("difference")
+    if level > abs(half):
+        smooth = smoothing if smoothing > 0.0 else None
+        feedforward.append(
+            FrictionFeedforward(coulomb_positive=level + half, coulomb_negative=level - half, smoothing=smooth)
+        )
+    filters = ()
+    if structure.lag is not None:
+        pole = structure.lag.pole
+        w = (1.0 - pole) / (1.0 + pole)
+        filters = (LowPass(frequency=math.atan(w) / (math.pi * T)),)
+    return Control(law=law, feedforward=tuple(feedforward), filters=filters, force_limit=force_limit)
+
+
+def _stock(reading: LawReading, turning: bool) -> LinuxcncPid:
+    """Return LinuxCNC's pid with these gains, in mm or degrees."""
+    units = math.degrees(1.0) if turning else _PER_MM
+    gains = {
+        f"{name}gain" if len(name) == 1 else name: reading.value(name) / units for name in ("P", "I", "D", "FF1", "FF2")
+    }
+    pid = StockPid(**gains, error_previous_target=reading.structure.older > 0)
+    return LinuxcncPid(position=pid, units=units)

@@ -1,0 +1,434 @@
+"""The signals of a log from which a control law computes its command, as columns of a least-squares problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from feeddrive.identification.motion.motion_log import MotionLog
+
+MOST_DELAY = 3  # samples between reading and command that are tried
+MOST_SAMPLES = 8  # over which a velocity may be computed by differences
+_AHEAD, _PAST = 2, 7  # samples of the set position that a column may use after and before row k
+_CHANGES = MOST_SAMPLES + MOST_DELAY + 2  # past changes of the reading that a column may use
+_SIGNS = range(-1, MOST_DELAY + 2)  # samples by which the direction of the set motion may be older than row k
+_SKIP = 0.2  # s at the start: the filters and models of the law hold a past there that the log does not show
+_SHORT = 40  # rows: a shorter stretch between two limits would be spent on its own constant
+_HELD = 1e-3  # of the largest force, within which successive samples are at the limit: the rounding of a log
+_BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
+
+
+_MEDIAN, _NOISE = 15, 4.0  # samples and standard deviations with which a noisy plateau of the command is found
+_BLOCK = 1000  # rows of a block when a search takes fewer
+_HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
+_LAGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # s: of the low passes of the instruments
+_TURNS = 0.01  # of the largest set speed, at which the direction of the set motion turns in an instrument
+_DEPENDENT = 1e-6  # of the largest singular value, below which an instrument repeats the others
+
+
+class Term(NamedTuple):
+    """A regressor of a control law: its coefficients on the basis columns of `LawRows`."""
+
+    on: np.ndarray
+
+    def __add__(self, other: Term) -> Term:  # type: ignore[override]
+        return Term(self.on + other.on)
+
+    def __sub__(self, other: Term) -> Term:
+        return Term(self.on - other.on)
+
+    def __rmul__(self, factor: float) -> Term:  # type: ignore[override]
+        return Term(factor * self.on)
+
+
+class Basis:
+    """The basis columns of a log by name, and the regressors of a control law as sums of them.
+
+        e = x_set - x,   Se = T Σ e,   dx(j) = x(k-j) - x(k-j-1),   ds(j) = x_set(k-j) - x_set(k-j-1)
+
+    Differences instead of positions keep the digits: an acceleration T² is a millionth of the travel.
+    A regressor is d samples old as the reading is; its setpoint is q samples older still.
+    """
+
+    def __init__(self, T: float) -> None:
+        self.T = T
+        names = ["e", "Se", "s", "t"]
+        names += [f"dx{j}" for j in range(-1, _CHANGES)]
+        names += [f"ds{j}" for j in range(-_AHEAD, _PAST)]
+        names += [f"sign{j}" for j in _SIGNS] + [f"moves{j}" for j in _SIGNS]
+        self.names = names
+        self._place = {name: k for k, name in enumerate(names)}
+
+    @property
+    def size(self) -> int:
+        """The number of basis columns."""
+        return len(self.names)
+
+    @property
+    def motion(self) -> np.ndarray:
+        """The places of the columns without the directions of the set motion."""
+        return np.array([k for k, name in enumerate(self.names) if not name.startswith(("sign", "moves"))])
+
+    def zero(self) -> Term:
+        """Return the regressor 0."""
+        return Term(np.zeros(self.size))
+
+    def one(self, name: str) -> Term:
+        """Return a basis column as a regressor."""
+        on = np.zeros(self.size)
+        on[self._place[name]] = 1.0
+        return Term(on)
+
+    def many(self, kind: str, begin: int, end: int) -> Term:
+        """Return the sum of the changes `begin` to `end` - 1 of reading (dx) or set position (ds)."""
+        on = np.zeros(self.size)
+        for j in range(begin, end):
+            on[self._place[f"{kind}{j}"]] = 1.0
+        return Term(on)
+
+    def set_position(self, d: int) -> Term:
+        """Return x_set(k-d)."""
+        return self.one("s") - self.many("ds", 0, d)
+
+    def error(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
+        """Return x_set(k-d-q) - x(k-d)."""
+        error = self.one("e") - self.many("ds", 0, d + q) + self.many("dx", 0, d)
+        return error - compliance * self._bend(d) if compliance else error
+
+    def error_sum(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
+        """Return T Σ e up to k-d."""
+        total = self.one("Se") - self.T * float(q) * self.set_position(d)
+        for i in range(d):
+            total = total - self.T * self.error(i)
+        return total - (compliance / self.T) * self.one(f"dx{d - 1}") if compliance else total
+
+    def reading(self, d: int) -> Term:
+        """Return x(k-d)."""
+        return self.set_position(d) - self.error(d)
+
+    def velocity(self, n: int, d: int, compliance: float = 0.0) -> Term:
+        """Return (x(k-d) - x(k-d-n)) / nT."""
+        total = (1.0 / (n * self.T)) * self.many("dx", d, d + n)
+        if compliance:
+            total = total + (compliance / (n * self.T)) * (self._bend(d) - self._bend(d + n))
+        return total
+
+    def travel(self, n: int, d: int, compliance: float = 0.0) -> Term:
+        """Return T Σ of `velocity`, the mean of the last n readings."""
+        total = self.reading(d)
+        for j in range(n - 1):
+            total = total - ((n - 1.0 - j) / n) * self.one(f"dx{d + j}")
+        if compliance:
+            bend = self.one(f"dx{d - 1}") - self.one(f"dx{d + n - 1}")
+            total = total + (compliance / (n * self.T**2)) * bend
+        return total
+
+    def _bend(self, d: int) -> Term:
+        """Return the acceleration of the reading: a motor is ahead of its load by m_load/k times that."""
+        return (1.0 / self.T**2) * (self.one(f"dx{d - 1}") - self.one(f"dx{d}"))
+
+    def set_velocity(self, d: int, *, central: bool) -> Term:
+        """Return the set velocity by a backward or a central difference; the latter is the planner's own velocity."""
+        if central:
+            return (0.5 / self.T) * self.many("ds", d - 1, d + 1)
+        return (1.0 / self.T) * self.one(f"ds{d}")
+
+    def set_travel(self, d: int, *, central: bool) -> Term:
+        """Return T Σ of `set_velocity`."""
+        position = self.set_position(d)
+        return position + 0.5 * self.one(f"ds{d - 1}") if central else position
+
+    def set_acceleration(self, d: int, when: str) -> Term:
+        """Return the second difference of the set position that ends at k-d ("backward"), is centered there
+        ("central"), or lies in the middle of the sample that follows ("middle").
+        """
+        if when == "middle":
+            return 0.5 * (self.set_acceleration(d - 1, "central") + self.set_acceleration(d, "central"))
+        newest = d if when == "backward" else d - 1
+        return (1.0 / self.T**2) * (self.one(f"ds{newest}") - self.one(f"ds{newest + 1}"))
+
+
+class Reduced(NamedTuple):
+    """A least-squares problem reduced to its triangular factor: same solutions and same sums of squares.
+
+    factor  (p + 1, p): basis columns;   right  (p + 1,): force
+    """
+
+    factor: np.ndarray
+    right: np.ndarray
+
+    @property
+    def power(self) -> float:
+        """The sum of squares of the force, without its constant of each stretch."""
+        return float(self.right @ self.right)
+
+    def rest(self) -> float:
+        """Return the sum of squares that all basis columns together leave."""
+        return float(self.right[-1] ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class LawRows:
+    """The rows of a log that a control law must explain.
+
+    columns    (rows, basis): the basis columns, each without its mean over a stretch
+    whole      (samples, basis): the basis columns over the whole log, for filters
+    force      (rows,): the force, likewise
+    stretches  first row of each stretch and the number of rows
+    places     (rows,): rows of the log
+
+    One constant for each stretch between two limits takes the unknown start of an integral, a weight, and what any
+    anti-windup did in the meantime: no model of it is needed.
+    """
+
+    basis: Basis
+    columns: np.ndarray
+    whole: np.ndarray
+    force: np.ndarray
+    starts: np.ndarray
+    places: np.ndarray
+    raw: Signals
+
+    @classmethod
+    def of(cls, signals: Signals, keep: np.ndarray) -> Self:
+        """Return the rows in `keep`, shape (samples,), without the start of the log and without short stretches."""
+        basis = Basis(signals.T)
+        first = max(round(_SKIP / signals.T), _CHANGES + 2)
+        keep = keep.copy()
+        keep[:first] = False
+        keep[keep.size - _AHEAD :] = False
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], keep.astype(np.int8), [0]])))
+        runs = [(b, e) for b, e in zip(edges[::2], edges[1::2], strict=True) if e - b >= _SHORT]
+        places = np.concatenate([np.arange(b, e) for b, e in runs]) if runs else np.zeros(0, dtype=np.int64)
+        starts = np.cumsum([0, *(e - b for b, e in runs)])[:-1]
+        whole = signals.basis(basis)
+        made = cls(basis, whole[places], whole, signals.force[places], starts, places, signals)
+        return replace(made, columns=made.centered(made.columns), force=made.centered(made.force))
+
+    def fewer(self, most: int) -> LawRows:
+        """Return at most about `most` rows, in blocks spread over the log, each with its own constant."""
+        total = self.force.size
+        if total <= most:
+            return self
+        blocks = max(1, most // _BLOCK)
+        firsts = np.linspace(0, total - _BLOCK, blocks).astype(np.int64)
+        chosen = np.zeros(total, bool)
+        for first in firsts:
+            chosen[first : first + _BLOCK] = True
+        rows = np.flatnonzero(chosen)
+        # a new stretch begins where rows are left out and where one began before
+        old = np.zeros(total, bool)
+        old[self.starts] = True
+        begins = old[rows] | (np.diff(rows, prepend=-2) > 1)
+        made = replace(self, force=self.force[rows], starts=np.flatnonzero(begins), places=self.places[rows])
+        return replace(made, columns=made.centered(self.columns[rows]), force=made.centered(made.force))
+
+    def signed(self, signals: Signals) -> LawRows:
+        """Return the rows with the directions of the set motion as `signals` smooth them; all else is kept."""
+        whole = self.whole.copy()
+        for name in self.basis.names:
+            if name.startswith(("sign", "moves")):
+                whole[:, self.basis.names.index(name)] = signals.direction(name)
+        return replace(self, whole=whole, columns=self.centered(whole[self.places]), raw=signals)
+
+    def centered(self, values: np.ndarray) -> np.ndarray:
+        """Return values without their mean over each stretch."""
+        if not self.starts.size:
+            return values
+        lengths = np.diff(np.append(self.starts, values.shape[0]))
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        means = np.add.reduceat(values, self.starts, axis=0) / lengths.reshape(shape)
+        return values - np.repeat(means, lengths, axis=0)
+
+    def instruments(self) -> np.ndarray:
+        """Return functions of the set motion that no error of a reading is in, orthonormal, shape (rows, p).
+
+        The motion of a loop follows from the set position, its derivatives, its direction (friction) and their past:
+        low passes of first and second order from 2 to 200 ms, and sums.
+        """
+        wanted, T = self.raw.wanted, self.raw.T
+        v = np.diff(wanted, prepend=wanted[0]) / T
+        v = 0.25 * (shifted(v, -1) + 2.0 * v + shifted(v, 1))
+        a = np.gradient(v, T)
+        sign = np.tanh(v / (_TURNS * np.max(np.abs(v))))
+        plain = np.stack([v, a, sign], axis=1)
+        parts = [wanted[:, None], plain, T * np.cumsum(sign)[:, None], T * np.cumsum(wanted - wanted[0])[:, None]]
+        for lag in _LAGS:
+            pole = float(np.exp(-T / lag))
+            once = _low_passed(pole, plain)
+            parts += [once, _low_passed(pole, once)]
+        Z = self.centered(np.hstack(parts)[self.places])
+        sizes = np.linalg.norm(Z, axis=0)
+        U, s, _ = np.linalg.svd(Z[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
+        return U[:, s > _DEPENDENT * s[0]]
+
+    def reduced(self, rows: slice = slice(None), more: np.ndarray | None = None) -> Reduced:
+        """Return the problem of some rows reduced to its factor; `more` are further columns of the same rows."""
+        columns = self.columns if more is None else np.hstack([self.columns, more])
+        return reduced(columns[rows], self.force[rows])
+
+    def at(self, terms: list[Term]) -> np.ndarray:
+        """Return regressors over the rows, shape (rows, terms)."""
+        return self.columns @ np.stack([term.on for term in terms], axis=1)
+
+
+def reduced(columns: np.ndarray, force: np.ndarray) -> Reduced:
+    """Return the triangular factor of a problem, by blocks of rows so that it stays in the cache."""
+    both = np.column_stack([columns, force])
+    # columns of unit size: a constant one (no motion in one direction) stays 0 and determines nothing
+    R = np.linalg.qr(both, mode="r")
+    if R.shape[0] < R.shape[1]:
+        R = np.vstack([R, np.zeros((R.shape[1] - R.shape[0], R.shape[1]))])
+    return Reduced(R[:, :-1], R[:, -1])
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Reading x and set position (m), command (N) and sample time (s) of a log.
+
+    smoothing  m/s: speed below which the direction of the set motion counts in part; 0 for none
+    """
+
+    x: np.ndarray
+    wanted: np.ndarray
+    force: np.ndarray
+    T: float
+    smoothing: float = 0.0
+
+    @classmethod
+    def of(cls, log: MotionLog) -> Self:
+        """Return the signals of a log with set positions."""
+        assert log.set_position is not None
+        return cls(log.position, log.set_position, log.force, log.sample_time)
+
+    def basis(self, basis: Basis) -> np.ndarray:
+        """Return all basis columns over the whole log, shape (samples, basis)."""
+        e = self.wanted - self.x
+        changes = {"dx": np.diff(self.x, prepend=self.x[0]), "ds": np.diff(self.wanted, prepend=self.wanted[0])}
+        out = np.empty((e.size, basis.size))
+        for k, name in enumerate(basis.names):
+            if name == "e":
+                out[:, k] = e
+            elif name == "Se":
+                out[:, k] = self.T * np.cumsum(e)
+            elif name == "s":
+                out[:, k] = self.wanted
+            elif name == "t":
+                out[:, k] = self.T * np.arange(e.size)
+            elif name.startswith(("sign", "moves")):
+                out[:, k] = self.direction(name)
+            else:
+                out[:, k] = shifted(changes[name[:2]], int(name[2:]))
+        return out
+
+    def direction(self, name: str) -> np.ndarray:
+        """Return the basis column of a direction of the set motion (sign) or of its size (moves)."""
+        v = np.diff(self.wanted, prepend=self.wanted[0]) / self.T
+        sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(np.abs(v) < _still(v), 0.0, v))
+        kind = name.rstrip("-0123456789")
+        return shifted(np.abs(sign) if kind == "moves" else sign, int(name[len(kind) :]))
+
+    def free(self, limit: float | None) -> np.ndarray:
+        """Return a mask of the samples at which the command is not held at its limit.
+
+        Without a limit that is known, the largest force is one if successive samples hold it: a law commands no two
+        equal peaks.
+        """
+        most = float(np.max(np.abs(self.force))) if limit is None else min(limit, float(np.max(np.abs(self.force))))
+        there = np.abs(self.force) >= (1.0 - _HELD) * most
+        held = there & (np.roll(there, 1) | np.roll(there, -1)) if limit is None else there
+        return ~widened(held)
+
+
+    def below_plateau(self) -> np.ndarray:
+        """Return a mask of the samples away from the highest plateau of the command, within the noise of the log.
+
+        The plateau is that of the median over 15 samples; samples within 4 standard deviations of it are left out.
+        """
+        from scipy.ndimage import median_filter  # takes a second to import
+
+        middle = median_filter(self.force, _MEDIAN, mode="nearest")
+        spread = 1.4826 * float(np.median(np.abs(self.force - middle)))
+        most = float(np.max(np.abs(middle)))
+        return ~widened(np.abs(self.force) > (1.0 - _HELD) * most - _NOISE * spread)
+
+
+def _still(v: np.ndarray) -> float:
+    # rounding of a set position at rest
+    return 1e-6 * float(np.max(np.abs(v)))
+
+
+def widened(flags: np.ndarray, before: int = _BEFORE, after: int = _AFTER) -> np.ndarray:
+    """Return flags that are also true `before` and `after` each true row."""
+    wide = flags.copy()
+    for j in range(1, before + 1):
+        wide[:-j] |= flags[j:]
+    for j in range(1, after + 1):
+        wide[j:] |= flags[:-j]
+    return wide
+
+
+def shifted(values: np.ndarray, samples: int) -> np.ndarray:
+    """Return values that are `samples` older (negative: newer), held at the ends."""
+    if samples == 0:
+        return values
+    out = np.empty_like(values)
+    if samples > 0:
+        out[:samples], out[samples:] = values[0], values[:-samples]
+    else:
+        out[samples:], out[:samples] = values[-1], values[-samples:]
+    return out
+
+
+def filtered(rows: LawRows, coefficients: tuple[np.ndarray, np.ndarray], columns: np.ndarray) -> np.ndarray:
+    """Return whole-log columns (samples, p) after a recursive filter that starts at rest at their first values."""
+    from scipy.signal import lfilter, lfilter_zi  # takes a second to import
+
+    b, a = coefficients
+    initial: Any = lfilter_zi(b, a)
+    values, _ = lfilter(b, a, columns, axis=0, zi=initial[:, None] * columns[:1])
+    return rows.centered(np.asarray(values)[rows.places])
+
+
+def _low_passed(pole: float, columns: np.ndarray) -> np.ndarray:
+    from scipy.signal import lfilter  # takes a second to import
+
+    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], columns, axis=0))
+
+
+def steadied(values: np.ndarray, count: float) -> np.ndarray:
+    """Return a rounded set position as it was before: the smoothest within the errors of rounding.
+
+    It minimizes Σ (s - rounded)² + λ Σ (third difference of s)², λ such that the RMS of s - rounded in motion is that
+    of rounding, count/√12.  (Whittaker and Henderson.)
+    """
+    from scipy.linalg import solveh_banded  # takes a second to import
+
+    n = values.size
+    bands = np.zeros((4, n))
+    weights = np.array([-1.0, 3.0, -3.0, 1.0])
+    for i in range(4):
+        for j in range(i, 4):
+            bands[3 - (j - i), j : n - 3 + j] += weights[i] * weights[j]
+    moves = widened(np.diff(values, prepend=values[0]) != 0.0, 3, 3)
+    offset, low, high, best = values - values[0], -2.0, 12.0, values
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        matrix = 10.0**middle * bands
+        matrix[3] += 1.0
+        smooth = solveh_banded(matrix, offset)
+        if np.sqrt(np.mean((smooth - offset)[moves] ** 2)) > count / np.sqrt(12.0):
+            high = middle
+        else:
+            low, best = middle, smooth + values[0]
+    return best
+
+
+def halves(rows: LawRows, share: float) -> Iterator[slice]:
+    """Yield the first `share` of the rows and the rest, cut where a stretch begins if one begins nearby."""
+    cut = round(share * rows.force.size)
+    yield slice(0, cut)
+    yield slice(cut, None)

@@ -1,0 +1,563 @@
+"""The search for the control law of a log: which structures explain its command, and whether one of them is the law."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.identification.motion import law_structures
+from feeddrive.identification.motion.law_rows import (
+    MOST_DELAY,
+    MOST_SAMPLES,
+    LawRows,
+    Reduced,
+    Signals,
+    reduced,
+    widened,
+)
+from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
+from feeddrive.identification.regression import robust_covariance
+
+ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
+_HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
+_SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
+_KEPT = 4  # pairs of n and d that are fitted with every structure
+_STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
+_FEW = 0.03  # of the rows that may be left out so
+_RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
+_STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
+_MOST_DEAD = 3  # samples of dead time in a reference model
+_LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, which the superset lacks
+_LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
+_ZOOMS = 4  # times that the grid of corners shrinks
+_AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
+_CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
+_FEWER = 5000  # rows with which models and low passes are searched
+_REFITTED = 4  # fits that are fitted to all rows then
+_FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
+_POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
+_SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
+_REFINED = 12  # fits by instruments whose twist is searched finely
+_ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
+_SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
+_LEAST_ROWS = 100
+_CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A fitted structure with its criterion, ln-likelihood ratio to the free law plus the price of its unknowns."""
+
+    fitted: Fitted
+    criterion: float
+    signals: Signals
+
+    @property
+    def structure(self) -> Structure:
+        """The fitted structure."""
+        return self.fitted.structure
+
+
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """What a free linear law leaves: any gains on 13 past readings, 9 set positions and both sums.
+
+    ssr        sum of squares that is left;   power: that of the force
+    memory     first autocorrelation of what is left
+    effective  number of independent rows
+    unknowns   its number of coefficients
+    """
+
+    ssr: float
+    power: float
+    memory: float
+    effective: float
+    unknowns: int
+
+    @property
+    def price(self) -> float:
+        """The criterion of the free law."""
+        return self.unknowns * math.log(self.effective)
+
+    @property
+    def left(self) -> float:
+        """The RMS that is left, relative to that of the force."""
+        return math.sqrt(self.ssr / self.power)
+
+    def misses(self, scored: Scored) -> bool:
+        """Return True if a structure leaves more than chance lets a law leave beyond the free one."""
+        spare = self.unknowns - scored.structure.parameters
+        return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
+
+    def gain(self, more: float, less: float) -> float:
+        """Return n ln(more / less) of two sums of squares."""
+        noise = ROUNDING**2 * self.power
+        return self.effective * math.log((more + noise) / (less + noise))
+
+    def criterion(self, ssr: float, unknowns: int) -> float:
+        """Return n ln(ssr / floor) + p ln n with n independent rows."""
+        return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
+
+
+def floor_of(rows: LawRows, part: Reduced) -> Floor:
+    """Return the floor of the rows."""
+    rest = rows.force - rows.columns @ _solution(part)
+    ssr, n = part.rest(), rows.force.size
+    rho = correlation(rest)
+    effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
+    return Floor(ssr, part.power, rho, effective, rows.basis.size)
+
+
+def _solution(part: Reduced) -> np.ndarray:
+    """Return the coefficients of all basis columns."""
+    sizes = np.linalg.norm(part.factor, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
+
+
+def correlation(rest: np.ndarray) -> float:
+    """Return the first autocorrelation of a residual."""
+    power = float(rest @ rest)
+    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+
+
+def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
+    """Return by how much nonlinear functions of the signals explain what a law leaves, as a criterion: > 0 if they do.
+
+    A dead band, a limit inside of the law or friction compensation by the measured velocity leave what no linear law
+    explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)
+    """
+    n, d = found.structure.n, found.structure.d
+    few = rows.fewer(_FEWER)
+    basis, whole = few.basis, few.whole
+    e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
+    e = e - np.mean(e[few.places])
+    columns = []
+    for signal in (e, v):
+        size = 1.4826 * float(np.median(np.abs(signal[few.places]))) or float(np.std(signal))
+        columns += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
+        columns += [np.abs(signal)]
+    more = few.centered(np.stack(columns, axis=1)[few.places])
+    own = law_structures.regressors(found, few)
+    rest = few.force - own[:, : found.values.size] @ found.values
+    linear = np.hstack([own, few.columns])
+    both = np.column_stack([linear, more, rest])
+    sizes = np.linalg.norm(both[:, :-1], axis=0)
+    R = np.linalg.qr(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0), mode="r")
+    noise = ROUNDING**2 * float(few.force @ few.force)
+    least, other = float(np.sum(R[linear.shape[1] :, -1] ** 2)), float(R[-1, -1] ** 2)
+    effective = floor.effective * few.force.size / rows.force.size
+    return effective * math.log((least + noise) / (other + noise)) - more.shape[1] * math.log(effective)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """All structures that were fitted to a log, best first, and the floor they are held against."""
+
+    rows: LawRows
+    floor: Floor
+    tried: dict[tuple[int, int], float]
+    scored: tuple[Scored, ...]
+
+    @property
+    def best(self) -> Scored:
+        """The structure with the best criterion."""
+        return self.scored[0]
+
+    def residual(self, scored: Scored) -> np.ndarray:
+        """Return what a structure leaves of the force, over the rows."""
+        found = scored.fitted
+        rows = self.rows if scored.signals is self.rows.raw else self.rows.signed(scored.signals)
+        columns = law_structures.regressors(found, rows)
+        gains = columns[:, : found.values.size]
+        return self.rows.force - gains @ found.values
+
+
+def search(signals: Signals, limit: float | None) -> Search | None:
+    """Return the structures that explain a log, or None if too few rows are away from the limit."""
+    keep = signals.free(limit)
+    found = _searched(signals, keep, deep=False)
+    if found is None:
+        return None
+    if found.floor.misses(found.best):
+        # noise of the log hides that the command is held: all that is near to the highest plateau is left out
+        apart = keep & signals.below_plateau()
+        other = _searched(signals, apart, deep=False)
+        if other is not None and not other.floor.misses(other.best):
+            found, keep = other, apart
+        else:
+            found = _searched(signals, keep, deep=True) or found
+    # single samples at a limit, where a feedforward spikes, and steps of the set position
+    rest = found.residual(found.best)
+    spread = 1.4826 * float(np.median(np.abs(rest)))
+    noise = ROUNDING * math.sqrt(found.floor.power / rest.size)
+    far = np.abs(rest) > _STRAY * max(spread, noise)
+    if 0 < np.sum(far) <= _FEW * far.size:
+        strays = np.zeros(keep.size, bool)
+        strays[found.rows.places[far]] = True
+        again = _searched(signals, keep & ~widened(strays, 0, 0), deep=True)
+        found = again or found
+    return found
+
+
+def _searched(signals: Signals, keep: np.ndarray, *, deep: bool) -> Search | None:
+    """Return the search over the rows in `keep`; only a deep one tries models and low passes."""
+    rows = LawRows.of(signals, keep)
+    if rows.force.size < _LEAST_ROWS:
+        return None
+    basis, part = rows.basis, rows.reduced()
+    floor = floor_of(rows, part)
+    tried = _scanned(rows, part)
+    likely, least = _likely(floor, tried), next(iter(tried.values()))
+    bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
+    friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
+    scored = [
+        Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
+        for n, d in likely
+        for structure in structures(n, d, friction)
+        for found in law_structures.minima(structure, basis, part)
+    ]
+    if not scored:
+        return None
+    scored.sort(key=lambda one: one.criterion)
+    # the cheap ones first: each is tried only while something is missed
+    further: tuple[Callable[[], list[Scored]], ...] = (
+        lambda: _smoothed(rows, floor, scored[0]),
+        # once more, with the samples that the first smoothed sign brought out
+        lambda: _smoothed(rows, floor, scored[0]),
+        lambda: _shifted(rows, floor, scored[0]),
+        lambda: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),
+        lambda: _again(rows, floor, _lags(rows.fewer(_FEWER), floor)),
+    )
+    for tried_next in further if deep else further[:3]:
+        if floor.misses(scored[0]):
+            scored += tried_next()
+            scored.sort(key=lambda one: one.criterion)
+    return Search(rows, floor, tried, tuple(scored))
+
+
+def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
+    """Yield all structures without a model or a low pass, for one n and d; `feeds`: of friction feedforward."""
+    for older in (0, 1):
+        for fed in ("", "backward", "central", "middle"):
+            for central in (False, True) if not fed else (False,):
+                for friction in feeds:
+                    for forward in law_structures.FORWARD:
+                        for integral in (True, False):
+                            yield Structure(CASCADE, integral, n, d, older, central, forward, fed, friction)
+                    for forward in ("free", "none"):
+                        yield Structure(PID, True, n, d, older, central, forward, fed, friction)
+
+
+def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
+    """Return the likeliest of fits to fewer rows, fitted to all rows."""
+    found.sort(key=lambda one: one.criterion)
+    again = list[Scored]()
+    for one in found[:_REFITTED]:
+        structure = one.structure
+        if structure.model is not None:
+            problems = law_structures.ModelProblems(rows, structure.n, structure.d)
+            along = problems.along(structure.model, structure.forward)
+            fitted = _profile(rows, along, structure.model.rate * _CLOSE)
+        else:
+            fitted = _along_lag(rows, structure, _CLOSE)
+        if fitted is not None:
+            criterion = floor.criterion(fitted.ssr, fitted.structure.parameters)
+            again.append(Scored(fitted, criterion, rows.raw))
+    return again
+
+
+def _models(rows: LawRows, floor: Floor) -> list[Scored]:
+    """Return fits with a reference model in the integral, for the likeliest n and d."""
+    some = [law_structures.through_model(rows, Model(rate, 0, False), 0, 0, central=False) for rate in _STANDING]
+    # models of four rates with free gains stand for any model while n and d are told apart
+    Q, part = _orthogonal(rows)
+    wide = _extended(part, Q, np.hstack(some))
+    found: list[Scored] = []
+    for n, d in list(_scanned(rows, wide))[:2]:
+        problems = law_structures.ModelProblems(rows, n, d)
+        coarse: list[Fitted] = []
+        for inside in (True, False):
+            for samples in range(_MOST_DEAD + 1):
+                rates = _RATES[_RATES * (samples + 1) < 1.0] if inside else _RATES
+                top = _profile(rows, problems.along(Model(1.0, samples, inside), "free"), rates)
+                coarse += [] if top is None else [top]
+        coarse.sort(key=lambda one: one.ssr)
+        for one in coarse[:3]:
+            model = one.structure.model
+            assert model is not None
+            for forward in law_structures.FORWARD:
+                near = model.rate * _AROUND
+                top = _profile(rows, problems.along(model, forward), near)
+                if top is not None:
+                    found.append(Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw))
+    return found
+
+
+def _lags(rows: LawRows, floor: Floor) -> list[Scored]:
+    """Return fits with a low pass of the command, for the likeliest structures."""
+    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
+    grid, step = _POLES, float(_POLES[1] / _POLES[0])
+    motion = rows.basis.motion
+    # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
+    for _ in range(_ZOOMS):
+        for share in map(float, grid):
+            columns = np.zeros_like(rows.columns)
+            columns[:, motion] = law_structures.lagged(rows, 1.0 - share, motion)
+            factor = reduced(columns[:, motion], rows.force)
+            whole = np.zeros((factor.factor.shape[0], rows.basis.size))
+            whole[:, motion] = factor.factor
+            parts[share] = Reduced(whole, factor.right)
+            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=False).items()]
+        step **= 0.4
+        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    coarse = list[Fitted]()
+    for _, share, (n, d) in sorted(scans)[:_LIKELY]:
+        for fed in ("", "backward"):
+            for family in (CASCADE, PID):
+                for old in (0.0, 0.5):
+                    structure = Structure(family, True, n, d, fed=fed, lag=Lag(1.0 - share, old))
+                    fitted = law_structures.fit(structure, rows.basis, parts[share])
+                    coarse += [] if fitted is None else [fitted]
+    coarse.sort(key=lambda one: one.ssr)
+    # the best of each kind: another kind may be nearer to its minimum on the coarse grid
+    kinds = dict[tuple[object, ...], Fitted]()
+    for one in coarse:
+        assert one.structure.lag is not None
+        kinds.setdefault((one.structure.family, one.structure.lag.old, one.structure.fed), one)
+    fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
+    found = list[Fitted]()
+    for one in fine[:2] if len(fine) < 2 else sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
+        if one is None:
+            continue
+        for structure in _variants(one.structure):
+            fitted = law_structures.sensible(structure, law_structures.lagged_problem(rows, structure))
+            found += [] if fitted is None else [fitted]
+    found.sort(key=lambda one: floor.criterion(one.ssr, one.structure.parameters))
+    found[:3] = [better for one in found[:3] if (better := _along_lag(rows, one.structure, _AROUND)) is not None]
+    return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
+
+
+@dataclass(frozen=True, eq=False)
+class Instrumented:
+    """A cascade fitted by instruments, for a log whose readings are not those of the law.
+
+    ratio   sum of squares that is left in the space of the instruments, over that of chance
+    gain    criterion of the best fit without a twist between motor and load, less that of this one
+    likely  this and other fits with their criteria, best first
+    instruments  (rows, p): their orthonormal columns
+    """
+
+    fitted: Fitted
+    ratio: float
+    gain: float
+    likely: tuple[tuple[Fitted, float], ...]
+    instruments: np.ndarray
+
+
+def instrumented(rows: LawRows) -> Instrumented | None:
+    """Return the likeliest cascade by instruments, or None.
+
+    Errors of readings enter the columns and bias least squares; functions of the set motion do not hold them.
+    """
+    Z = rows.instruments()
+    on = Z.T @ np.column_stack([rows.columns, rows.force])
+    part = Reduced(on[:, :-1], on[:, -1])
+    basis, spare = rows.basis, Z.shape[1]
+    scan = [
+        one
+        for n in (1, 2, 4, 8)
+        for d in (0, 1, 2)
+        for h in (0.0, *map(float, _BENDS))
+        for one in law_structures.minima(
+            Structure(CASCADE, True, n, d, fed="backward", friction=0, compliance=h, shifted=True), basis, part
+        )
+    ]
+    if not scan:
+        return None
+    scan.sort(key=lambda one: one.ssr)
+    h = scan[0].structure.compliance
+    noise = _slow_noise(rows, scan[0])
+
+    def price(one: Fitted) -> float:
+        return one.ssr / noise + one.structure.parameters * math.log(spare)
+
+    def best(n: int, d: int) -> list[Fitted]:
+        found = list[Fitted]()
+        for forward in law_structures.FORWARD:
+            for fed in ("", "backward"):
+                for friction in (None, 0):
+                    for integral in (True, False):
+                        plain = Structure(
+                            CASCADE, integral, n, d, forward=forward, fed=fed, friction=friction, shifted=integral
+                        )
+                        for bend in (0.0, h) if h > 0.0 else (0.0,):
+                            found += law_structures.minima(replace(plain, compliance=bend), basis, part)
+        return found
+
+    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:4]
+    found = sorted((one for pair in pairs for one in best(*pair)), key=price)
+    if not found:
+        return None
+    # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
+    fine = list[Fitted]()
+    for one in found[:_REFINED]:
+        if one.structure.compliance == 0.0:
+            fine.append(one)
+            continue
+
+        def at(value: float, one: Fitted = one) -> Fitted | None:
+            structure = replace(one.structure, compliance=float(value))
+            fits = law_structures.minima(structure, basis, part)
+            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
+            return min(near, key=lambda other: other.ssr, default=None)
+
+        refined = _profile(rows, at, h * _AROUND**2)
+        fine += [] if refined is None else [refined]
+    fine.sort(key=price)
+    top = fine[0]
+    likely = [one for one in fine if price(one) < price(top) + _ODD]
+    ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
+    stiff = min((price(one) for one in found if one.structure.compliance == 0.0), default=math.inf)
+    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), Z)
+
+
+def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
+    """Return the covariance of gains, 1/Tn and compliance that were found by instruments."""
+    columns, size = law_structures.regressors(top, rows), top.values.size
+    rest = rows.force - columns[:, :size] @ top.values
+    if top.structure.compliance > 0.0:
+        step = 0.01 * top.structure.compliance
+        other = replace(top, structure=replace(top.structure, compliance=top.structure.compliance + step))
+        bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
+        columns = np.column_stack([columns, bend])
+    return robust_covariance(Z @ (Z.T @ columns), rest, smooth=64)
+
+
+def _slow_noise(rows: LawRows, top: Fitted) -> float:
+    """Return the variance per row of the slow part of what the likeliest structure leaves."""
+    rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
+    length = max(1, round(_SLOW / rows.raw.T))
+    blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)
+    return 1.4826**2 * float(np.median(np.abs(blocks - np.median(blocks)))) ** 2 / length
+
+
+def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:
+    """Return the fit of a structure with the best corner of its low pass."""
+    lag = structure.lag
+    assert lag is not None
+
+    def at(share: float) -> Fitted | None:
+        other = replace(structure, lag=lag._replace(pole=1.0 - share))
+        return law_structures.sensible(other, law_structures.lagged_problem(rows, other))
+
+    return _profile(rows, at, (1.0 - lag.pole) * about)
+
+
+def _variants(structure: Structure) -> Iterator[Structure]:
+    """Yield a structure with all feedforwards, with and without an integral."""
+    for fed in ("", "backward", "central", "middle"):
+        for forward in law_structures.FORWARD if structure.family == CASCADE else ("free", "none"):
+            for integral in (True, False) if structure.family == CASCADE else (True,):
+                yield replace(structure, fed=fed, forward=forward, integral=integral)
+
+
+def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
+    """Return the structures with an integral of a reading with another zero than the logged one."""
+    found, part = list[Scored](), rows.reduced()
+    for structure in structures(best.structure.n, best.structure.d):
+        if structure.integral and structure.friction == best.structure.friction:
+            fitted = law_structures.fit(replace(structure, shifted=True), rows.basis, part)
+            if fitted is not None:
+                found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters), rows.raw))
+    return found
+
+
+def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
+    """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
+    if best.structure.friction is None:
+        return []
+    fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
+    found, again = dict[tuple[bool, float], Scored](), list[Scored]()
+    for sides in (False, True):
+        structure = replace(best.structure, sides=sides, friction=0)
+
+        def at(speed: float, structure: Structure = structure, sides: bool = sides) -> Fitted | None:
+            signals = replace(rows.raw, smoothing=speed * fastest)
+            changed = rows.signed(signals)
+            part, extra = law_structures.reduced_for(changed, structure)
+            fitted = law_structures.fit(structure, changed.basis, part, extra)
+            if fitted is not None:
+                found[sides, speed] = Scored(fitted, floor.criterion(fitted.ssr, structure.parameters + 1), signals)
+            return fitted
+
+        _profile(rows, at, _SMOOTH)
+    if not found:
+        return []
+    top = min(found.values(), key=lambda one: one.criterion)
+    # samples and other feedforwards made up for the wrong sign before
+    changed = rows.signed(top.signals)
+    part = changed.reduced()
+    pairs = _scanned(changed, part)
+    for n, d in _likely(floor, pairs):
+        for structure in structures(n, d, (0,)):
+            for fitted in law_structures.minima(replace(structure, sides=top.structure.sides), changed.basis, part):
+                unknowns = fitted.structure.parameters + 1
+                again.append(Scored(fitted, floor.criterion(fitted.ssr, unknowns), top.signals))
+    return [top, *again]
+
+
+def _likely(floor: Floor, tried: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
+    """Return the pairs of n and d that may win: others leave clearly more."""
+    least = next(iter(tried.values()))
+    return [pair for pair, left in list(tried.items())[:_KEPT] if floor.gain(left, least) < _HOPELESS]
+
+
+def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tuple[int, int], float]:
+    """Return what the superset of all structures leaves for each n and d, the smallest first."""
+    left = {
+        (n, d): law_structures.left_by(part, law_structures.wide(rows.basis, n, d, friction=friction))
+        for n in range(1, MOST_SAMPLES + 1)
+        for d in range(MOST_DELAY + 1)
+    }
+    return dict(sorted(left.items(), key=lambda item: item[1]))
+
+
+def _profile(rows: LawRows, at: Callable[[float], Fitted | None], grid: np.ndarray) -> Fitted | None:
+    """Return the best fit over one more unknown: on a grid first, then by Brent's method about the best value."""
+    from scipy.optimize import minimize_scalar  # takes a second to import
+
+    found, power = dict[float, Fitted](), float(rows.force @ rows.force)
+
+    def left(logarithm: float) -> float:
+        value = math.exp(logarithm)
+        fitted = at(value) if value < 1.0 else None
+        if fitted is not None:
+            found[value] = fitted
+        return power if fitted is None else fitted.ssr
+
+    lefts = [left(math.log(value)) for value in grid]
+    if not found:
+        return None
+    k = min(max(int(np.argmin(lefts)), 1), len(grid) - 2)
+    bounds = math.log(grid[k - 1]), math.log(grid[k + 1])
+    minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINE, "maxiter": 25})
+    return min(found.values(), key=lambda one: one.ssr)
+
+
+def _orthogonal(rows: LawRows) -> tuple[np.ndarray, Reduced]:
+    Q, R = np.linalg.qr(np.column_stack([rows.columns, rows.force]))
+    return Q, Reduced(R[:, :-1], R[:, -1])
+
+
+def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
+    """Return a reduced problem with further columns behind its own."""
+    on = Q.T @ more
+    outside = np.linalg.qr(more - Q @ on, mode="r")
+    size = part.factor.shape[0]
+    factor = np.block([[part.factor, on], [np.zeros((outside.shape[0], part.factor.shape[1])), outside]])
+    return Reduced(factor, np.concatenate([part.right, np.zeros(factor.shape[0] - size)]))

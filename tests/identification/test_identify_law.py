@@ -1,0 +1,206 @@
+"""The control law of a log: one foreign log of each family, classes that no log can tell apart, and refusals."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import foreign_axis as fa
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.identification.motion.control_law import check_law
+from feeddrive.identification.motion.identify_law import ControlFit, identify_control
+from feeddrive.identification.motion.law_rows import Signals, steadied
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.language.errors import NotIdentifiableError
+
+T = 1e-3
+CASCADE = {"Kv": 30.0, "Kp": 9000.0, "n": 1}
+PI = CASCADE | {"rate": 20.0, "ff": 0.8, "n": 2}
+
+
+@cache
+def logged(law: str, changes: tuple[tuple[str, Any], ...], limit: float = math.inf, seed: int = 1) -> MotionLog:
+    """Three seconds of moves of 100 kg with Coulomb friction, counts of 1 um, and 1 % of noise in the logged force."""
+    made = {"Cascade": fa.Cascade, "LinuxCncPid": fa.LinuxCncPid, "Adrc": fa.Adrc}[law](**dict(changes))
+    axes = fa.Axes(
+        mass=100.0,
+        viscous=200.0,
+        coulomb_positive=60.0,
+        coulomb_negative=50.0,
+        resolution=1e-6,
+        noise_log=2.0,
+        dead_time=0.5 * T,
+        limit=limit,
+    )
+    xs = fa.smooth_moves(T, (0.1, 0.02, 0.13, 0.0), 0.2, 2.0, 60.0, 0.1, 0.1)
+    logs = fa.simulate(axes, made, xs, T, np.random.default_rng(seed), substeps=2)
+    log = logs.log(0, first=50)
+    return MotionLog(
+        name="log", position=log["position"], force=log["force"], set_position=log["setpoint"], sample_time=T
+    )
+
+
+def found(law: str, limit: float = math.inf, **changes: Any) -> ControlFit:
+    return identify_control(logged(law, tuple(changes.items()), limit))
+
+
+def near(fit: ControlFit, reading: int = 0, **truth: float) -> None:
+    """Each gain is within 2 % and within 4 standard errors (one normal value in 16,000) of the truth."""
+    for name, value in truth.items():
+        estimate = fit.readings[reading][name]
+        assert estimate.value == pytest.approx(value, rel=0.02), name
+        assert abs(estimate.value - value) < 4.0 * estimate.error, name
+
+
+def test_a_cascade_without_an_integral() -> None:
+    fit = found("Cascade", **CASCADE, ff=0.9)
+    assert fit.readings[0].name == "P-P cascade"
+    assert not fit.near
+    assert (fit.velocity_samples, fit.delay) == (1, 0)
+    near(fit, Kv=30.0, Kp=9000.0, velocity_feedforward=0.9)
+
+
+def test_a_cascade_with_an_integral_even_at_its_limit() -> None:
+    """The limit is reached in 0.5 % of the rows; the integral behind it is whatever the anti-windup made of it."""
+    fit = found("Cascade", limit=255.0, **PI, windup="stop")
+    assert fit.readings[0].name == "P-PI cascade"
+    assert (fit.velocity_samples, fit.delay) == (2, 0)
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05, velocity_feedforward=0.8)
+    law = fit.law()
+    assert isinstance(law, CascadePPI)
+    assert law.Tn == pytest.approx(0.05, rel=0.02)
+
+
+def test_feedforward_of_acceleration_and_friction() -> None:
+    fit = found("Cascade", **PI, mass_ff=80.0, friction_ff=40.0, friction_speed=2e-3)
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05, mass=80.0, friction=40.0)
+    control = fit.control()
+    assert [part.kind for part in control.feedforward] == ["inertia", "friction_feedforward"]
+    # the block takes the acceleration in the middle of the sample, the law at its end: 1.5 samples of 60 m/s3 on 80 kg
+    assert (
+        check_law(
+            control,
+            logged("Cascade", tuple((PI | {"mass_ff": 80.0, "friction_ff": 40.0, "friction_speed": 2e-3}).items())),
+        ).left
+        < 0.03
+    )
+
+
+def test_a_reference_model_in_the_integral() -> None:
+    fit = found("Cascade", **PI, model_mass=110.0, model_delay=1)
+    assert fit.readings[0].name == "P-PI cascade with reference model"
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05, model_mass=110.0)
+    assert any("first order behind a dead time" in remark for remark in fit.remarks)
+
+
+def test_a_low_pass_of_the_command() -> None:
+    fit = found("Cascade", **PI, tau=3e-3)
+    assert fit.readings[0].name == "P-PI cascade with low pass"
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05, time_constant=3e-3)
+    assert len(fit.control().filters) == 1
+
+
+def test_a_pid_of_linuxcnc() -> None:
+    """Its default, an error to the target of the sample before, tells it from a cascade."""
+    fit = found("LinuxCncPid", P=4.5e5, I=5.4e6, D=9000.0, FF2=80.0, previous_target=True)
+    near(fit, P=4.5e5, I=5.4e6, D=9000.0, FF2=80.0)
+    law = fit.law()
+    assert isinstance(law, LinuxcncPid)
+    assert law.position.error_previous_target
+    # in mm, with a force of 1 N per unit of the output
+    assert law.position.Pgain == pytest.approx(450.0, rel=0.02)
+
+
+def test_kv_and_the_integral_time_that_no_log_can_tell_are_both_given() -> None:
+    """With all the set velocity fed forward and one sample, Kv and 1/Tn may change places, and a PID is the same."""
+    fit = found("Cascade", **CASCADE, rate=20.0, ff=1.0)
+    assert [reading.name for reading in fit.readings] == ["P-PI cascade", "P-PI cascade", "PID"]
+    near(fit, 0, Kv=20.0, Tn=1.0 / 30.0, Kp=9000.0)
+    near(fit, 1, Kv=30.0, Tn=1.0 / 20.0, Kp=9000.0)
+    near(fit, 2, P=9000.0 * 50.0, I=9000.0 * 600.0, D=9000.0)
+    assert sum("cannot tell" in remark for remark in fit.remarks) == 2
+
+
+def test_two_samples_tell_them_apart() -> None:
+    fit = found("Cascade", **CASCADE | {"n": 2}, rate=20.0, ff=0.7)
+    assert len(fit.readings) == 1
+
+
+def test_a_rounded_set_position_is_restored() -> None:
+    """Rounding to 2 um makes 2 mm/s of one step, 18 N through Kp; the law computed with the exact path."""
+    log = logged("Cascade", tuple(PI.items()))
+    assert log.set_position is not None
+    rounded = 2e-6 * np.round(log.set_position / 2e-6)
+    exact, restored = (np.diff(path) / T for path in (log.set_position, steadied(rounded, 2e-6)))
+    assert np.std(restored - exact) < 0.1 * np.std(np.diff(rounded) / T - exact)
+    fit = identify_control(
+        MotionLog(name="log", position=log.position, force=log.force, set_position=rounded, sample_time=T)
+    )
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05)
+
+
+def test_a_load_encoder_is_seen_and_the_gains_of_the_motors_loop_are_found() -> None:
+    """Antiresonance at 40 Hz: the motor is 16 um per m/s2 ahead of the load, whose encoder is logged."""
+    axes = fa.Axes(
+        mass=60.0,
+        mass_load=40.0,
+        stiffness=40.0 * (2.0 * np.pi * 40.0) ** 2,
+        damping=400.0,
+        coulomb_positive=60.0,
+        coulomb_negative=60.0,
+        resolution=1e-6,
+        resolution_load=1e-6,
+        noise_log=2.0,
+    )
+    xs = fa.smooth_moves(T, (0.1, 0.02, 0.13, 0.0), 0.2, 2.0, 60.0, 0.1, 0.1)
+    law = fa.Cascade(Kv=15.0, Kp=6000.0, rate=12.0, ff=0.8)
+    log = fa.simulate(axes, law, xs, T, np.random.default_rng(3), substeps=2).log(0)
+    fit = identify_control(
+        MotionLog(
+            name="log", position=log["position_load"], force=log["force"], set_position=log["setpoint"], sample_time=T
+        )
+    )
+    assert fit.instruments
+    # by instruments: a few percent
+    for name, value in (("Kv", 15.0), ("Kp", 6000.0), ("Tn", 1.0 / 12.0)):
+        assert fit[name].value == pytest.approx(value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("law", "changes"),
+    [
+        ("Cascade", PI | {"notch": 60.0}),
+        ("Cascade", PI | {"velocity_filter": 5e-3}),
+        ("Cascade", PI | {"dead_band": 2e-5}),
+        ("Cascade", PI | {"slower": 8}),
+        ("Adrc", {"mass": 100.0, "bandwidth": 40.0, "observer": 120.0}),
+    ],
+)
+def test_a_law_outside_of_the_families_is_refused_with_the_share_of_a_free_law(
+    law: str, changes: dict[str, Any]
+) -> None:
+    try:
+        fit = found(law, **changes)
+    except NotIdentifiableError as error:
+        assert "a free linear law of the same signals" in str(error)
+    else:
+        assert fit.near
+        assert "near to" in fit.remarks[0]
+
+
+def test_a_log_without_set_position_says_what_to_record() -> None:
+    log = logged("Cascade", tuple(PI.items()))
+    with pytest.raises(NotIdentifiableError, match="without the set position: record it next"):
+        identify_control(MotionLog(name="log", position=log.position, force=log.force, sample_time=T))
+
+
+def test_a_command_at_its_limit_is_no_row_of_the_law() -> None:
+    signals = Signals.of(logged("Cascade", tuple(PI.items())))
+    force = np.clip(signals.force, -200.0, 200.0)
+    free = Signals(signals.x, signals.wanted, force, T).free(None)
+    assert not np.any(free & (np.abs(force) >= 200.0))
