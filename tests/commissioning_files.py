@@ -43,6 +43,7 @@ class TrueAxis:
     usable: float = 5.0  # Hz
     averages: int = 20
     noise: float = 0.02  # of the speed over the torque, times 1/(motor + load) at 100 Hz
+    wavy: float = 0.01  # largest relative systematic error, smooth over ln f: friction and the closed loop of the test
     wrong_below: float = 0.5  # relative error at the usable frequency's half, growing downwards
     gains: tuple[float, float, float] = (1.0, 0.01, 1.0)  # after tuning: N m s/rad, s, 1000/min
     first_gains: tuple[float, float] = (0.5, 0.01)
@@ -112,7 +113,11 @@ class TrueAxis:
         # friction spoils the lowest lines, and their coherence
         spoiled = self.wrong_below * np.maximum(self.usable / f - 1.0, 0.0)
         turn = np.exp(2j * np.pi * random.random())
-        rough = rough * (1.0 + spoiled * turn)
+        waves = sum(
+            np.exp(2j * np.pi * random.random()) * np.cos(k * np.log(f) + 2.0 * np.pi * random.random())
+            for k in (1.5, 3.1, 5.7)
+        )
+        rough = rough * (1.0 + spoiled * turn + self.wavy / 3.0 * waves)
         estimated = 1.0 - (1.0 - coherent) * random.gamma(self.averages, 1.0 / self.averages, f.size)
         estimated = np.clip(estimated / (1.0 + 0.3 * spoiled**2), 0.0, 1.0)
         loop = self.current_loop(f)
@@ -158,7 +163,8 @@ def drawn(seed: int) -> TrueAxis:
         slow=slow,
         usable=float(random.uniform(2.0, 8.0)),
         averages=int(random.integers(10, 31)),
-        noise=between(0.005, 0.1),
+        noise=between(0.02, 0.5),
+        wavy=between(0.002, 0.015),
         gains=(inertia * rate, 4.0 / rate, Kv),
         first_gains=(0.4 * inertia * rate, 0.01),
         filters=((1999.0 if clock < 200e-6 else 1500.0, 0.7),),
