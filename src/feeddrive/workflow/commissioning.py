@@ -194,11 +194,11 @@ def drive_axis(
             )
         )
     current = _current_loop(file, plant)
-    actuator, words = _actuator(file, plant, current, result.fit)
+    actuator, words = _actuator(file, current, result.fit)
     remarks += words
     loop, words = _today(file, result.fit, actuator)
     remarks += words
-    remarks += _compared(file, result.fit)
+    remarks += _compared(file)
     return DriveAxis(file, plant, current, chosen, result, loop, tuple(remarks))
 
 
@@ -237,7 +237,8 @@ def _measured(file: Commissioning, name: str, band: tuple[float, float] | None) 
         frf = replace(frf, variance=frf.known_variance(file.averages or AVERAGES))
         if file.averages is None:
             remarks.append(
-                f"the number of averages is not in the file: {AVERAGES} are taken for the noise that the coherence shows"
+                f"the number of averages is not in the file: {AVERAGES} are taken for the noise that the coherence "
+                "shows"
             )
     return frf, remarks
 
@@ -254,9 +255,7 @@ def _fitted(
     """Fit a rigid mass and two masses in the band of the model; other structures if they are asked for."""
     if chosen is None:
         structure = None if model == "auto" else model
-        return fit_axis(
-            plant, structure=structure, modes=modes, fixed=fixed, held=False, band=band, progress=progress
-        )
+        return fit_axis(plant, structure=structure, modes=modes, fixed=fixed, held=False, band=band, progress=progress)
     fits: dict[str, PlantFit] = {}
     refused: dict[str, str] = {}
     for name in ("rigid", "two-mass"):
@@ -288,9 +287,7 @@ def _current_loop(file: Commissioning, plant: FRF) -> FRF | None:
     return FRF(f, np.exp(level + 1j * phase), frf.input, frf.output)
 
 
-def _actuator(
-    file: Commissioning, plant: FRF, current: FRF | None, fit: PlantFit
-) -> tuple[Actuator, list[str]]:
+def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[Actuator, list[str]]:
     """Return dead time and current loop of the model, and remarks.
 
     The measured delays are those of samples; the model adds half a sample for its hold and half a sample for the
@@ -408,15 +405,13 @@ def _today(file: Commissioning, fit: PlantFit, actuator: Actuator) -> tuple[Loop
     if file.position_clock is not None and not file.dsc:
         every = max(round(file.position_clock / T), 1)
         remarks.append(
-            Text(
-                f"speed loop every {Quantity(T, 's'):6}, position loop every {Quantity(file.position_clock, 's'):6}"
-            )
+            Text(f"speed loop every {Quantity(T, 's'):6}, position loop every {Quantity(file.position_clock, 's'):6}")
         )
         if file.delays > 0.0:
             remarks.append(
                 Text(
-                    f"the position loop has further delays of {Quantity(file.delays, 's'):3} in the file, which the law "
-                    f"has no part for: they take {Quantity(Kv * file.delays, 'rad'):2 deg} of its phase"
+                    f"the position loop has further delays of {Quantity(file.delays, 's'):3} in the file, which the "
+                    f"law has no part for: they take {Quantity(Kv * file.delays, 'rad'):2 deg} of its phase"
                 )
             )
     scale = 1.0 if not is_linear(file) else 1.0 / _travel(file) ** 2
@@ -446,12 +441,16 @@ def _said(file: Commissioning) -> list[str]:
     unit = _gain_unit(file)
 
     def gains(Kp: float, Tn: float | None) -> str:
-        return Text(f"Kp {Quantity(Kp, unit):4}, Tn {Quantity(Tn, 's'):4}") if Tn else Text(f"Kp {Quantity(Kp, unit):4}")
+        return (
+            Text(f"Kp {Quantity(Kp, unit):4}, Tn {Quantity(Tn, 's'):4}") if Tn else Text(f"Kp {Quantity(Kp, unit):4}")
+        )
 
     before = file.controllers[:-1]
     instead = Text(f"; before it {gains(before[0].Kp, before[0].Tn)}") if before else ""
     remarks: list[str] = [
-        Text(f"today's law is speed controller {len(file.controllers)} of the file: {gains(today.Kp, today.Tn)}{instead}")
+        Text(
+            f"today's law is speed controller {len(file.controllers)} of the file: {gains(today.Kp, today.Tn)}{instead}"
+        )
     ]
     if today.left:
         remarks.append(f"left out of today's law: {', '.join(today.left)}")
@@ -475,7 +474,7 @@ def _position_gain(file: Commissioning, rate: float) -> tuple[float, list[str]]:
     ]
 
 
-def _compared(file: Commissioning, fit: PlantFit) -> list[str]:
+def _compared(file: Commissioning) -> list[str]:
     """Return a remark with the tool's own model beside the fitted one."""
     own: list[str] = []
     if file.inertia is not None:
@@ -483,4 +482,3 @@ def _compared(file: Commissioning, fit: PlantFit) -> list[str]:
     if file.antiresonance is not None:
         own.append(Text(f"first zero {Quantity(file.antiresonance, 'Hz'):4}"))
     return [Text(f"the tool's own model: {', '.join(map(str, own))}")] if own else []
-

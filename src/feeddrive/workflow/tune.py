@@ -11,13 +11,14 @@ from typing import Any
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
+from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import axis_name
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
@@ -27,6 +28,7 @@ from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, option, stem
+from feeddrive.workflow.commissioning import DriveAxis, drive_axis
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
@@ -252,7 +254,10 @@ def _band(request: TuneRequest) -> tuple[float, float]:
 
 
 def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
-    machine = machine_of(request.source)
+    drive = _commissioned(request, progress)
+    if drive is not None:
+        request = _at_its_margins(request, drive)
+    machine = machine_of(request.source) if drive is None else drive.machine()
     base = machine if request.baseline is None else read_machine(request.baseline)
     direct = request.source if isinstance(request.source, Loop) else None
     loop = direct if base is None else base.loop(request.axis)
@@ -264,7 +269,14 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         )
     limits = request.limits()
     name = axis_name(loop, request.axis)
-    points, remarks = points_of(request.sources(), loop, progress)
+    sources = request.sources()
+    said: list[str] = []
+    if drive is not None:
+        point, words = drive.point()
+        sources, said = replace(sources, source=point, motor=()), [*_asked_margins(request, drive), *drive.remarks]
+        said += words
+    points, remarks = points_of(sources, loop, progress)
+    remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
     band = _band(request)
     today = None if loop is None else loop.control
@@ -323,6 +335,38 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         what, {k: v for k, v in facts.items() if v}, rules, noted, begun or "today", rotary, _loops(tuned, loop)
     )
     return tuned, story, text, name, certificate
+
+
+def _commissioned(request: TuneRequest, progress: Progress) -> DriveAxis | None:
+    """Return the axis of a commissioning file; None for any other source, and for a file that names its responses.
+
+    With a motor's response in another file the source is read like any other file of responses.
+    """
+    source = request.source
+    if not isinstance(source, str | Path) or not Path(source).is_file():
+        return None
+    file = read_commissioning(source)
+    if file is None or not file.plants or any(motor not in file.plants for motor in request.motor):
+        return None
+    return drive_axis(file, progress, motor=next(iter(request.motor), None))
+
+
+def _at_its_margins(request: TuneRequest, drive: DriveAxis) -> TuneRequest:
+    """Return the request with the margins that the file asks for, where the user asks for none."""
+    gain, phase = drive.file.margins
+    if request.gain_margin is not None or request.phase_margin is not None:
+        return request
+    return replace(request, gain_margin=gain, phase_margin=phase)
+
+
+def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
+    """Return a remark if the limits of the tuning are the margins of the file."""
+    gain, phase = drive.file.margins
+    if (gain is None and phase is None) or (request.gain_margin, request.phase_margin) != (gain, phase):
+        return []
+    asked = [Text(f"{Quantity(gain, 'dB'):3}")] if gain is not None else []
+    asked += [Text(f"{Quantity(phase, 'deg'):3}")] if phase is not None else []
+    return [Text(f"tuned at the margins that the file asks for: {joined(' and ', asked)}")]
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:

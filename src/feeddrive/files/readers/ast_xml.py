@@ -79,9 +79,11 @@ class Element:
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
+        """Return the text between the tags of the element."""
         return "".join(self.parts)
 
     def member_named(self, name: str) -> Element | None:
+        """Return the first child with a member name; None if there is none."""
         return next((child for child in self.children if child.member == name), None)
 
     def scalars(self) -> dict[str, float | str]:

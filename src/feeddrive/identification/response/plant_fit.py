@@ -20,7 +20,15 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.regression import Estimate, estimates_table
-from feeddrive.identification.response.agreement import OPEN_LINE, Agreement, advice, agreement, beyond, blind, entangled
+from feeddrive.identification.response.agreement import (
+    OPEN_LINE,
+    Agreement,
+    advice,
+    agreement,
+    beyond,
+    blind,
+    entangled,
+)
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.refine import (
     STEPS,
@@ -77,8 +85,11 @@ class PlantFit(Result):
         return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Return plant and actuator as blocks of an axis. Raises ParameterError for units other than kg and N/m."""
-        if not self.units.si:
+        """Return plant and actuator as blocks of an axis, which turns if the fit is in rad and N m.
+
+        Raises ParameterError for units other than kg and N/m or kg m2 and N m/rad.
+        """
+        if not (self.units.si or self.units.turns):
             raise ParameterError(
                 f"the fit is in {self.units.of('kg')} and not in kg: give force_per_unit in N/{self.units.input}"
                 + ("" if self.units.output == "m" else f" and travel_per_unit in m/{self.units.output}")
@@ -756,10 +767,12 @@ class ModelBand:
             return replace(estimate, error=float(np.linalg.norm(parts)))
 
         estimates = tuple(map(wider, fit.estimates))
-        factors = np.array([
-            new.error / old.error if old.error > 0.0 else 1.0
-            for new, old in zip(estimates, fit.estimates, strict=True)
-        ])
+        factors = np.array(
+            [
+                new.error / old.error if old.error > 0.0 else 1.0
+                for new, old in zip(estimates, fit.estimates, strict=True)
+            ]
+        )
         return replace(
             fit,
             estimates=estimates,
@@ -811,7 +824,7 @@ def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
     scatter: dict[str, float] = {}
     for name, estimate in first.items():
         beyond_noise = [
-            max((other[name].value - estimate.value) ** 2 - max(other[name].error**2 - estimate.error**2, 0.0), 0.0)
+            max((other[name].value - estimate.value) ** 2 - max(other[name].error ** 2 - estimate.error**2, 0.0), 0.0)
             for other in others
             if name in other
         ]
