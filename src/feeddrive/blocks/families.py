@@ -248,6 +248,10 @@ class Law(Block, Retuned, ABC):
         """Return the period in samples of a time-varying law; more than 1 for a law with a slower part (empty hook)."""
         return 1
 
+    def at_one_rate(self) -> Self:
+        """Return the law with all its parts at the sample time, for a law with a slower part (empty hook)."""
+        return self
+
     def position_gain(self) -> Any:
         """Return the velocity commanded per position error, 1/s; None if the law has no such gain (empty hook)."""
         return None

@@ -2,8 +2,8 @@
 
 The files are those of the tuning tool of SINUMERIK drives (`readers/ast_xml.py`).  Member names differ between
 versions, so values are found by member name anywhere in the file, except among the tool's tuning strategies, which hold
-what it may do and not what runs.  The units are those of the one public file (github.com/eliasrhoden/Sinumerik-Ctrl), in which
-some values also stand as machine data and drive parameters:
+what it may do and not what runs.  The units are those of the one public file, github.com/eliasrhoden/Sinumerik-Ctrl, in
+which some values also stand as machine data and drive parameters:
 
     Kp   N m s/rad, as p1460          Tn   s (p1462 is in ms)          Kv   1000/min, as MD32200
     times in s, frequencies in Hz, inertias in kg m2 at the motor

@@ -31,6 +31,7 @@ from feeddrive.identification.response.plant_fit import (
     ModelBand,
     PlantFit,
     fit_axis,
+    fit_two_mass,
     on_lines,
     simplest,
     two_mass_band,
@@ -258,11 +259,15 @@ def _fitted(
         return fit_axis(plant, structure=structure, modes=modes, fixed=fixed, held=False, band=band, progress=progress)
     fits: dict[str, PlantFit] = {}
     refused: dict[str, str] = {}
-    for name in ("rigid", "two-mass"):
+    common: dict[str, Any] = {"fixed": fixed, "held": False, "band": (chosen.low, chosen.high)}
+    ways = {
+        "rigid": lambda: fit_axis(plant, structure="rigid", **common).fit,
+        "two-mass": lambda: fit_two_mass(plant, begin=chosen.begin, **common),
+    }
+    for name, way in ways.items():
         progress.step(name)
         try:
-            tried = fit_axis(plant, structure=name, fixed=fixed, held=False, band=(chosen.low, chosen.high))
-            fits[name] = chosen.widened(tried.fit)
+            fits[name] = chosen.widened(way())
         except FeeddriveError as error:
             refused[name] = Text(f"{error}")
     if not fits:

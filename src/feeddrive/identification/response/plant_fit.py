@@ -528,14 +528,16 @@ def fit_two_mass(
     band: tuple[float, float] | None = None,
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
+    begin: Sequence[TwoMass] = (),
 ) -> PlantFit:
     """Fit two masses and a spring to the response of the motor's encoder, or to both responses together.
 
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
-    The arguments are those of `fit_plant`; initial values follow from a modal fit:  m2/m1 = residue/free at the motor,
-    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
-    identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
+    The arguments are those of `fit_plant`; initial values are `begin`, or follow from a modal fit:  m2/m1 =
+    residue/free at the motor, k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at
+    zero and reported as not identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia
+    ratio m2/m1, total mass.
 
     Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total
     mass and the resonance, but not the mass ratio.
@@ -554,7 +556,7 @@ def fit_two_mass(
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
     actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
-    for start in starts(responses, units, dead_time):
+    for start in begin or starts(responses, units, dead_time):
         task = Task(tree.vary(start, fixed_values), actuator, {}, responses, units, held)
         task, refined = solve(task, names, logarithmic=True, steps=25)
         # bounded, so that a few lines at a missed peak do not decide which start is followed
@@ -738,6 +740,7 @@ _LEAST_DECADE = 8.0  # times the lowest line: a shorter band does not tell mass,
 _GAUGE = 0.005
 # of a frequency: the shape of the response around a zero changes with the sliding friction of the test
 _CLOCK = 0.001
+_OTHERS = 2  # starts from the grid beside that of the band above
 _NARROWER = 2  # bands below the chosen one whose fits tell its systematic error
 _LINES_OF_A_BAND = 200  # for the choice of the band; the fit takes all its lines
 _ABOVE = 1.3  # times the resonance: a band must show the far side of the peak
@@ -749,6 +752,7 @@ class ModelBand:
 
     low, high   Hz
     whole       True if it is that of all lines
+    begin       the plant fitted to some lines of the band, to begin with; none if there is no resonance in the lines
     scatter     by parameter, how far the fits to narrower bands lie apart beyond their standard errors: what a
                 systematic error of the measurement does to it
     """
@@ -756,6 +760,7 @@ class ModelBand:
     low: float
     high: float
     whole: bool
+    begin: tuple[TwoMass, ...]
     scatter: Mapping[str, float]
 
     def widened(self, fit: PlantFit) -> PlantFit:
@@ -794,11 +799,14 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
     (frf,) = taken({"motor": motor}, band, None, None)[0].values()
     low, high = float(frf.frequency[0]), float(frf.frequency[-1])
     fits: list[tuple[float, PlantFit]] = []
-    top = high
+    top, begin = high, tuple[TwoMass, ...]()
     while top >= _LEAST_DECADE * low:
         lines = np.flatnonzero(frf.frequency <= top)
+        part = on_lines(frf, lines[_spread_out(frf.frequency[lines], _LINES_OF_A_BAND)])
         try:
-            fit = fit_two_mass(on_lines(frf, lines[_spread_out(frf.frequency[lines], _LINES_OF_A_BAND)]), held=held)
+            fit = fit_two_mass(part, held=held, begin=begin)
+            # a band within this one has the same resonance, or one that the grid of starts finds
+            begin = (cast(TwoMass, fit.plant), *_of_grid({"motor": part}, fit.units)[:_OTHERS])
         except FeeddriveError:
             # too few lines, or a sign that two masses do not have: another band may do
             top /= _OCTAVE
@@ -807,11 +815,11 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
             fits.append((top, fit))
         top /= _OCTAVE
     if not fits:
-        return ModelBand(low, high, True, {})
+        return ModelBand(low, high, True, (), {})
     errors = [_misses(fit) for _, fit in fits]
     place = next(i for i, error in enumerate(errors) if error <= max(_EXPLAINED, _WORSE * min(errors)))
     inside = [fit for _, fit in fits[place : place + 1 + _NARROWER]]
-    return ModelBand(low, fits[place][0], place == 0, _scatter(inside))
+    return ModelBand(low, fits[place][0], place == 0, (cast(TwoMass, inside[0].plant),), _scatter(inside))
 
 
 def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
