@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.certificate.certificate import Certificate
+from feeddrive.export.parameters import SINUMERIK, parameters_table
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
 from feeddrive.files.commissioning import read_commissioning
@@ -18,6 +19,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -186,7 +188,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     progress.step("reading")
     if request.study is not None:
         return _of_study(request, progress)
-    tuned, story, text, name, certificate = _tuned(request, progress)
+    tuned, story, text, name, certificate, makers = _tuned(request, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
@@ -213,7 +215,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     judgment = taken if tuned.holds else Judgment.DO_NOT_USE_TUNING
     return Outcome(
         tuned,
-        shown[:first],
+        [*shown[:first], *makers],
         remarks,
         tuned.recommendation(),
         files=files,
@@ -253,7 +255,10 @@ def _band(request: TuneRequest) -> tuple[float, float]:
     return (0.0, math.inf) if request.band is None else frequencies(request.band)
 
 
-def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
+def _tuned(
+    request: TuneRequest, progress: Progress
+) -> tuple[Tuned, Story, str | None, str, Certificate | None, list[Table]]:
+    """Tune; return also the text of the machine file, the axis name, and the new control in a maker's parameters."""
     drive = _commissioned(request, progress)
     if drive is not None:
         request = _at_its_margins(request, drive)
@@ -334,7 +339,14 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     story = Story(
         what, {k: v for k, v in facts.items() if v}, rules, noted, begun or "today", rotary, _loops(tuned, loop)
     )
-    return tuned, story, text, name, certificate
+    return tuned, story, text, name, certificate, _in_its_names(tuned, drive)
+
+
+def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
+    """Return the new control in the parameters of the drive that a commissioning file is of."""
+    if drive is None or not tuned.holds or tuned.control.law.kind != "cascade_ppi":
+        return []
+    return [parameters_table(SINUMERIK, replace(drive.loop, control=tuned.control))]
 
 
 def _commissioned(request: TuneRequest, progress: Progress) -> DriveAxis | None:

@@ -54,7 +54,7 @@ _PLANT, _CURRENT = "m_pPlant", "m_CurrentControllerResponse"
 _NO_PLANT = re.compile(r"MechanicalSystem|MechResponse|SpeedLoop|PositionLoop", re.IGNORECASE)
 _ROTARY_MOTOR, _LINEAR_MOTOR = ("m_bMotorIsRotary",), ("m_bIsLinearMotor", "m_bMotorIsLinear")
 # a list, and lists that hold the parts of a model and not measurements
-_LIST, _GENERIC = re.compile(r"List\b|^m_list"), re.compile(r"DynModList|LinkedList")
+_LIST, _GENERIC = re.compile(r"List\b|^m_list"), re.compile(r"DynModList|LinkedList|ControllerList")
 # classes and members by which a part of the file counts as a controller, a filter or a model of the mechanics
 _CONTROLLER = re.compile(r"regulator|controller|filter|rigid", re.IGNORECASE)
 _GAINS = frozenset({"m_Kp", "m_Tn", "m_Kv"})
