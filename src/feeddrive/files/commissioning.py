@@ -25,9 +25,8 @@ from feeddrive.files.frf import read_frfs
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.readers import ast_xml
 from feeddrive.files.readers.ast_xml import Element
+from feeddrive.language import tree
 from feeddrive.language.errors import LogError
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
 from feeddrive.loop.frequency_response import FRF
 
 # the integral time of a speed controller is 1 to 500 ms: a larger number is in ms, as the drive parameter is
@@ -71,6 +70,10 @@ class SpeedController:
     filters: tuple[Filter, ...] = ()
     left: tuple[str, ...] = ()
     stamp: str = ""
+
+    def values(self) -> tuple[object, ...]:
+        """Return what decides whether two controllers act alike."""
+        return self.Kp, self.Tn, [(block.kind, [*tree.leaves(block)]) for block in self.filters], self.left
 
 
 @dataclass(frozen=True)
@@ -259,8 +262,7 @@ def _controllers(root: Element) -> tuple[SpeedController, ...]:
             left = (*left, "the reference model of the speed controller")
         stamp = next((text for text in (ast_xml.stamp(element),) if text), "")
         new = SpeedController(".".join(path[1:]), Kp, Tn or None, filters, left, stamp)
-        same = controllers and (controllers[-1].Kp, controllers[-1].Tn, controllers[-1].filters) == (Kp, Tn, filters)
-        if not same:
+        if not controllers or controllers[-1].values() != new.values():
             controllers.append(new)
     return tuple(controllers)
 
@@ -359,8 +361,3 @@ def require_plant(commissioning: Commissioning) -> str:
             f"{commissioning.name}: holds no response of the motor's speed to its torque (m_pPlant); there are: {there}"
         )
     return name
-
-
-def kv_text(Kv: float) -> str:
-    """Return the position gain of the file, in 1000/min, with its value in 1/s."""
-    return Text(f"{Quantity(Kv):4} 1000/min ({Quantity(Kv / 0.06, '1/s'):4})")
