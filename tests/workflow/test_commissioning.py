@@ -354,3 +354,114 @@ def test_from_the_file_to_the_tuned_machine(tmp_path: Path) -> None:
     assert (tmp_path / "tuned" / "machine.toml").is_file()
     from_file = tune.run(TuneRequest(source=tmp_path / "model" / "machine.toml", filters="kept", starts=1))
     assert not from_file.judgment.bad
+
+
+class Stub:
+    """A fit to a band: its resonance, in Hz, and a total mass; `begin` is what the fit began with."""
+
+    def __init__(self, resonance: float, mass: float = 1.0, error: float = 0.0) -> None:
+        self.derived = (SimpleNamespace(name="total_mass", value=mass, error=error),)
+        self.estimates = ()
+        self.resonance, self.plant, self.units = resonance, "plant", None
+
+    def __getitem__(self, name: str) -> Any:
+        return SimpleNamespace(value=self.resonance)
+
+
+def bands(
+    monkeypatch: pytest.MonkeyPatch, errors: dict[int, float], resonance: float = 50.0, masses: Any = None
+) -> tuple[plant_fit.ModelBand, list[tuple[int, int, int]]]:
+    """The band that is chosen when the fit up to each frequency has this error; upper end, lines and starts of each."""
+    tried: list[tuple[int, int, int]] = []
+
+    def fit(part: FRF, *, held: bool, begin: Any) -> Any:
+        tried.append((round(part.frequency[-1]), part.frequency.size, len(begin)))
+        top = tried[-1][0]
+        return SimpleNamespace(top=top) if masses is None else Stub(resonance, *masses.get(top, (1.0, 0.0)))
+
+    def with_resonance(part: FRF, *, held: bool, begin: Any) -> Any:
+        made = fit(part, held=held, begin=begin)
+        if masses is None:
+            stub = Stub(resonance)
+            stub.top = made.top  # type: ignore[attr-defined]
+            return stub
+        made.top = tried[-1][0]
+        return made
+
+    monkeypatch.setattr(plant_fit, "fit_two_mass", with_resonance)
+    monkeypatch.setattr(plant_fit, "_of_grid", lambda *_: ["a", "b", "c", "d"])
+    monkeypatch.setattr(plant_fit, "_misses", lambda fit: errors.get(fit.top, 0.0))
+    # the ends of the octaves below 4096 Hz are lines
+    f = np.unique(np.concatenate([np.geomspace(10.0, 4096.0, 900), 4096.0 / 2.0 ** np.arange(8)]))
+    frf = FRF(f[f >= 10.0], 1.0 / (2j * np.pi * f[f >= 10.0]), "torque", "speed", "(rad/s)/(N m)")
+    return two_mass_band(frf, held=False), tried
+
+
+@pytest.mark.parametrize(("error", "high"), [(0.019, 4096.0), (0.021, 2048.0)])
+def test_a_band_whose_model_is_off_by_two_per_cent_is_explained(
+    monkeypatch: pytest.MonkeyPatch, error: float, high: float
+) -> None:
+    band, _ = bands(monkeypatch, {4096: error})
+    assert band.high == pytest.approx(high)
+    assert band.whole == (high > 4000.0)
+
+
+@pytest.mark.parametrize(("error", "high"), [(0.148, 4096.0), (0.152, 2048.0)])
+def test_where_no_band_is_explained_half_as_much_again_will_do(
+    monkeypatch: pytest.MonkeyPatch, error: float, high: float
+) -> None:
+    others = {4096 // 2**k: 0.1 for k in range(1, 8)}
+    assert bands(monkeypatch, {4096: error, **others})[0].high == pytest.approx(high)
+
+
+def test_bands_are_octaves_down_to_eight_times_the_lowest_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two hundred lines each; the first fit finds its starts, the others begin with its plant and two of the grid."""
+    _, tried = bands(monkeypatch, {})
+    assert [top for top, _, _ in tried] == [4096, 2048, 1024, 512, 256, 128]
+    assert {lines for _, lines, _ in tried[:3]} <= set(range(190, 201))
+    assert [begun for _, _, begun in tried] == [0, 3, 3, 3, 3, 3]
+
+
+@pytest.mark.parametrize(("resonance", "whole"), [(97.0, False), (100.0, True), (3100.0, True), (3200.0, True)])
+def test_a_band_shows_the_far_side_of_its_resonance(
+    monkeypatch: pytest.MonkeyPatch, resonance: float, *, whole: bool
+) -> None:
+    """Only that to 128 Hz is explained: it counts up to a resonance of 98.5 Hz, 1.3 times below its end."""
+    errors = {4096 // 2**k: 1.0 for k in range(5)}
+    band, _ = bands(monkeypatch, errors, resonance)
+    assert band.whole == whole
+    # 3151 Hz times 1.3 is the end of all lines: above it no band has a resonance, and there is nothing to begin with
+    assert (band.begin == ()) == (resonance > 3151.0)
+
+
+def test_the_scatter_of_two_narrower_bands_is_part_of_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    masses = {4096: (1.0, 0.0), 2048: (1.03, 0.0), 1024: (1.04, 0.0), 512: (2.0, 0.0)}
+    band, _ = bands(monkeypatch, {}, masses=masses)
+    assert band.scatter["total_mass"] == pytest.approx(math.sqrt((0.03**2 + 0.04**2) / 2.0))
+    # a narrower band with a larger standard error says nothing
+    noisy = {4096: (1.0, 0.01), 2048: (1.03, 0.04), 1024: (1.04, 0.05)}
+    assert bands(monkeypatch, {}, masses=noisy)[0].scatter["total_mass"] == 0.0
+
+
+def test_errors_include_what_no_statistics_show(folder: Path) -> None:
+    """Half a per cent of masses, springs and dampers, for the current sensor; a thousandth of a frequency."""
+    fit = usual(folder).result.fit
+    bare = replace(
+        fit,
+        estimates=tuple(replace(e, error=0.0) for e in fit.estimates),
+        derived=tuple(replace(e, error=0.0) for e in fit.derived),
+    )
+    wide = plant_fit.ModelBand(5.0, 500.0, False, (), {}).widened(bare)
+    assert wide["total_mass"].error == pytest.approx(0.005 * fit["total_mass"].value)
+    assert wide["stiffness"].error == pytest.approx(0.005 * fit["stiffness"].value)
+    assert wide["resonance"].error == pytest.approx(0.001 * fit["resonance"].value)
+    assert wide["dead_time"].error == 0.0
+
+
+def test_sixteen_lines_are_the_least(folder: Path) -> None:
+    file = usual(folder).file
+    assert file.plant is not None
+    f = file.responses[file.plant].frequency
+    with pytest.raises(LogError, match="15 lines"):
+        commissioning._measured(file, file.plant, (f[100], f[114]))
+    assert commissioning._measured(file, file.plant, (f[100], f[116]))[0].frequency.size == 17
