@@ -14,7 +14,7 @@ import argparse
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,13 +94,13 @@ def measured(seed: int, folder: Path, *, with_tuning: bool) -> Row:
     try:
         tuned = tune.run(TuneRequest(source=path)).result
     except FeeddriveError as error:
-        return Row(*list(row.__dict__.values())[:7], f"refused: {str(error)[:90]}", time.process_time() - begun)
+        return replace(row, tuned=f"refused: {str(error)[:90]}", tune=time.process_time() - begun)
     spent = time.process_time() - begun
     Ms, gain, phase = true_margins(axis, tuned.control)
     asked = axis.margins if seed % 2 == 0 else (0.0, 0.0)
     kept = Ms <= 2.0 and gain >= asked[0] - 0.05 and phase >= asked[1] - 0.2
     words = f"{'kept' if kept else 'NOT KEPT'}: Ms {Ms:.2f}, {gain:.1f} dB, {phase:.0f} deg, asked {asked[0]:.1f} dB, "
-    return Row(*list(row.__dict__.values())[:7], f"{words}{asked[1]:.0f} deg", spent)
+    return replace(row, tuned=f"{words}{asked[1]:.0f} deg", tune=spent)
 
 
 def main() -> None:

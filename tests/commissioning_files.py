@@ -85,7 +85,7 @@ class TrueAxis:
         for _ in range(60):
             middle = 0.5 * (low + high)
             # below the zero the axis moves like a mass, with a negative imaginary part
-            low, high = (middle, high) if free.plant(np.array([middle])).imag[0] < 0.0 else (low, middle)
+            low, high = (middle, high) if complex(free.plant(np.array([middle]))[0]).imag < 0.0 else (low, middle)
         return low
 
     def current_loop(self, f: np.ndarray) -> np.ndarray:

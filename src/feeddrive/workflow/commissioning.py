@@ -298,9 +298,18 @@ def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[
     The measured delays are those of samples; the model adds half a sample for its hold and half a sample for the
     difference of the velocity, so that a whole sample is subtracted.
     """
-    late = float(fit["dead_time"].value)
+    estimate = fit["dead_time"]
+    late = float(estimate.value)
     T = file.clock or 0.0
     remarks: list[str] = []
+    if late < -3.0 * estimate.error and current is not None:
+        remarks.append(
+            Text(
+                f"the plant's dead time of {Quantity(late, 's'):3} is negative: its torque was logged that much late, "
+                "or a mode above the band is missing; in the loop it is taken off the delay of the current loop, whose "
+                "torque is the same"
+            )
+        )
     if current is None:
         remarks.append(
             "the file has no response of the current loop: the torque is taken as its setpoint, so give the actuator "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -259,7 +260,7 @@ def _tuned(
     request: TuneRequest, progress: Progress
 ) -> tuple[Tuned, Story, str | None, str, Certificate | None, list[Table]]:
     """Tune; return also the text of the machine file, the axis name, and the new control in a maker's parameters."""
-    drive = _commissioned(request, progress)
+    drive = _commissioned(request.source, request.motor, progress)
     if drive is not None:
         request = _at_its_margins(request, drive)
     machine = machine_of(request.source) if drive is None else drive.machine()
@@ -277,9 +278,19 @@ def _tuned(
     sources = request.sources()
     said: list[str] = []
     if drive is not None:
+        if loop is not None and loop.axis.rotary != drive.loop.axis.rotary:
+            kinds = ("turns", "is linear") if drive.loop.axis.rotary else ("is linear", "turns")
+            raise ParameterError(
+                f"{drive.file.name}: its axis {kinds[0]} and that of --baseline {kinds[1]}: leave --baseline out, or "
+                "identify the machine file with --lead"
+            )
         point, words = drive.point()
-        sources, said = replace(sources, source=point, motor=()), [*_asked_margins(request, drive), *drive.remarks]
-        said += words
+        places = [_commissioned(place, (), progress) for place in sources.at]
+        at = tuple(
+            place if other is None else other.point()[0] for place, other in zip(sources.at, places, strict=True)
+        )
+        sources = replace(sources, source=point, motor=(), at=at)
+        said = [*_asked_margins(request, drive), *drive.remarks, *words]
     points, remarks = points_of(sources, loop, progress)
     remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
@@ -349,36 +360,38 @@ def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
     return [parameters_table(SINUMERIK, replace(drive.loop, control=tuned.control))]
 
 
-def _commissioned(request: TuneRequest, progress: Progress) -> DriveAxis | None:
-    """Return the axis of a commissioning file; None for any other source, and for a file that names its responses.
+def _commissioned(source: object, motors: Sequence[str], progress: Progress) -> DriveAxis | None:
+    """Return the axis of a commissioning file; None for any other source.
 
-    With a motor's response in another file the source is read like any other file of responses.
+    motors  the names given with --motor: with that of another file the source is one of responses like any other
     """
-    source = request.source
     if not isinstance(source, str | Path) or not Path(source).is_file():
         return None
     file = read_commissioning(source)
-    if file is None or not file.plants or any(motor not in file.plants for motor in request.motor):
+    if file is None or not file.plants or any(motor not in file.plants for motor in motors):
         return None
-    return drive_axis(file, progress, motor=next(iter(request.motor), None))
+    return drive_axis(file, progress, motor=next(iter(motors), None))
+
+
+# limits of the request that a commissioning file states, in the order in which it does
+_MARGINS = ("gain_margin", "phase_margin")
 
 
 def _at_its_margins(request: TuneRequest, drive: DriveAxis) -> TuneRequest:
-    """Return the request with the margins that the file asks for, where the user asks for none."""
-    gain, phase = drive.file.margins
-    if request.gain_margin is not None or request.phase_margin is not None:
+    """Return the request with the margins that the file asks for, unless the user asks for one."""
+    if any(getattr(request, name) is not None for name in _MARGINS):
         return request
-    return replace(request, gain_margin=gain, phase_margin=phase)
+    return replace(request, **dict(zip(_MARGINS, drive.file.margins, strict=True)))
 
 
 def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
     """Return a remark if the limits of the tuning are the margins of the file."""
     gain, phase = drive.file.margins
-    if (gain is None and phase is None) or (request.gain_margin, request.phase_margin) != (gain, phase):
+    if tuple(getattr(request, name) for name in _MARGINS) != (gain, phase):
         return []
-    asked = [Text(f"{Quantity(gain, 'dB'):3}")] if gain is not None else []
-    asked += [Text(f"{Quantity(phase, 'deg'):3}")] if phase is not None else []
-    return [Text(f"tuned at the margins that the file asks for: {joined(' and ', asked)}")]
+    asked = [] if gain is None else [Text(f"{Quantity(gain, 'dB'):3}")]
+    asked += [] if phase is None else [Text(f"{Quantity(phase, 'deg'):3}")]
+    return [Text(f"tuned at the margins that the file asks for: {joined(' and ', asked)}")] if asked else []
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
