@@ -123,7 +123,7 @@ AST = f"""<?xml version="1.0"?>
 
 def test_responses_and_controllers_of_a_tuning_tool_are_listed(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text(AST, encoding="utf-8")
-    done = runner.invoke(app, ["channels", str(tmp_path / "a.xml")])
+    done = runner.invoke(app, ["channels", str(tmp_path / "a.xml"), "--verbose"])
     assert done.exit_code == 0, done.output
     for words in (
         f"frequency responses in {tmp_path}",

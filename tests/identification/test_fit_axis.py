@@ -93,7 +93,9 @@ def test_friction_that_no_line_tells_keeps_the_value_of_the_machine(seed: int) -
 def structure(unused: float, parameters: int, autocorrelation: float) -> Any:
     """A fit as the choice between structures sees it."""
     agreement = SimpleNamespace(unused=unused, autocorrelation=lambda: autocorrelation)
-    return SimpleNamespace(agreement=agreement, estimates=[None] * parameters)
+    known = SimpleNamespace(name="mass", value=1.0, error=0.0)
+    plant = SimpleNamespace(rigid_mass=lambda: 1.0)
+    return SimpleNamespace(agreement=agreement, estimates=[known] * parameters, plant=plant)
 
 
 def chosen(monkeypatch: pytest.MonkeyPatch, **fits: Any) -> AxisFits:

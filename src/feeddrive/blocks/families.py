@@ -251,6 +251,10 @@ class Law(Block, Retuned, ABC):
         """Return the period of the law in samples: more than 1 if a part of it runs more slowly, by default 1."""
         return 1
 
+    def at_one_rate(self) -> Self:
+        """Return the law with all its parts at the sample time, for a law with a slower part (empty hook)."""
+        return self
+
     def position_gain(self) -> Any:
         """Return the ratio of commanded velocity to position error, 1/s; None, the default, if there is none."""
         return None

@@ -58,20 +58,25 @@ _GUARD = "control.guard."
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """The drive train between motor and table: a screw with a gear, or a linear motor, whose lead is None."""
+    """The drive train between motor and table: a screw with a gear, a linear motor, or the motor of an axis that turns.
 
-    lead: float | None  # m
+    lead    m; None for a linear motor and for an axis that turns, whose numbers are those of the motor's shaft
+    turns   True for an axis that turns
+    """
+
+    lead: float | None
     gear: float = 1.0
     source: str = ""
+    turns: bool = False
 
     @property
     def rotary(self) -> bool:
         """True for a rotary motor."""
-        return self.lead is not None
+        return self.lead is not None or self.turns
 
     @property
     def radians_per_metre(self) -> float:
-        """The rotation of the motor's shaft per table motion, r = gear · 2π / lead, in rad/m; 1 for a linear motor."""
+        """The rotation of the motor's shaft per table motion, r = gear · 2π / lead, in rad/m; 1 without a screw."""
         return 1.0 if self.lead is None else float(self.gear * radians_per_metre(self.lead))
 
 
@@ -120,13 +125,13 @@ def read_cascade(loop: Loop) -> Cascade:
 
 def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
     """Return a quantity in `unit` (of `language.units`), at the shaft if the motor is rotary; None if it is absent."""
-    own = {"lead": train.lead, "gear": train.gear if train.rotary else None}
+    own = {"lead": train.lead, "gear": train.gear if train.lead is not None else None}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     if value is None:
         return None
     kind = QUANTITIES[quantity]
-    if not train.rotary:
-        return value / units.factor(unit, kind.table)
+    if not train.rotary or train.turns:
+        return value / units.factor(unit, units.turning(kind.table) if train.turns else kind.table)
     return value * train.radians_per_metre**kind.power / units.factor(unit, kind.shaft)
 
 
@@ -147,6 +152,7 @@ def _fed(loop: Loop) -> tuple[float, float]:
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
     """Return the drive train given by the arguments, or else by the motor or the plant, or else that of a linear motor.
 
+    An axis that turns needs none: its numbers are those at the motor's shaft.
     Raises ParameterError for a lead or gear that is not positive, for a gear without a lead, and if neither a motor nor
     a lead is known.
     """
@@ -165,6 +171,8 @@ def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None
     plant_lead = getattr(plant, "lead", None)
     if isinstance(plant_lead, float):
         return DriveTrain(plant_lead, getattr(plant, "gear", 1.0), "axis.plant")
+    if loop.axis.rotary:
+        return DriveTrain(None, source="axis.rotary: all numbers are those at the motor's shaft", turns=True)
     if motor is None:
         raise ParameterError(
             "axis.actuator.motor is not there, and neither motor nor plant states a lead: the makers' units are those "

@@ -33,6 +33,7 @@ from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table
 from feeddrive.loop.loop import Loop
 
 # The rows of a manufacturer's file: names and units of ODrive, and the CSV file for all others.
@@ -46,6 +47,7 @@ class Row(NamedTuple):
     unit      unit in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page that document the parameter; empty if no manual was available
     linear    name, unit and measure for a linear motor, if they differ; an empty name if there is no such parameter
+    turning   the same for an axis that turns
     scale     additional factor on the value, such as -1 for a lower limit
     decimals  number of decimals that the controller stores; `most` is the largest magnitude that it accepts
     """
@@ -57,9 +59,17 @@ class Row(NamedTuple):
     meaning: str
     source: str = ""
     linear: tuple[str, str, str] | None = None
+    turning: tuple[str, str, str] | None = None
     scale: float = 1.0
     decimals: int | None = None
     most: float | None = None
+
+    def of(self, train: DriveTrain) -> tuple[str, str, str]:
+        """Return name, unit and measure on a drive train."""
+        usual = (self.name, self.unit, self.measure)
+        if train.turns:
+            return self.turning or usual
+        return usual if train.rotary else self.linear or usual
 
 
 class Line(NamedTuple):
@@ -109,7 +119,7 @@ def lines_of(maker: Maker, cascade: Cascade, train: DriveTrain) -> tuple[list[Li
     lines: list[Line] = []
     lost: list[LostPart] = []
     for row in maker.rows:
-        name, unit, measure = (row.name, row.unit, row.measure) if train.rotary or not row.linear else row.linear
+        name, unit, measure = row.of(train)
         value = at_shaft(cascade, train, row.quantity, measure) if name else None
         if value is None:
             continue
@@ -134,6 +144,17 @@ def _problem(row: Row, value: float, text: str) -> tuple[str, str] | None:
     return None
 
 
+def parameters_table(maker: Maker, loop: Loop) -> Table:
+    """Return a table of a design in a manufacturer's parameters, one row each, and of what they cannot represent.
+
+    Raises StructureError for a law other than `cascade_ppi`, ParameterError if the lead of a screw is not known.
+    """
+    cascade, train = read_cascade(loop), drive_train(loop)
+    lines, _ = lines_of(maker, cascade, train)
+    rows = [[line.name, line.text, line.unit, line.meaning] for line in lines if line.name]
+    return Table(maker.title, ["parameter", "value", "unit", "what"], rows)
+
+
 def number(value: float, decimals: int | None = None) -> str:
     """Return a number as text with six significant digits, or with the number of decimals that a controller stores."""
     return f"{value:.6g}" if decimals is None else f"{value:.{decimals}f}"
@@ -143,7 +164,8 @@ def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
     """Return a quantity in SI at the table, as text with all digits."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
-    return f"{value!r} {QUANTITIES[quantity].table}".rstrip()
+    unit = QUANTITIES[quantity].table
+    return f"{value!r} {units.turning(unit) if train.turns else unit}".rstrip()
 
 
 def filter_line(
@@ -266,18 +288,20 @@ def csv_text(cascade: Cascade, train: DriveTrain | None, head: list[str]) -> str
     # csv writes CRLF by default; all other files of an export have LF
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEAD)
-    linear = DriveTrain(None)
-    shaft = train if train is not None and train.rotary else None
+    turns = cascade.loop.axis.rotary
+    linear = DriveTrain(None, turns=turns)
+    shaft = train if train is not None and train.rotary and not turns else None
     for quantity, meaning in _MEANINGS.items():
         kind = QUANTITIES[quantity]
         place = shaft if shaft is not None and quantity in ("lead", "gear") else linear
-        value = at_shaft(cascade, place, quantity, kind.table)
+        table = units.turning(kind.table) if turns else kind.table
+        value = at_shaft(cascade, place, quantity, table)
         if value is None:
             continue
-        si = (repr(float(value)), kind.table)
-        writer.writerow([quantity, f"{value:.9g}", kind.table, meaning, *si])
-        for unit, measure in _COMMON.get(quantity, ()):
-            writer.writerow([quantity, f"{value / units.factor(measure, kind.table):.9g}", unit, meaning, *si])
+        si = (repr(float(value)), table)
+        writer.writerow([quantity, f"{value:.9g}", table, meaning, *si])
+        for unit, measure in () if turns and table != kind.table else _COMMON.get(quantity, ()):
+            writer.writerow([quantity, f"{value / units.factor(measure, table):.9g}", unit, meaning, *si])
         if shaft is None or not kind.power:
             continue
         for unit in (kind.shaft, *_AT_SHAFT.get(quantity, ())):
@@ -319,9 +343,33 @@ SINUMERIK_ROWS = (
         "inertia at the motor for torque precontrol",
         linear=("MD32652 $MA_AX_MASS", "kg", "kg"),
     ),
-    Row("MD36200 $MA_AX_VELO_LIMIT[0]", "table_velocity_limit", "mm/min", "mm_per_min", "speed that trips", _SETS),
-    Row("MD36100 $MA_POS_LIMIT_MINUS", "travel_least", "mm", "mm", "software limit", _ENDS),
-    Row("MD36110 $MA_POS_LIMIT_PLUS", "travel_most", "mm", "mm", "software limit", _ENDS),
+    Row(
+        "MD36200 $MA_AX_VELO_LIMIT[0]",
+        "table_velocity_limit",
+        "mm/min",
+        "mm_per_min",
+        "speed that trips",
+        _SETS,
+        turning=("MD36200 $MA_AX_VELO_LIMIT[0]", "rev/min", "rpm"),
+    ),
+    Row(
+        "MD36100 $MA_POS_LIMIT_MINUS",
+        "travel_least",
+        "mm",
+        "mm",
+        "software limit",
+        _ENDS,
+        turning=("MD36100 $MA_POS_LIMIT_MINUS", "deg", "deg"),
+    ),
+    Row(
+        "MD36110 $MA_POS_LIMIT_PLUS",
+        "travel_most",
+        "mm",
+        "mm",
+        "software limit",
+        _ENDS,
+        turning=("MD36110 $MA_POS_LIMIT_PLUS", "deg", "deg"),
+    ),
     Row(
         "p1460[0]", "Kp", "Nms/rad", "N m s/rad", "P gain of the speed controller", linear=("p1460[0]", "Ns/m", "N s/m")
     ),
@@ -394,6 +442,11 @@ SINUMERIK = Maker(
         "broken_readings": ("encoder faults are watched by the drive", "the reaction is the drive's: check it"),
         "alignment": ("the control watches two encoders by MD36510", "set its tolerance by hand"),
         "safe_force": ("the weight is carried by an electronic counterbalance of the drive, or by the brake", ""),
+        "position_every": (
+            "the position loop runs in the position clock of the control",
+            "that clock must be this many samples of the drive, and with DSC it is another loop: margins are those of "
+            "this clock",
+        ),
     },
     notes=(
         "Parameter set 0; repeat for the sets of other gear stages.  MD32620 $MA_FFW_MODE chooses the precontrol.",
@@ -449,6 +502,7 @@ TWINCAT_ROWS = (
         "mm",
         "following error that stops the axis",
         _ADS,
+        turning=("NC: Maximum Position Lag Value (0x12)", "deg", "deg"),
     ),
     Row(
         "S-0-0104",
@@ -697,6 +751,8 @@ def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[st
             f"At the motor's shaft: lead {1e3 * train.lead:.6g} mm, gear {train.gear:.6g}, from {train.source}; "
             f"1 m of the table is {train.radians_per_metre:.6g} rad there"
         )
+    elif train is not None and train.turns:
+        lines.append(f"An axis that turns, {train.source}.")
     elif train is not None:
         lines.append(f"Numbers are those of a linear motor: {train.source}.  For a screw give its lead.")
     return [*lines, ""]

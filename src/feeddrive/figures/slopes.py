@@ -345,7 +345,10 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
         slope = -(moved.real + (level[k + 1] - level[k]) / width * along)
         tilt, bend = _tilts(x, level, turn, k)
         slack = float(np.log(10.0) / 20.0 * (crossing.gain_margin_dB - limit))
-        deviation = float(spread[k] / np.abs(loop.gain[k])) * float(np.hypot(1.0, tilt / bend))
+        relative = float(spread[k] / np.abs(loop.gain[k])) * float(np.hypot(1.0, tilt / bend))
+        # the noise adds to L and not to its logarithm: far below the limit, where it may exceed L itself, a violation
+        # needs e^slack - 1 times |L|, and not slack times
+        deviation = relative * (slack / float(np.expm1(slack)) if slack > 0.0 else 1.0)
         yield Place(crossing.frequency, slack, slope, deviation, k)
 
 

@@ -27,7 +27,7 @@ from typing import Any, TypeAlias
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.families import Coupling
 from feeddrive.files.section import Section, named, read_section, text, to_toml
-from feeddrive.files.toml_file import Key, TomlFile, quoted, read_toml, with_values
+from feeddrive.files.toml_file import Key, TomlFile, parse_toml, quoted, read_toml, with_values
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.quantity import Quantity
@@ -192,7 +192,18 @@ def read_machine(
             f"a machine is a file, a bundled name or fd.read_machine(...), not a {type(path).__name__}"
         )
     file = read_toml(find_bundled(path, "machines"), "a machine file", quoting=quoting)
-    file = with_values(file, values) if values else file
+    return _machine(with_values(file, values) if values else file)
+
+
+def machine_of_text(text: str, name: str) -> MachineFile:
+    """Return the machine of a text in the form of a machine file; errors name it `name`.
+
+    Raises ParameterError or StructureError, like `read_machine`.
+    """
+    return _machine(parse_toml(text, name))
+
+
+def _machine(file: TomlFile) -> MachineFile:
     section = read_section(MachineSection, file.root())
     loops = {name: _loop(section, name, axis) for name, axis in section.axis.items()}
     _check_together(section, loops)

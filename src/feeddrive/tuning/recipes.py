@@ -89,7 +89,8 @@ class _Axis:
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
         """Return the loop gain of the PI velocity loop."""
-        gain = self.gain(replace(self.law, Kv=_OFF, Kp=Kp, Tn=Tn))
+        # without a position loop there is no slower part
+        gain = self.gain(replace(self.law.at_one_rate(), Kv=_OFF, Kp=Kp, Tn=Tn))
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
 
     def _read(self) -> tuple[float, float]:
@@ -261,12 +262,11 @@ def margin_goals(point: OperatingPoint | Loop, control: Control | None = None, *
             "resonances first"
         )
     Tn, rate = integral(Kp), Kp / axis.mass
-    inner = axis.response(replace(axis.law, Kv=_OFF, Kp=Kp, Tn=Tn))
-
-    def position(Kv: float) -> FRF:
-        return position_loop(axis.point, axis.response(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn)), inner)
-
-    Kv = _largest(lambda value: keeps(position(value)), 1e-3 * rate, rate / _CRITICAL)
+    most = rate / _CRITICAL
+    inner, outer = (axis.response(replace(axis.law, Kv=Kv, Kp=Kp, Tn=Tn)) for Kv in (_OFF, most))
+    # the position loop around the closed velocity loop is proportional to Kv, also at its own slower rate
+    whole = position_loop(axis.point, outer, inner)
+    Kv = _largest(lambda value: keeps(replace(whole, response=value / most * whole.response)), 1e-3 * rate, most)
     if Kv is None:
         raise NotIdentifiableError(
             f"no Kv keeps {Quantity(least_gain, 'dB'):6} and {Quantity(least_phase, 'deg'):6} with Kp = "

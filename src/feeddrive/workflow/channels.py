@@ -18,15 +18,16 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.blocks.families import Filter
 from feeddrive.files.columns import ROLES, Column, is_time, unit_at_the_end, unit_of
+from feeddrive.files.commissioning import Commissioning, read_commissioning
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.mapping import Guess, Mapping, MappingLike, guess_roles, measures, write_roles
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
-from feeddrive.files.readers.ast_xml import is_ast
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
-from feeddrive.language import units
+from feeddrive.language import tree, units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
@@ -588,22 +589,23 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
-    """Tabulate the frequency responses of a file, and the other values that a tuning tool stored in it."""
-    responses = read_frfs(file)
+    """Tabulate the frequency responses of a file and, for a commissioning file, what it says of its axis."""
+    commissioning = read_commissioning(file)
+    responses = read_frfs(file) if commissioning is None else commissioning.responses
     rows = [
-        (
+        [
             name,
-            frf.output,
+            frf.output if frf.output != name else "not stated",
             frf.input,
-            frf.unit or "not stated",
+            _unit_shown(frf),
             int(frf.frequency.size),
             frf.frequency[0],
             frf.frequency[-1],
             "no" if frf.coherence is None else float(np.median(frf.coherence)),
-        )
+        ]
         for name, frf in responses.items()
     ]
-    columns = (
+    columns: list[str | TableColumn] = [
         "response",
         "output",
         "input",
@@ -612,14 +614,83 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
         TableColumn("from", "Hz"),
         TableColumn("to", "Hz"),
         TableColumn("coherence, median", form=".3f"),
-    )
+    ]
+    if commissioning is not None and any(commissioning.stamps.values()):
+        columns.append("measured")
+        rows = [[*row, commissioning.stamps.get(str(row[0]), "")] for row in rows]
     tables = [Table(f"frequency responses in {file}: {len(responses)}", columns, rows)]
-    if is_ast(file.unpacked):
-        for title, values in read_controllers(file).items():
-            columns = ("member", TableColumn("value as in the file", form="9"))
-            tables.append(Table(title or "all else that the file says", columns, list(values.items())))
-    how = "" if len(responses) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
-    return Outcome(responses, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
+    if commissioning is None:
+        how = "" if len(responses) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
+        return Outcome(responses, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
+    tables += [table for table in (_drive_table(commissioning), _controllers_table(commissioning)) if table.rows]
+    details: list[Table | str] = []
+    for title, values in read_controllers(file).items():
+        listed = ("member", TableColumn("value as in the file", form="9"))
+        details.append(Table(title or "all else that the file says", listed, list(values.items())))
+    verdict = f"feeddrive identify {file}, then feeddrive tune {file}"
+    if not commissioning.plants:
+        verdict = "The file has no response of the motor's speed to its torque: measure the speed plant"
+    return Outcome(responses, tables, verdict=verdict, details=details)
+
+
+def _unit_shown(frf: FRF) -> str:
+    """Return the unit of a response; that of a torque over its setpoint is a plain ratio, which states none."""
+    if frf.unit:
+        return frf.unit
+    return "1" if (frf.input, frf.output) == ("torque_setpoint", "torque") else "not stated"
+
+
+def _drive_table(file: Commissioning) -> Table:
+    """Return what a commissioning file says of its axis, of clocks, band and margins."""
+    gain, phase = file.margins
+    kind = {True: "turns", False: "linear", None: None}[file.rotary]
+    motor = "a linear motor" if file.linear_motor else "a rotary motor"
+    ratio = "rad/rad" if file.rotary else "m/m" if file.linear_motor else "m/rad"
+    inertia = "kg" if file.linear_motor else "kg m2"
+    known: list[tuple[str, Quantity | str | None]] = [
+        ("axis", file.axis or None),
+        ("kind", None if kind is None else f"{kind}, {motor}"),
+        ("motion of the axis over that of the motor", _quantity(file.per_motor, "", "5", f" {ratio}")),
+        ("sample time of the speed loop", _quantity(file.clock, "s", "6")),
+        ("sample time of the position loop", _quantity(file.position_clock, "s", "6")),
+        ("plant usable from", _quantity(file.usable_from, "Hz", "4")),
+        ("gain margin that the tool asks for", _quantity(gain, "dB", "4")),
+        ("phase margin that the tool asks for", _quantity(phase, "deg", "4")),
+        ("total inertia by the tool", _quantity(file.inertia, inertia, "4")),
+        ("inertia of the motor", _quantity(file.motor_inertia, inertia, "4")),
+        ("first zero by the tool", _quantity(file.antiresonance, "Hz", "4")),
+        ("position gain", None if file.Kv is None else Text(f"{Quantity(file.Kv):5} 1000/min")),
+    ]
+    return Table("the axis", ["what", "value"], [[what, value] for what, value in known if value is not None])
+
+
+def _quantity(value: float | None, unit: str, form: str, after: str = "") -> Text | None:
+    return None if value is None else Text(f"{Quantity(value, unit, form=form)}{after}")
+
+
+def _controllers_table(file: Commissioning) -> Table:
+    """Return the speed controllers of a commissioning file; the last one runs."""
+    gain = "N s/m" if file.linear_motor else "N m s/rad"
+    rows = [
+        [
+            "today" if controller is file.today else f"before {i + 1}",
+            Quantity(controller.Kp, gain, form="5"),
+            None if controller.Tn is None else Quantity(controller.Tn, "s", form="5"),
+            "; ".join(map(_filter_text, controller.filters)) or "-",
+            controller.stamp,
+        ]
+        for i, controller in enumerate(file.controllers)
+    ]
+    heads = ["speed controller", TableColumn("Kp", gain), TableColumn("Tn", "s"), "filters that are on", "stored"]
+    return Table("speed controllers", heads, rows)
+
+
+def _filter_text(block: Filter) -> str:
+    """Return a filter in a few words: low_pass2 1999 Hz, 0.7."""
+    return Text(
+        f"{block.kind} "
+        + ", ".join(f"{Quantity(value, tree.declaration(block, name).unit):4}" for name, value in tree.leaves(block))
+    )
 
 
 def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:

@@ -17,6 +17,7 @@ from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.columns import Column
+from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
@@ -45,7 +46,13 @@ from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.channels import Doubt, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
-from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
+from feeddrive.workflow.identify_responses import (
+    IdentifyRequest,
+    identify_commissioned,
+    identify_responses,
+    is_commissioned,
+    responses_in,
+)
 
 _POSITIONS = ("position_load", "position_motor")  # in order of preference
 _ANGLES = ("angle_load", "angle_motor")
@@ -68,6 +75,9 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
         return _identify_motion(request, request.log, progress)
     # opened once, so that both readers below share the parsed content
     file = OpenedFile(request.log)
+    commissioning = read_commissioning(file) if is_commissioned(request) else None
+    if commissioning is not None and commissioning.plants:
+        return identify_commissioned(request, commissioning, progress)
     responses = responses_in(file)
     if responses is not None:
         return identify_responses(request, responses, progress)

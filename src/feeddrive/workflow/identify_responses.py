@@ -15,6 +15,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.columns import unit_of
+from feeddrive.files.commissioning import Commissioning
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
@@ -38,6 +39,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import check_response, units_first
 from feeddrive.workflow.command import CHANNELS, OUT, Outcome, Request, argument, called, frequencies, option
+from feeddrive.workflow.commissioning import drive_axis
 from feeddrive.workflow.drive_logs import narrow, write_report, written
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
@@ -57,7 +59,7 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
 
 def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
     """Fit masses, springs and modes to the responses of a file; write report and machine file if requested."""
-    path, out = Path(called(request.log)), request.out
+    path = Path(called(request.log))
     model = request.model or ("modal" if request.modes else "auto")
     chosen = _chosen(path, responses, request, model)
     machine = None if request.machine is None else read_machine(request.machine)
@@ -66,18 +68,76 @@ def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], p
     judged = chosen.values() if request.force_constant is None and request.lead is None else ()
     doubts = [doubtful for frf in judged if (doubtful := check_response(str(path), frf, bool(request.unit), progress))]
     result = _fit(chosen, request, model, axis, progress)
-    judged_by = units_first(doubts) or advice(result)
-    judgment, verdict = judged_by
+    turns = request.rotary or (axis is not None and axis.rotary)
     fit = result if isinstance(result, ModalFit) else result.fit
     name = request.axis or ("x" if machine is None else next(iter(machine.loops)))
-    reason = told_by(fit)
-    text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, not request.measured_input)
+    reason = told_by(fit, turns=turns)
+    drive = not request.measured_input
+    text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, drive, turns=turns)
+    judged_by = units_first(doubts) or advice(result, turns=turns)
     remarks = [*_silent(chosen), *fit.remarks]
+    return _outcome(request, result, remarks, _facts(path, chosen, request), judged_by, text, reason, progress)
+
+
+def is_commissioned(request: IdentifyRequest) -> bool:
+    """Return True unless the options take the responses of a file as those of any other: by encoder, or as modes."""
+    return request.machine is None and request.load is None and request.model not in ("modes", "machine")
+
+
+def identify_commissioned(request: IdentifyRequest, file: Commissioning, progress: Progress) -> Outcome[Any]:
+    """Fit the axis of a commissioning file, and write its machine file with today's law if requested."""
+    axis = drive_axis(
+        file,
+        progress,
+        motor=request.motor,
+        band=None if request.band is None else frequencies(request.band),
+        rotary=request.rotary,
+        lead=request.lead,
+        gear=request.gear,
+        model=request.model or ("modal" if request.modes else "auto"),
+        modes=request.modes,
+        fixed=_fixed(request.fix, None),
+    )
+    fit, path = axis.result.fit, Path(called(request.log))
+    reason = told_by(fit, turns=True)
+    text = None if reason else axis.text()
+    frf = axis.plant
+    known = {
+        "File": str(path),
+        "Responses": f"motor: {request.motor or file.plant}; current loop: {file.current_loop or 'none'}",
+        "Lines": Text(f"{frf.frequency.size} from {span(frf.frequency[0], frf.frequency[-1], 'Hz')}"),
+        "Band of the model": request.band
+        or (Text(f"{span(axis.band.low, axis.band.high, 'Hz')}") if axis.band is not None else "all lines"),
+        "Known before": ", ".join(request.fix) or "nothing",
+        "Cost": "weighted by the variance of each line" if frf.variance is not None else "complex logarithmic ratio",
+    }
+    remarks = [*axis.remarks, *fit.remarks]
+    judged_by = advice(axis.result, turns=True)
+    outcome = _outcome(request, axis.result, remarks, known, judged_by, text, reason, progress)
+    return outcome if reason else replace(outcome, notes=[*outcome.notes, f"Next: feeddrive tune {path}"])
+
+
+def _outcome(
+    request: IdentifyRequest,
+    result: AxisFits | ModalFit,
+    remarks: Sequence[str],
+    known: Mapping[str, str],
+    judged_by: Advice,
+    text: str | None,
+    reason: str,
+    progress: Progress,
+) -> Outcome[Any]:
+    """Return the outcome of a fit, and write its report and machine file if requested.
+
+    text    that of the machine file; None if there is none, for the `reason`
+    """
+    judgment, verdict = judged_by
+    fit = result if isinstance(result, ModalFit) else result.fit
     files: dict[str, Path] = {}
-    page = partial(fit_report, result, remarks, _facts(path, chosen, request), judged_by)
-    if out is not None:
+    page = partial(fit_report, result, remarks, known, judged_by)
+    if request.out is not None:
         progress.step("report")
-        files = written(write_report(page(), text, out), text)
+        files = written(write_report(page(), text, request.out), text)
     shown = [narrow(each) for each in tables(result)]
     shown = [replace(table, sentences=4) if table.heads[0] == "structure" else table for table in shown]
     *compared, own, agreement = shown
@@ -279,13 +339,18 @@ def tables(result: AxisFits | ModalFit) -> list[Table]:
     return [*compared, result.fit.table(), result.fit.agreement.table()]
 
 
-def told_by(fit: PlantFit | ModalFit) -> str:
-    """Return the reason for not writing the fit to a machine file, or an empty string if it may be written."""
+def told_by(fit: PlantFit | ModalFit, *, turns: bool = False) -> str:
+    """Return the reason for not writing the fit to a machine file, or an empty string if it may be written.
+
+    turns   True for an axis that turns, whose plant is in kg m2
+    """
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
     if fit.agreement.unused > _POOR:
         return Text(f"the model misses lines that were not used by {Quantity(_DECIBEL * fit.agreement.unused, 'dB'):2}")
-    if not fit.units.si:
+    if fit.units.turns and not turns:
+        return "the result is in kg m2 at the motor; give --force-constant and --lead, or --rotary if the axis turns"
+    if not (fit.units.si or fit.units.turns):
         return f"the result is in {fit.units.of('kg')}; give --force-constant and --lead"
     kinds = {name: name.rsplit(".", 1)[-1].split("_")[0] for name, _ in tree.leaves(fit.plant)}
     open_ = [name for name in fit.not_identifiable if kinds.get(name) in ("mass", "stiffness", "frequency", "coupling")]
@@ -295,8 +360,8 @@ def told_by(fit: PlantFit | ModalFit) -> str:
     return ""
 
 
-def advice(result: AxisFits | ModalFit) -> Advice:
-    """Return the judgment on the model and one sentence with the reason."""
+def advice(result: AxisFits | ModalFit, *, turns: bool = False) -> Advice:
+    """Return the judgment on the model and one sentence with the reason; `turns` as in `told_by`."""
     fit = result if isinstance(result, ModalFit) else result.fit
     unused = _DECIBEL * fit.agreement.unused
     if fit.agreement.unused > _POOR:
@@ -312,8 +377,9 @@ def advice(result: AxisFits | ModalFit) -> Advice:
             f"missed by {Quantity(unused, 'dB'):2} RMS, most near {Quantity(where, 'Hz')} ({Quantity(apart, 'dB'):2})"
         )
         return Judgment.DO_NOT_USE_MODEL.because(f"lines that were not used are {missed}; {other}")
-    if told_by(fit) and isinstance(fit, PlantFit) and fit.units.si:
-        return Judgment.MODEL_IS_OPEN.because(told_by(fit))
+    reason = told_by(fit, turns=turns)
+    if reason and isinstance(fit, PlantFit) and (fit.units.si or (turns and fit.units.turns)):
+        return Judgment.MODEL_IS_OPEN.because(reason)
     which = "" if isinstance(result, ModalFit) or len(result.fits) < 2 else f" ({result.chosen})"
     open_ = ""
     if isinstance(fit, PlantFit) and fit.not_identifiable:
@@ -325,13 +391,19 @@ def advice(result: AxisFits | ModalFit) -> Advice:
     )
 
 
-def machine_text(fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True) -> str:
-    """Return the text of the machine file with the fitted plant and, with `drive`, dead time and current loop."""
+def machine_text(
+    fit: PlantFit, machine: MachineFile | None, axis: str, drive: bool = True, *, turns: bool = False
+) -> str:
+    """Return the text of the machine file with the fitted plant and, with `drive`, dead time and current loop.
+
+    turns   True for an axis that turns, whose plant is in kg m2
+    """
     plant, actuator = fit.blocks()
-    section, place = to_toml(plant, f"axis.{axis}.plant"), ("axis", axis, "plant")
+    section, place = to_toml(plant, f"axis.{axis}.plant", rotary=turns), ("axis", axis, "plant")
     if machine is None:
         head = "# plant and actuator of an axis, from frequency responses; add control, limits and encoders\n\n"
-        edit = TomlEdit(f"{head}{section}\n{to_toml(actuator, f'axis.{axis}.actuator')}", "identified.toml")
+        kind = f"[axis.{axis}]\nrotary = true\n\n" if turns else ""
+        edit = TomlEdit(f"{head}{kind}{section}\n{to_toml(actuator, f'axis.{axis}.actuator')}", "identified.toml")
     else:
         edit = TomlEdit(machine.file.text, machine.file.name)
         before = machine.loop(axis).axis

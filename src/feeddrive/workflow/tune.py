@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from feeddrive.certificate.certificate import Certificate
+from feeddrive.export.parameters import SINUMERIK, parameters_table
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
+from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import axis_name
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.table import Table
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
@@ -27,6 +31,7 @@ from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, line, option, stem
+from feeddrive.workflow.commissioning import DriveAxis, drive_axis
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
@@ -184,7 +189,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     progress.step("reading")
     if request.study is not None:
         return _of_study(request, progress)
-    tuned, story, text, name, certificate = _tuned(request, progress)
+    tuned, story, text, name, certificate, makers = _tuned(request, progress)
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")
@@ -218,7 +223,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         then = line("compare", told, *(("--axis", request.axis) if request.axis else ()))
     return Outcome(
         tuned,
-        shown[:first],
+        [*shown[:first], *makers],
         remarks,
         tuned.recommendation(),
         files=files,
@@ -259,8 +264,14 @@ def _band(request: TuneRequest) -> tuple[float, float]:
     return (0.0, math.inf) if request.band is None else frequencies(request.band)
 
 
-def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str | None, str, Certificate | None]:
-    machine = machine_of(request.source)
+def _tuned(
+    request: TuneRequest, progress: Progress
+) -> tuple[Tuned, Story, str | None, str, Certificate | None, list[Table]]:
+    """Tune; return also the text of the machine file, the axis name, and the new control in a maker's parameters."""
+    drive = _commissioned(request.source, request.motor, progress)
+    if drive is not None:
+        request = _at_its_margins(request, drive)
+    machine = machine_of(request.source) if drive is None else drive.machine()
     base = machine if request.baseline is None else read_machine(request.baseline)
     direct = request.source if isinstance(request.source, Loop) else None
     loop = direct if base is None else base.loop(request.axis)
@@ -272,7 +283,24 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
         )
     limits = request.limits()
     name = axis_name(loop, request.axis)
-    points, remarks = points_of(request.sources(), loop, progress)
+    sources = request.sources()
+    said: list[str] = []
+    if drive is not None:
+        if loop is not None and loop.axis.rotary != drive.loop.axis.rotary:
+            kinds = ("turns", "is linear") if drive.loop.axis.rotary else ("is linear", "turns")
+            raise ParameterError(
+                f"{drive.file.name}: its axis {kinds[0]} and that of --baseline {kinds[1]}: leave --baseline out, or "
+                "identify the machine file with --lead"
+            )
+        point, words = drive.point()
+        places = [_commissioned(place, (), progress) for place in sources.at]
+        at = tuple(
+            place if other is None else other.point()[0] for place, other in zip(sources.at, places, strict=True)
+        )
+        sources = replace(sources, source=point, motor=(), at=at)
+        said = [*_asked_margins(request, drive), *drive.remarks, *words]
+    points, remarks = points_of(sources, loop, progress)
+    remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
     band = _band(request)
     today = None if loop is None else loop.control
@@ -330,7 +358,48 @@ def _tuned(request: TuneRequest, progress: Progress) -> tuple[Tuned, Story, str 
     story = Story(
         what, {k: v for k, v in facts.items() if v}, rules, noted, begun or "today", rotary, _loops(tuned, loop)
     )
-    return tuned, story, text, name, certificate
+    return tuned, story, text, name, certificate, _in_its_names(tuned, drive)
+
+
+def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
+    """Return the new control in the parameters of the drive that a commissioning file is of."""
+    if drive is None or not tuned.holds or tuned.control.law.kind != "cascade_ppi":
+        return []
+    return [parameters_table(SINUMERIK, replace(drive.loop, control=tuned.control))]
+
+
+def _commissioned(source: object, motors: Sequence[str], progress: Progress) -> DriveAxis | None:
+    """Return the axis of a commissioning file; None for any other source.
+
+    motors  the names given with --motor: with that of another file the source is one of responses like any other
+    """
+    if not isinstance(source, str | Path) or not Path(source).is_file():
+        return None
+    file = read_commissioning(source)
+    if file is None or not file.plants or any(motor not in file.plants for motor in motors):
+        return None
+    return drive_axis(file, progress, motor=next(iter(motors), None))
+
+
+# limits of the request that a commissioning file states, in the order in which it does
+_MARGINS = ("gain_margin", "phase_margin")
+
+
+def _at_its_margins(request: TuneRequest, drive: DriveAxis) -> TuneRequest:
+    """Return the request with the margins that the file asks for, unless the user asks for one."""
+    if any(getattr(request, name) is not None for name in _MARGINS):
+        return request
+    return replace(request, **dict(zip(_MARGINS, drive.file.margins, strict=True)))
+
+
+def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
+    """Return a remark if the limits of the tuning are the margins of the file."""
+    gain, phase = drive.file.margins
+    if tuple(getattr(request, name) for name in _MARGINS) != (gain, phase):
+        return []
+    asked = [] if gain is None else [Text(f"{Quantity(gain, 'dB'):3}")]
+    asked += [] if phase is None else [Text(f"{Quantity(phase, 'deg'):3}")]
+    return [Text(f"tuned at the margins that the file asks for: {joined(' and ', asked)}")] if asked else []
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:

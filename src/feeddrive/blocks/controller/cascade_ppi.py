@@ -113,6 +113,10 @@ class CascadePPI(Law):
         """Return `position_every`, the period of the law in samples."""
         return self.position_every
 
+    def at_one_rate(self) -> Self:
+        """Return the cascade with its position loop in every sample."""
+        return replace(self, position_every=1)
+
     def position_gain(self) -> Number:
         return self.Kv
 

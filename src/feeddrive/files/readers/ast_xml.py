@@ -13,8 +13,9 @@ Numbers are encoded in base 85: five characters, most significant first, encode 
 word, and two words form a big-endian IEEE 754 double; complex arrays alternate between real and imaginary parts.
 An array with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
-Member names differ between versions of the tool: `controllers` returns every scalar with its path.  Document type
-declarations and entities are refused before they are read; depth, number of elements and file size are bounded.
+Member names differ between versions of the tool: `controllers` returns every scalar with its path, and
+`files/commissioning.py` what is understood of them.  Document type declarations and entities are refused before they
+are read; depth, number of elements and file size are bounded.
 """
 
 from __future__ import annotations
@@ -47,11 +48,13 @@ _RESPONSE, _ARRAY = "FrequencyResponseFunction", "NumericArray"
 _SCALARS = ("float", "double", "unsigned_int", "integer", "int", "boolean", "string")
 _COHERENCE = "m_pMeasCoherence"
 _ENOUGH = 0.5  # of the plant's lines
-# member -> input, output and unit; for other members the file does not state them
-_QUANTITIES = {
-    "m_pPlant": ("torque", "speed_motor", "(rad/s)/(N m)"),
-    "m_CurrentControllerResponse": ("torque_setpoint", "torque", "1"),
-}
+# members whose quantities are known; for others the file does not state them
+_PLANT, _CURRENT = "m_pPlant", "m_CurrentControllerResponse"
+# lists in which a member of the plant's name is another response: of the axis behind the motor, or of a closed loop
+_NO_PLANT = re.compile(r"MechanicalSystem|MechResponse|SpeedLoop|PositionLoop", re.IGNORECASE)
+_ROTARY_MOTOR, _LINEAR_MOTOR = ("m_bMotorIsRotary",), ("m_bIsLinearMotor", "m_bMotorIsLinear")
+# a list, and lists that hold the parts of a model and not measurements
+_LIST, _GENERIC = re.compile(r"List\b|^m_list"), re.compile(r"DynModList|LinkedList|ControllerList")
 # classes and members by which a part of the file counts as a controller, a filter or a model of the mechanics
 _CONTROLLER = re.compile(r"regulator|controller|filter|rigid", re.IGNORECASE)
 _GAINS = frozenset({"m_Kp", "m_Tn", "m_Kv"})
@@ -62,13 +65,13 @@ class _RefusedError(Exception):
 
 
 @dataclass
-class _Element:
+class Element:
     """An XML element with its attributes, text and child elements."""
 
     tag: str
     attributes: dict[str, str]
     parts: list[str] = field(default_factory=list[str])
-    children: list[_Element] = field(default_factory=list["_Element"])
+    children: list[Element] = field(default_factory=list["Element"])
 
     @property
     def member(self) -> str:
@@ -76,9 +79,11 @@ class _Element:
         return self.attributes.get("name", self.tag)
 
     def text(self) -> str:
+        """Return the text between the tags of the element."""
         return "".join(self.parts)
 
-    def member_named(self, name: str) -> _Element | None:
+    def member_named(self, name: str) -> Element | None:
+        """Return the first child with a member name; None if there is none."""
         return next((child for child in self.children if child.member == name), None)
 
     def scalars(self) -> dict[str, float | str]:
@@ -94,13 +99,15 @@ class _Element:
                 scalars[child.member] = text
         return scalars
 
-    def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], _Element]]:
+    def walk(self, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Element]]:
         """Yield the element and all its descendants with their paths. The parser has already bounded the depth."""
         yield path, self
         counts: dict[str, int] = {}
+        members = [child.member for child in self.children]
         for child in self.children:
             k = counts[child.member] = counts.get(child.member, 0) + 1
-            listed = "name" not in child.attributes
+            # some versions give every item of a list the same name
+            listed = "name" not in child.attributes or members.count(child.member) > 1
             yield from child.walk((*path, f"{child.member}[{k}]" if listed and path else child.member))
 
 
@@ -114,7 +121,7 @@ def is_ast(content: bytes) -> bool:
     return is_xml(content) and f"<{_RESPONSE}".encode() in content
 
 
-def _parsed(name: str, content: bytes) -> _Element:
+def parsed(name: str, content: bytes) -> Element:
     """Parse XML into an element tree. Raise LogError for malformed XML, entities or exceeded bounds."""
     if len(content) > MOST_BYTES:
         raise LogError(
@@ -123,8 +130,8 @@ def _parsed(name: str, content: bytes) -> _Element:
     parser = expat.ParserCreate()
     # else expat hands over an array of numbers in pieces, one for each line
     parser.buffer_text = True
-    root = _Element("", {})
-    open_: list[_Element] = [root]
+    root = Element("", {})
+    open_: list[Element] = [root]
     count = 0
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
@@ -132,7 +139,7 @@ def _parsed(name: str, content: bytes) -> _Element:
         count += 1
         if len(open_) > _DEEPEST or count > _MOST_ELEMENTS:
             raise _RefusedError(f"more than {_DEEPEST} levels or {_MOST_ELEMENTS:,} elements")
-        element = _Element(tag.rpartition(":")[2], attributes)
+        element = Element(tag.rpartition(":")[2], attributes)
         open_[-1].children.append(element)
         open_.append(element)
 
@@ -157,19 +164,46 @@ def _parsed(name: str, content: bytes) -> _Element:
     return root
 
 
-def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
-    """Yield, for each non-empty response, a table of f, re, im and coherence, and the names of its input and output.
+@dataclass(frozen=True)
+class Response:
+    """A response that has numbers, with the coherence measured for it, if there is one.
 
-    A response is named by its list, its position in the list, and its member: `speed_plant_1_plant`.  The coherence of
-    a plant has its own frequency vector: lines of the plant without a coherence are left out; if these are more than
-    half, the coherence is left out instead.
+    label     its short name: the innermost list, the place in it, and the member, as `speed_plant_2_plant`
+    path      its path in the file
+    measured  True for the response of the motor's speed to its torque (`m_pPlant` of a speed plant)
     """
+
+    label: str
+    path: tuple[str, ...]
+    frequency: np.ndarray
+    values: np.ndarray
+    coherence: tuple[np.ndarray, np.ndarray] | None
+    stamp: str
+
+    @property
+    def member(self) -> str:
+        """The member name, by which its quantities are known."""
+        return self.path[-1].partition("[")[0]
+
+    @property
+    def is_plant(self) -> bool:
+        """True for a response of the motor's speed to its torque."""
+        return self.member == _PLANT and not any(map(_NO_PLANT.search, self.path))
+
+    @property
+    def is_current_loop(self) -> bool:
+        """True for a response of the torque to its setpoint."""
+        return self.member == _CURRENT
+
+
+def responses(name: str, root: Element) -> Iterator[Response]:
+    """Yield each response that has numbers. Raise LogError for damaged numbers, and if there is no such response."""
     names: dict[str, int] = {}
     empty = 0
-    for path, parent in _parsed(name, content).walk():
-        responses = {child.member: child for child in parent.children if child.tag == _RESPONSE}
-        coherence = _lines(name, responses.pop(_COHERENCE, None))
-        for member, response in responses.items():
+    for path, parent in root.walk():
+        found = {child.member: child for child in parent.children if child.tag == _RESPONSE}
+        coherence = _lines(name, found.pop(_COHERENCE, None))
+        for member, response in found.items():
             lines = _lines(name, response)
             if lines is None:
                 empty += 1
@@ -177,18 +211,65 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
             label = free_name(_label((*path[1:], member)), names)
             if len(names) > _MOST_RESPONSES:
                 raise LogError(f"{name}: holds more than {_MOST_RESPONSES} responses; export fewer")
-            input_, output, unit = _QUANTITIES.get(member, ("input", label, "1"))
-            frequency, values = lines
-            columns = {"f": frequency, f"re_{label}": np.real(values), f"im_{label}": np.imag(values)}
-            if member == "m_pPlant" and coherence is not None:
-                here, there = _shared(frequency, coherence[0])
-                if here.size >= _ENOUGH * frequency.size:
-                    columns = {key: column[here] for key, column in columns.items()}
-                    columns[f"coherence_{label}"] = np.real(coherence[1])[there]
-            yield Columns("AST XML", columns, {"f": "Hz", f"re_{label}": unit}), {"input": input_, "output": output}
+            other = coherence if member == _PLANT and coherence is not None else None
+            real = None if other is None else (other[0], np.real(other[1]))
+            yield Response(label, (*path[1:], member), *lines, real, stamp(parent))
     if not names:
         held = f"; {empty} are there without numbers" if empty else ""
         raise LogError(f"{name}: is XML without a measured response of the tuning tool (<{_RESPONSE}>){held}")
+
+
+def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, str]]]:
+    """Yield, for each non-empty response, a table of f, re, im and coherence, and the names of its input and output.
+
+    The coherence of a plant has its own frequency vector: lines of the plant without a coherence are left out; if these
+    are more than half, the coherence is left out instead.
+    """
+    root = parsed(name, content)
+    unit = "(m/s)/N" if linear_motor(root) else "(rad/s)/(N m)"
+    for response in responses(name, root):
+        label, frequency, values = response.label, response.frequency, response.values
+        quantities = {"input": "input", "output": label}
+        if response.is_plant:
+            quantities = {"input": "torque", "output": "speed_motor"}
+        elif response.is_current_loop:
+            quantities = {"input": "torque_setpoint", "output": "torque"}
+        columns = {"f": frequency, f"re_{label}": np.real(values), f"im_{label}": np.imag(values)}
+        if response.coherence is not None:
+            here, there = _shared(frequency, response.coherence[0])
+            if here.size >= _ENOUGH * frequency.size:
+                columns = {key: column[here] for key, column in columns.items()}
+                columns[f"coherence_{label}"] = response.coherence[1][there]
+        units = {"f": "Hz", f"re_{label}": unit if response.is_plant else "1"}
+        yield Columns("AST XML", columns, units), quantities
+
+
+def linear_motor(root: Element) -> bool:
+    """Return True if the file says that the motor is a linear one; its plant is then m/s over N."""
+    for _, element in root.walk():
+        for member, value in element.scalars().items():
+            if member in _ROTARY_MOTOR or member in _LINEAR_MOTOR:
+                return true(value) == (member in _LINEAR_MOTOR)
+    return False
+
+
+def true(value: float | str) -> bool:
+    """Return the truth of a boolean, which versions write as true or as 1."""
+    return value == 1.0 or str(value).strip().lower() == "true"
+
+
+def stamp(parent: Element) -> str:
+    """Return the time of a measurement as text, from a string or from a date and a time of day; empty if unknown."""
+    for child in parent.children:
+        if "timestamp" not in child.member.lower():
+            continue
+        parts = child.scalars()
+        if isinstance(parts.get("Date"), float) and isinstance(parts.get("Time"), float):
+            date, time = f"{parts['Date']:08.0f}", f"{parts['Time']:06.0f}"
+            return f"{date[:4]}-{date[4:6]}-{date[6:]} {time[:2]}:{time[2:4]}:{time[4:]}"
+        if child.text().strip():
+            return child.text().strip()
+    return ""
 
 
 def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | str]], dict[str, float | str]]:
@@ -198,7 +279,7 @@ def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | 
     """
     known: dict[str, dict[str, float | str]] = {}
     others: dict[str, float | str] = {}
-    for path, element in _parsed(name, content).walk():
+    for path, element in parsed(name, content).walk():
         if element.tag in (_RESPONSE, _ARRAY) or not path:
             continue
         scalars = element.scalars()
@@ -212,19 +293,30 @@ def controllers(name: str, content: bytes) -> tuple[dict[str, dict[str, float | 
 
 def _label(path: tuple[str, ...]) -> str:
     """Shorten a path to a label: speed_plant_2_plant for m_SpeedPlantMeasurementList, ...Measurement[2], m_pPlant."""
+    *parents, member = path
+    lists = [i for i, part in enumerate(parents) if _LIST.search(part) and not _GENERIC.search(part)]
+    # some versions name the items after their list
+    lists = [i for i in lists if i == 0 or not parents[i].startswith(_bracketless(parents[i - 1]))]
     words: list[str] = []
-    for part in path:
-        bare, bracket, count = part.rstrip("]").partition("[")
-        if bracket:
-            words.append(count)
-            continue
-        bare = re.sub(r"^m_(p|list|sz|d|b)?(?=[A-Z])", "", bare)
-        bare = re.sub(r"(Measurement)?(List)?$", "", bare)
-        words.append(re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare).lower())
-    return re.sub(r"[^\w+-]+", "_", "_".join(words)).strip("_") or "response"
+    if lists:
+        item = parents[lists[-1] + 1] if lists[-1] + 1 < len(parents) else ""
+        words = [_words_of(parents[lists[-1]]), item.rstrip("]").partition("[")[2]]
+    label = "_".join(filter(None, [*words, _words_of(member)]))
+    return re.sub(r"[^\w+-]+", "_", label).strip("_") or "response"
 
 
-def _lines(name: str, response: _Element | None) -> tuple[np.ndarray, np.ndarray] | None:
+def _bracketless(part: str) -> str:
+    return part.partition("[")[0]
+
+
+def _words_of(member: str) -> str:
+    """Return a member name in small words: speed_plant for m_SpeedPlantMeasurementList."""
+    bare = re.sub(r"^m_(p|list|sz|d|b)?(?=[A-Z])", "", _bracketless(member))
+    bare = re.sub(r"(Measurement)?(List)?$", "", bare)
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare).lower()
+
+
+def _lines(name: str, response: Element | None) -> tuple[np.ndarray, np.ndarray] | None:
     """Return frequencies in Hz and complex values of a response; None if it is missing or has no numbers."""
     if response is None:
         return None
@@ -251,7 +343,7 @@ def _shared(plant: np.ndarray, coherence: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.flatnonzero(same), places[same]
 
 
-def _numbers(name: str, array: _Element) -> np.ndarray:
+def _numbers(name: str, array: Element) -> np.ndarray:
     """Return the numbers of an array; real and imaginary parts of complex numbers alternate."""
     raw = array.member_named("m_pNumberArray")
     holders = [array] if raw is None else [raw, array]
@@ -262,7 +354,7 @@ def _numbers(name: str, array: _Element) -> np.ndarray:
         except ValueError:
             raise LogError(f"{name}: {array.member} is not a list of numbers with commas; export it again") from None
     try:
-        words = _words(text)
+        words = _decoded(text)
         return np.frombuffer(words.astype(">u4").tobytes(), ">f8").astype(np.float64)
     except ValueError as error:
         raise LogError(
@@ -270,7 +362,7 @@ def _numbers(name: str, array: _Element) -> np.ndarray:
         ) from None
 
 
-def _words(text: str) -> np.ndarray:
+def _decoded(text: str) -> np.ndarray:
     """Decode base-85 text into 32-bit words. Raise ValueError with the reason for invalid text."""
     try:
         letters = np.frombuffer(text.encode("ascii"), np.uint8)

@@ -18,7 +18,7 @@ _STEP = 0.02  # of the largest velocity over force: the longest step of a drawn 
 _MOST_HALVED = 12
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
-_OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
+OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
 _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 _MOST_HANGING = 0.5  # autocorrelation from line to line from which the residual is systematic
 _TIED = 0.995  # correlation from which two parameters count as one combination
@@ -194,7 +194,7 @@ def predicted(
 def _lines_above_noise(frf: FRF) -> np.ndarray:
     """Return a mask of the lines above the noise, or of all lines if hardly any is above it."""
     share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
-    above_noise = share < _OPEN_LINE**2
+    above_noise = share < OPEN_LINE**2
     return above_noise if np.count_nonzero(above_noise) >= 2 * _FOLDS else np.ones(above_noise.size, bool)
 
 

@@ -20,7 +20,15 @@ from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.regression import Estimate, estimates_table
-from feeddrive.identification.response.agreement import Agreement, advice, agreement, beyond, blind, entangled
+from feeddrive.identification.response.agreement import (
+    OPEN_LINE,
+    Agreement,
+    advice,
+    agreement,
+    beyond,
+    blind,
+    entangled,
+)
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.refine import (
     STEPS,
@@ -77,8 +85,11 @@ class PlantFit(Result):
         return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Return plant and actuator as blocks of an axis. Raises ParameterError for units other than kg and N/m."""
-        if not self.units.si:
+        """Return plant and actuator as blocks of an axis, which turns if the fit is in rad and N m.
+
+        Raises ParameterError for units other than kg and N/m or kg m2 and N m/rad.
+        """
+        if not (self.units.si or self.units.turns):
             raise ParameterError(
                 f"the fit is in {self.units.of('kg')} and not in kg: give force_per_unit in N/{self.units.input}"
                 + ("" if self.units.output == "m" else f" and travel_per_unit in m/{self.units.output}")
@@ -517,14 +528,16 @@ def fit_two_mass(
     band: tuple[float, float] | None = None,
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
+    begin: Sequence[TwoMass] = (),
 ) -> PlantFit:
     """Fit two masses and a spring to the response of the motor's encoder, or to both responses together.
 
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
-    The arguments are those of `fit_plant`; initial values follow from a modal fit:  m2/m1 = residue/free at the motor,
-    k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at zero and reported as not
-    identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia ratio m2/m1, total mass.
+    The arguments are those of `fit_plant`; initial values are `begin`, or follow from a modal fit:  m2/m1 =
+    residue/free at the motor, k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at
+    zero and reported as not identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia
+    ratio m2/m1, total mass.
 
     Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total
     mass and the resonance, but not the mass ratio.
@@ -543,7 +556,7 @@ def fit_two_mass(
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
     actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
-    for start in starts(responses, units, dead_time):
+    for start in begin or starts(responses, units, dead_time):
         task = Task(tree.vary(start, fixed_values), actuator, {}, responses, units, held)
         task, refined = solve(task, names, logarithmic=True, steps=25)
         # bounded, so that a few lines at a missed peak do not decide which start is followed
@@ -716,6 +729,146 @@ def check_signs(modal: ModalFit) -> None:
             )
 
 
+# a model error beyond the noise up to which a wider band counts as explained: 2 % moves the total mass by less than the
+# 5 % that a tuning needs, and the systematic errors of a measurement are of that size
+_EXPLAINED = 0.02
+_WORSE = 1.5  # times the least model error of all bands, where none of them is explained better
+_OCTAVE = 2.0  # between the upper ends of the bands that are tried
+_LEAST_DECADE = 8.0  # times the lowest line: a shorter band does not tell mass, friction and spring apart
+# accuracy of a drive's torque, which is a current times a constant, and so of every mass, spring and damper: current
+# sensors are good to 0.5 to 1 % of their range.  No statistics of one measurement show it
+_GAUGE = 0.005
+# of a frequency: the shape of the response around a zero changes with the sliding friction of the test
+_CLOCK = 0.001
+_OTHERS = 2  # starts from the grid beside that of the band above
+_NARROWER = 2  # bands below the chosen one whose fits tell its systematic error
+_LINES_OF_A_BAND = 200  # for the choice of the band; the fit takes all its lines
+_ABOVE = 1.3  # times the resonance: a band must show the far side of the peak
+
+
+@dataclass(frozen=True)
+class ModelBand:
+    """The band of a response that two masses and a spring explain.
+
+    low, high   Hz
+    whole       True if it is that of all lines
+    begin       the plant fitted to some lines of the band, to begin with; none if there is no resonance in the lines
+    scatter     by parameter, how far the fits to narrower bands lie apart beyond their standard errors: what a
+                systematic error of the measurement does to it
+    """
+
+    low: float
+    high: float
+    whole: bool
+    begin: tuple[TwoMass, ...]
+    scatter: Mapping[str, float]
+
+    def widened(self, fit: PlantFit) -> PlantFit:
+        """Return a fit to this band whose standard errors include the scatter and the accuracy of a drive's sensors."""
+
+        def wider(estimate: Estimate) -> Estimate:
+            share = {"Hz": _CLOCK, "s": 0.0, "": 0.0}.get(estimate.unit, _GAUGE)
+            parts = (estimate.error, self.scatter.get(estimate.name, 0.0), share * abs(estimate.value))
+            return replace(estimate, error=float(np.linalg.norm(parts)))
+
+        estimates = tuple(map(wider, fit.estimates))
+        factors = np.array(
+            [
+                new.error / old.error if old.error > 0.0 else 1.0
+                for new, old in zip(estimates, fit.estimates, strict=True)
+            ]
+        )
+        return replace(
+            fit,
+            estimates=estimates,
+            derived=tuple(map(wider, fit.derived)),
+            covariance=fit.covariance * np.outer(factors, factors),
+        )
+
+
+def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: bool = True) -> ModelBand:
+    """Return the widest band, from the lowest line up, in which two masses and a spring explain a response.
+
+    A drive's response reaches to several kHz, where structure modes beyond the first one lie; a fit to all of it takes
+    one of these for the spring.  Bands whose upper ends are an octave apart are fitted.  Of those that contain the
+    resonance found in them, the widest one is taken whose error beyond the noise is at most 2 %, or else 1.5 times the
+    least.  If none of them contains a resonance, the band is that of all lines.
+
+    band   Hz, the lines to choose from; held as for `fit_plant`
+    """
+    (frf,) = taken({"motor": motor}, band, None, None)[0].values()
+    low, high = float(frf.frequency[0]), float(frf.frequency[-1])
+    fits: list[tuple[float, PlantFit]] = []
+    top, begin = high, tuple[TwoMass, ...]()
+    while top >= _LEAST_DECADE * low:
+        lines = np.flatnonzero(frf.frequency <= top)
+        part = on_lines(frf, lines[_spread_out(frf.frequency[lines], _LINES_OF_A_BAND)])
+        try:
+            fit = fit_two_mass(part, held=held, begin=begin)
+            # a band within this one has the same resonance, or one that the grid of starts finds
+            begin = (cast(TwoMass, fit.plant), *_of_grid({"motor": part}, fit.units)[:_OTHERS])
+        except FeeddriveError:
+            # too few lines, or a sign that two masses do not have: another band may do
+            top /= _OCTAVE
+            continue
+        if fit["resonance"].value * _ABOVE <= top:
+            fits.append((top, fit))
+        top /= _OCTAVE
+    if not fits:
+        return ModelBand(low, high, True, (), {})
+    errors = [_misses(fit) for _, fit in fits]
+    place = next(i for i, error in enumerate(errors) if error <= max(_EXPLAINED, _WORSE * min(errors)))
+    inside = [fit for _, fit in fits[place : place + 1 + _NARROWER]]
+    return ModelBand(low, fits[place][0], place == 0, (cast(TwoMass, inside[0].plant),), _scatter(inside))
+
+
+def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
+    """Return, by parameter, the RMS distance of the first fit from those to narrower bands, less that of their noise.
+
+    Of estimates from all lines and from some of them, the difference has the variance of the latter less that of the
+    former, if the model is right.
+    """
+    first, *others = ({e.name: e for e in (*fit.estimates, *fit.derived)} for fit in fits)
+    scatter: dict[str, float] = {}
+    for name, estimate in first.items():
+        beyond_noise = [
+            max((other[name].value - estimate.value) ** 2 - max(other[name].error ** 2 - estimate.error**2, 0.0), 0.0)
+            for other in others
+            if name in other
+        ]
+        if beyond_noise:
+            scatter[name] = float(np.sqrt(np.mean(beyond_noise)))
+    return scatter
+
+
+def on_lines(frf: FRF, lines: np.ndarray) -> FRF:
+    """Return a response on some of its lines, given by index or mask."""
+    coherence, variance = (None if row is None else row[lines] for row in (frf.coherence, frf.variance))
+    return replace(
+        frf, frequency=frf.frequency[lines], response=frf.response[lines], coherence=coherence, variance=variance
+    )
+
+
+def _misses(fit: PlantFit) -> float:
+    """Return the RMS of ln(fitted/measured) on unused lines beyond the noise of the measurement, as far as it is known.
+
+    The mean counts, not a median: a structure mode is a few lines that are far off.
+    """
+    noise = [
+        share[share < OPEN_LINE**2]
+        for frf in fit.agreement.measured
+        if frf.variance is not None and np.any((share := frf.variance / frf.magnitude**2) < OPEN_LINE**2)
+    ]
+    expected = float(np.mean(np.concatenate(noise))) if noise else 0.0
+    return float(np.sqrt(max(fit.agreement.unused**2 - expected, 0.0)))
+
+
+def _spread_out(frequency: np.ndarray, most: int) -> np.ndarray:
+    """Return the indices of at most `most` lines that are evenly spread over ln f, the first and the last included."""
+    x = np.log(frequency)
+    return np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], most)).clip(0, x.size - 1))
+
+
 _AS_GOOD = 1.1  # times the least error on unused lines that counts as equally good
 _NOISE = 0.3  # autocorrelation from line to line below which the residual counts as noise
 _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
@@ -816,10 +969,27 @@ def fit_axis(
             wrong_sign = wrong_sign or isinstance(error, WrongSignError)
     if not fits:
         raise ParameterError(joined("; ", (f"{name}: {why}" for name, why in refused.items())))
-    best = min(fit.agreement.unused for fit in fits.values())
+    return AxisFits(fits, simplest(fits), refused, wrong_sign)
+
+
+def simplest(fits: Mapping[str, PlantFit]) -> str:
+    """Return the structure with the fewest parameters among those that predict unused lines best.
+
+    A structure whose total mass the lines do not determine is left out if another one determines its own: it moves
+    masses to and fro that a tuning needs.
+    """
+    known = {name: fit for name, fit in fits.items() if _knows_mass(fit)} or fits
+    best = min(fit.agreement.unused for fit in known.values())
     # the error on unused lines scatters itself: of equally good structures the simplest one is the safest to tune with
-    good = [name for name, fit in fits.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
-    return AxisFits(fits, min(good, key=lambda name: len(fits[name].estimates)), refused, wrong_sign)
+    good = [name for name, fit in known.items() if fit.agreement.unused <= _AS_GOOD * best + 1e-9]
+    return min(good, key=lambda name: len(fits[name].estimates))
+
+
+def _knows_mass(fit: PlantFit) -> bool:
+    """Return True if no standard error of the masses that make up the rigid mass exceeds half of the rigid mass."""
+    whole = float(fit.plant.rigid_mass())
+    masses = [e for e in fit.estimates if e.name in ("mass", "mass_motor", "mass_load")]
+    return all(estimate.error <= UNKNOWN * whole for estimate in masses)
 
 
 def _ways(

@@ -33,6 +33,11 @@ class ResponseUnits:
         """True if identified masses are in kg and stiffnesses in N/m."""
         return (self.output, self.input) == ("m", "N")
 
+    @property
+    def turns(self) -> bool:
+        """True if identified masses are inertias in kg m2 at a shaft, and stiffnesses are in N m/rad."""
+        return (self.output, self.input) == ("rad", "N m")
+
     def of(self, unit: str) -> str:
         """Return the unit that corresponds to an SI unit of a linear axis, such as kg, N/m, N s/m, m/N."""
         si_units = _SI.get((self.output, self.input))
