@@ -124,11 +124,16 @@ def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
     size = 1 << int(np.ceil(np.log2(da.size + most + 1)))
     spectrum = np.fft.irfft(np.fft.rfft(db, size) * np.conj(np.fft.rfft(da, size)), size)
     lags = np.arange(-most, most + 1)
-    products = spectrum[lags]
-    k = int(np.argmax(np.abs(products)))
+    # over the energies of the overlap: a log that ends in the middle of a move would seem to have less of a lag
+    sums = [np.concatenate([[0.0], np.cumsum(d * d)]) for d in (da, db)]
+    late, early = np.maximum(lags, 0), np.maximum(-lags, 0)
+    n_ = da.size
+    energies = (sums[0][n_ - late] - sums[0][early]) * (sums[1][n_ - early] - sums[1][late])
+    products = np.abs(spectrum[lags]) / np.sqrt(np.maximum(energies, np.finfo(float).tiny))
+    k = int(np.argmax(products))
     lag = float(lags[k])
     if 0 < k < lags.size - 1:
-        before, here, after = np.abs(products[k - 1 : k + 2])
+        before, here, after = products[k - 1 : k + 2]
         bent = before - 2.0 * here + after
         lag += 0.5 * (before - after) / bent if bent < 0.0 else 0.0
     whole = int(lags[k])
