@@ -138,11 +138,13 @@ def test_the_names_of_makers(units: dict[str, str], axis: str | None, roles: dic
 
 
 # the columns of a public data set of a milling machine with 48 columns ("CNC mill tool wear")
-_KINDS = [f"{what}{of}" for what in ("Actual", "Command") for of in ("Position", "Velocity", "Acceleration")]
-_KINDS += ["CurrentFeedback", "DCBusVoltage", "OutputCurrent", "OutputVoltage"]
-MILL = [f"{axis}1_{kind}" for axis in "XYZS" for kind in _KINDS]
-MILL += ["X1_OutputPower", "Y1_OutputPower", "S1_OutputPower", "S1_SystemInertia"]
-MILL += ["M1_CURRENT_PROGRAM_NUMBER", "M1_sequence_number", "M1_CURRENT_FEEDRATE", "Machining_Process"]
+_MOTIONS = [f"{what}{of}" for what in ("Actual", "Command") for of in ("Position", "Velocity", "Acceleration")]
+_DRIVES = ["CurrentFeedback", "DCBusVoltage", "OutputCurrent", "OutputVoltage"]
+MILL = [
+    *(f"{axis}1_{kind}" for axis in "XYZS" for kind in (*_MOTIONS, *_DRIVES)),
+    *("X1_OutputPower", "Y1_OutputPower", "S1_OutputPower", "S1_SystemInertia"),
+    *("M1_CURRENT_PROGRAM_NUMBER", "M1_sequence_number", "M1_CURRENT_FEEDRATE", "Machining_Process"),
+]
 
 
 @pytest.mark.parametrize("axis", ["x", "Y1", "z1"])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from column_logs import Motion, drawn, motion, written
+from column_logs import drawn, motion, written
 from feeddrive.cli.commands import app
+from feeddrive.files import Mapping as Roles
 from feeddrive.files.columns import Column
-from feeddrive.files.mapping import Guess, Mapping, log_preview, role_doubts
+from feeddrive.files.mapping import Guess, log_preview, role_doubts
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.workflow.channels import CHOSEN, channels, proposed, told_of
@@ -23,14 +24,14 @@ from feeddrive.workflow.identify import identify
 RUN = motion(1)
 
 
-def heads(run: Motion = RUN, **changed: np.ndarray) -> dict[str, np.ndarray]:
-    columns = {"t [s]": run.time, "x_set [mm]": 1e3 * run.set_position, "x_act [mm]": 1e3 * run.table}
-    return {**columns, "force [N]": run.force, **changed}
+def heads(changed: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+    columns = {"t [s]": RUN.time, "x_set [mm]": 1e3 * RUN.set_position, "x_act [mm]": 1e3 * RUN.table}
+    return {**columns, "force [N]": RUN.force, **(changed or {})}
 
 
 def mass(path: Path, **options: object) -> float:
     """The identified mass over the true one."""
-    return identify(str(path), **options).rigid["mass"].value / RUN.mass  # type: ignore[arg-type]
+    return identify(path, **options).rigid["mass"].value / RUN.mass  # type: ignore[arg-type]
 
 
 # rated values
@@ -62,29 +63,29 @@ def test_what_is_missing_for_percent_is_asked_for_where_the_column_is(tmp_path: 
     columns = heads()
     columns["torque [%]"] = columns.pop("force [N]") / 20.0
     path = written(tmp_path / "log.csv", columns)
-    guess = channels(str(path))
+    guess = channels(path)
     (row,) = (row for row in guess.proposed() if row.column == "torque")
     assert (row.role, row.asks, row.option) == ("torque", "rated", "--rated")
     assert any("give what 100 % is, as --rated 3.2:Nm" in remark for remark in told_of(guess))
     with pytest.raises(
         LogError, match=r"'torque' is in percent of a rated torque: give what 100 % is, as --rated 3\.2:Nm"
     ):
-        identify(str(path))
+        identify(path)
     with pytest.raises(ParameterError, match=r"'torque' is in percent .*--rated"):
-        identify(str(path), torque="torque:percent")
+        identify(path, torque="torque:percent")
     # a rated current alone is not enough, and the option that is missing is named
     with pytest.raises(ParameterError, match="--torque-constant"):
-        channels(str(path), rated="5.6:A")
+        channels(path, rated="5.6:A")
     # the peak of the signal and the acceleration of 100 % need no rated value
     assert guess.preview is not None
     shown = str(guess.preview)
     assert "100 % would give, without friction" in shown
     assert "76.8" in shown or "%" in shown
-    done = channels(str(path), rated="3.2:Nm", out=tmp_path / "roles.toml")
+    done = channels(path, rated="3.2:Nm", out=tmp_path / "roles.toml")
     assert done.mapping["torque"] == Column(name="torque", factor=0.032)
     assert "rated 3.2 N m / 100" in done.mapping.reasons["torque"]
     # the written roles hold the factor, so that no rated value is needed again
-    assert identify(str(path), channels=tmp_path / "roles.toml", lead=0.01).rigid["mass"].value > 0.0
+    assert identify(path, channels=tmp_path / "roles.toml", lead=0.01).rigid["mass"].value > 0.0
 
 
 # axes
@@ -107,17 +108,17 @@ def test_each_axis_of_a_log_is_identified_on_its_own(tmp_path: Path) -> None:
         assert done.result[axis].rigid["mass"].value == pytest.approx(run.mass, rel=0.03)
     assert set(done.result) == {"x1", "y1"}
     assert any("axis s1 is not identified" in remark for remark in done.remarks)
-    one = identify(str(path), axis="Y1", motor_constant=80.0)
+    one = identify(path, axis="Y1", motor_constant=80.0)
     assert one.rigid["mass"].value == pytest.approx(second.mass, rel=0.03)
     with pytest.raises(ParameterError, match="no channel names the axis 'z'; there are: x1, y1, s1"):
-        identify(str(path), axis="z", motor_constant=80.0)
-    guesses = channels(str(path), axis="all", out=tmp_path / "roles.toml")
+        identify(path, axis="z", motor_constant=80.0)
+    guesses = channels(path, axis="all", out=tmp_path / "roles.toml")
     assert set(guesses) == {"x1", "y1", "s1"}
     assert (tmp_path / "roles_y1.toml").exists()
     told = told_of(guesses["x1"])
     assert told[0].startswith("the log holds 3 axes; these are the columns of x1. The others: --axis y1, --axis s1")
     with pytest.raises(ParameterError, match="--axis all identifies each axis of a log by its own columns"):
-        identify(str(path), axis="all", position="X1_ActualPosition")
+        identify(path, axis="all", position="X1_ActualPosition")
 
 
 # peak figures
@@ -158,7 +159,7 @@ def test_channels_and_identify_show_the_peaks_before_the_fit(tmp_path: Path) -> 
 
 def test_a_length_without_a_unit_is_asked_about(tmp_path: Path) -> None:
     path = written(tmp_path / "log.csv", {"t": RUN.time, "x": 1e3 * RUN.table, "force": RUN.force})
-    told = "\n".join(told_of(channels(str(path))))
+    told = "\n".join(told_of(channels(path)))
     assert "the travel is 112 m, where feed drives have" in told
     assert "--unit mm for all columns that state none, or for one as --position 'x:mm'" in told
 
@@ -201,23 +202,23 @@ WRONG: dict[str, tuple[Callable[[], dict[str, np.ndarray]], str, str]] = {
         "they are of different axes, or one of them is another quantity",
     ),
     "the sign of the position": (
-        lambda: heads(**{"x_act [mm]": -1e3 * RUN.table}),
+        lambda: heads({"x_act [mm]": -1e3 * RUN.table}),
         "sign",
         "--position 'x_act*-1.0:mm'",
     ),
-    "the sign of the force": (lambda: heads(**{"force [N]": -RUN.force}), "sign", "--force 'force*-1.0:N'"),
+    "the sign of the force": (lambda: heads({"force [N]": -RUN.force}), "sign", "--force 'force*-1.0:N'"),
     "the unit of the setpoint": (
         lambda: {"x_set [m]" if name == "x_set [mm]" else name: values for name, values in heads().items()},
         "unit",
         "--set-position 'x_set:mm'",
     ),
     "a power as force": (
-        lambda: heads(**{"force [N]": np.abs(RUN.force * RUN.velocity)}),
+        lambda: heads({"force [N]": RUN.force * RUN.velocity}),
         "force",
-        "it is of another axis, or no force",
+        "looks like a power, not like a force",
     ),
     "a bus voltage beside the force": (
-        lambda: {**heads(**{"force [N]": 600.0 + np.sin(np.arange(RUN.time.size))}), "aux": RUN.force},
+        lambda: {**heads({"force [N]": 600.0 + np.sin(np.arange(RUN.time.size))}), "aux": RUN.force},
         "force",
         "'aux' follows it to 100 %: --force 'aux'",
     ),
@@ -233,18 +234,18 @@ WRONG: dict[str, tuple[Callable[[], dict[str, np.ndarray]], str, str]] = {
 def test_a_wrong_guess_is_refused_with_its_cause_and_its_cure(what: str, tmp_path: Path) -> None:
     make, kind, words = WRONG[what]
     path = written(tmp_path / "log.csv", make())
-    guess = channels(str(path))
+    guess = channels(path)
     found = [doubt.why for doubt in guess.doubts if doubt.kind == kind and words in doubt.why]
     assert len(found) == 1, guess.doubts
     assert found[0] in told_of(guess)
     with pytest.raises(FeeddriveError):
-        identify(str(path), out=tmp_path / "out")
+        identify(path, out=tmp_path / "out")
     assert not (tmp_path / "out" / "machine.toml").exists()
 
 
 def test_right_columns_have_no_contradiction(tmp_path: Path) -> None:
-    columns = heads(**{"x_motor [mm]": 1e3 * RUN.motor, "v_act [mm/s]": 1e3 * RUN.velocity})
-    guess = channels(str(written(tmp_path / "log.csv", columns)))
+    columns = heads({"x_motor [mm]": 1e3 * RUN.motor, "v_act [mm/s]": 1e3 * RUN.velocity})
+    guess = channels(written(tmp_path / "log.csv", columns))
     assert guess.doubts == ()
     assert set(guess.mapping) == {"setpoint_position", "position_motor", "position_load", "velocity_load", "force"}
 
@@ -253,21 +254,21 @@ def test_a_contradiction_stops_only_what_nobody_told(tmp_path: Path) -> None:
     """Motor and table exchanged: refused as guessed, in a file of a guess too; done if a person says so."""
     columns = {**heads(), "x_motor [mm]": 1e3 * RUN.table, "x_act [mm]": 1e3 * RUN.motor}
     path = written(tmp_path / "log.csv", columns)
-    guess = channels(str(path), out=tmp_path / "roles.toml")
+    guess = channels(path, out=tmp_path / "roles.toml")
     with pytest.raises(LogError, match="motor and table are exchanged"):
-        identify(str(path))
+        identify(path)
     with pytest.raises(LogError, match="motor and table are exchanged"):
-        identify(str(path), channels=tmp_path / "roles.toml")
+        identify(path, channels=tmp_path / "roles.toml")
     reasons = dict.fromkeys(guess.mapping.reasons, CHOSEN)
     chosen = dataclasses.replace(guess.mapping, reasons=reasons)
-    assert identify(str(path), channels=chosen).rigid["mass"].value == pytest.approx(RUN.mass, rel=0.02)
+    assert identify(path, channels=chosen).rigid["mass"].value == pytest.approx(RUN.mass, rel=0.02)
 
 
 def test_roles_that_a_person_changed_are_judged_again(tmp_path: Path) -> None:
     path = written(tmp_path / "log.csv", WRONG["set and actual"][0]())
     log = read_log(path)
     guess: Guess = proposed(path)
-    right = Mapping(
+    right = Roles(
         {
             **guess.mapping.columns,
             "setpoint_position": guess.mapping["position_load"],
@@ -288,5 +289,5 @@ def test_a_drawn_file_gives_its_mass(seed: int, tmp_path: Path) -> None:
     values = DriveValues(**file.options)  # type: ignore[arg-type]
     guess = proposed(file.path, values=values)
     axis = next((axis for axis in guess.axes if axis.startswith(file.axis)), file.axis)
-    found = identify(str(file.path), axis=axis, **file.options)  # type: ignore[arg-type]
+    found = identify(file.path, axis=axis, **file.options)  # type: ignore[arg-type]
     assert found.rigid["mass"].value == pytest.approx(file.motion.mass, rel=0.05), file.said

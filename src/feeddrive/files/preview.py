@@ -16,11 +16,11 @@ from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.names import RELATIVE
 from feeddrive.identification.plausibility import RANGES, sizes, spoken
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
-from feeddrive.identification.shapes import EXPLAINED, Driven, driven
+from feeddrive.identification.shapes import EXPLAINED, WINDOW, Driven, driven
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text, joined
 
 _PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
@@ -76,7 +76,7 @@ class Preview(Result):
     def table(self) -> Table:
         """Tabulate the figures beside those of feed drives."""
         travel, speed, acceleration, force, mass, over = RANGES[self.frame]
-        rows = [
+        rows: list[list[Cell]] = [
             [span.quantity, self._own(self.sizes[span.quantity], span.unit), span.bounds()]
             for span in (travel, speed, acceleration)
             if span.quantity in self.sizes
@@ -163,9 +163,6 @@ def preview_of(
         traces.append(_trace(columns[acting].name, acting, signal, channels[acting], T))
     mass = how.mass if how.explained >= EXPLAINED else None
     return Preview(name, frame, length, figures, signal, force, largest, mass, tuple(traces))
-
-
-WINDOW = 5e-3  # s over which the speed of the picture is averaged, as that of the figures
 
 
 def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
