@@ -302,7 +302,7 @@ class Bring(Room):
         """Return each column with role, unit and reason; assigned columns first, then those that need a factor."""
         assert content.guess is not None
         roles = {assigned.name: (role, assigned) for role, assigned in content.guess.mapping.items()}
-        needs = {name: (role, what) for role, (name, what) in content.guess.needs.items()}
+        needs = {need.column: (role, need.what) for role, need in content.guess.needs.items()}
         shown = list[dict[str, Any]]()
         for name in dict.fromkeys([*roles, *needs, *content.columns]):
             role, column = roles.get(name, ("", None))
