@@ -335,6 +335,7 @@ class Session:
             self._send("job", self._message(0, "", Said(), state))
             if not state.going:
                 self.push(room)
+                self._freed()
 
         def met(report: Found) -> None:
             with self._lock:
@@ -350,6 +351,14 @@ class Session:
         job = Job(room, what, work, heard, met, ended)
         job.start()
         return job
+
+    def _freed(self) -> None:
+        """Let the rooms go on with what waited for the end of a job."""
+        with self._lock:
+            going_on = not self.desk.closed
+            changed = [name for name, room in self.rooms.items() if going_on and self.desk.is_free and room.freed()]
+        for name in changed:
+            self.push(name)
 
     def _message(self, number: int, room: str, answer: Said, job: JobState | None = None) -> bytes:
         bench = self.desk.bench

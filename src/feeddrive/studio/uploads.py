@@ -6,7 +6,7 @@ They are read in a separate process, so that a file that crashes a reader does n
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
@@ -40,6 +40,7 @@ class Understood:
     axes        axes of a machine
     tables      summary of the content
     guess       guessed roles of the columns of a log
+    names       columns of a log that may have a role, in the order of the file
     columns     time and values of a log's preview, by column name
     units       units of the columns, as stated in the file
     responses   names of the frequency responses
@@ -51,6 +52,7 @@ class Understood:
     axes: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     guess: Guess | None = None
+    names: tuple[str, ...] = ()
     columns: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict[str, tuple[np.ndarray, np.ndarray]]
     )
@@ -133,7 +135,22 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
     if file.columns.left_out:
         rows = [[name, why] for name, why in file.columns.left_out.items()]
         tables = (*tables, Table("not read", ("column", "why"), rows, sentences=1))
-    return Understood(path.name, LOG, tables=tables, guess=guess, columns=columns, units=dict(log.units))
+    return Understood(
+        path.name,
+        LOG,
+        tables=tables,
+        guess=guess,
+        names=_names(file, guess, columns),
+        columns=columns,
+        units=dict(log.units),
+    )
+
+
+def _names(file: OpenedFile, guess: Guess, columns: Collection[str]) -> tuple[str, ...]:
+    """Return the columns that are previewed, have a role or need a factor, in the order of the file."""
+    assigned = (column.name for column in guess.mapping.values())
+    shown = {*columns, *assigned, *(name for name, _ in guess.needs.values())}
+    return tuple(name for name in dict.fromkeys([*file.columns.values, *columns]) if name in shown)
 
 
 LARGEST = 256_000_000  # bytes of one file

@@ -8,22 +8,37 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from feeddrive.files.columns import ROLES, Column
+import numpy as np
+
+from feeddrive.files.columns import ROLES, Column, unit_of
 from feeddrive.files.frf import read_frfs, write_frf
 from feeddrive.files.machine import BUNDLED, read_machine
+from feeddrive.files.mapping import Guess
+from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
 from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
+from feeddrive.workflow.force import SIGNALS, ForceRequest, ForceScale
+from feeddrive.workflow.force import scale as force_scale
 from feeddrive.workflow.frf import FrfRequest
 from feeddrive.workflow.identify_responses import IdentifyRequest
 from feeddrive.workflow.tour import MACHINE as MACHINE_OF_TOUR
 from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
+_ACTING = ("force", "torque", "current", "command")  # roles of which a unit may need a rated value
+_COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
+# what the page sends of a data sheet
+_ENTERED = (
+    *("rated", "rated_unit", "full", "at_full", "at_full_unit", "torque_constant", "motor_constant"),
+    *("amplitude", "lead_mm", "gear", "inverted"),
+)
 _ROLES, _CHOSEN = "roles of columns, as the page had them", "responses that were chosen on the page"
 
 
@@ -36,6 +51,12 @@ class Bring(Room):
         super().__init__(desk)
         self.files: dict[str, Understood] = {}
         self.open = ""  # the file that is shown
+        self.unread: dict[str, Path] = {}  # files that wait to be read
+        self.queue: dict[str, None] = {}  # files that were read and wait for their turn, the next one first
+        self._reading: dict[str, Path] = {}  # files that are being read
+        self._used: set[str] = set()  # files whose columns were assigned and used
+        # factors from the data sheet, and what was entered for them, by file and column
+        self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
         self.identified: Shown | None = None  # the last identification
         self._made_of = ""  # the file that it was about
         self.machine: Path | None = None  # that it wrote
@@ -43,7 +64,7 @@ class Bring(Room):
         self._began = False
 
     def show(self) -> Said:
-        """Return the bundled machines, the files, the columns of the open file, and the last identification."""
+        """Return the bundled machines, the files and their queue, the columns of the open file, and the last result."""
         if self.desk.brought and not self._began:
             self._began = True
             self._read([name.name for name in self.desk.brought])
@@ -51,10 +72,11 @@ class Bring(Room):
             "bundled": _bundled(),
             "files": [self._file(name) for name in self.files.values()],
             "open": self.open,
+            "queue": [*self.queue, *(name for name in self.unread if name not in self.queue)],
             "made": None,
             "roles": dict(ROLES),
             "start_from": self.start_from,
-            "offers_tour": not self.files and self.desk.bench is None,
+            "offers_tour": not (self.files or self.unread) and self.desk.bench is None,
         }
         charts = dict[str, Chart]()
         opened = self.files.get(self.open)
@@ -68,7 +90,7 @@ class Bring(Room):
 
     @act
     def look(self, asked: Asked) -> None:
-        """Read uploaded files and report their content."""
+        """Read uploaded files, and open the first one unless the columns of another file are being assigned."""
         names = asked.texts("names")
         if not names:
             raise ParameterError("no file is named: choose one, or drop it on the page")
@@ -76,17 +98,27 @@ class Bring(Room):
 
     @act
     def pick(self, asked: Asked) -> None:
-        """Select a file for display in the room."""
-        self.open = self._known(asked).name
+        """Open a file before its turn. A file whose columns were being assigned takes the next turn."""
+        name, before = self._known(asked).name, self.open
+        if name != before:
+            if self._assigning:
+                self.queue = {before: None, **self.queue}
+            self._open(name)
 
     @act
     def drop(self, asked: Asked) -> None:
-        """Remove a file from the list; the file itself is kept."""
-        file = self._known(asked)
-        del self.files[file.name]
-        self.desk.files.pop(file.name, None)
-        self.desk.programs.pop(file.name, None)
-        self.open = "" if self.open == file.name else self.open
+        """Remove a file from the list or the queue; the file itself is kept. The next file is opened in its place."""
+        name = asked.text("name")
+        if self.unread.pop(name, None) is None:
+            self._known(asked)
+        self.files.pop(name, None)
+        self.queue.pop(name, None)
+        self.desk.files.pop(name, None)
+        self.desk.programs.pop(name, None)
+        if self.open == name:
+            self.open = ""
+            if self.queue:
+                self._open(next(iter(self.queue)))
 
     @act
     def bundled(self, asked: Asked) -> Said:
@@ -105,7 +137,8 @@ class Bring(Room):
             self.desk.did("tour", request)
             self.start_from = MACHINE_OF_TOUR
             for content in contents:
-                self._show(content, content.name, out / content.name)
+                self._add(content, content.name, out / content.name)
+                self._open(content.name)
 
         self.desk.start(self.name, "simulate the log of the tour", partial(toured, request), then)
 
@@ -122,19 +155,54 @@ class Bring(Room):
         """Assign a role to a column, with a unit or a factor; an empty role removes it."""
         file = self._known(asked)
         guess, column = file.guess, asked.text("column")
-        known = (
-            set[str]() if guess is None else {*file.columns, *(assigned.name for assigned in guess.mapping.values())}
-        )
+        known = set[str]() if guess is None else {*file.names, *(assigned.name for assigned in guess.mapping.values())}
         if guess is None or column not in known:
             raise ParameterError(f"{file.name} has no column {column!r:.60}{nearest(column, known)}")
         role = asked.choice("role", ["", *ROLES])
+        assigned = Column(name=column, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
+        self._scales.pop((file.name, column), None)
+        self._assign(file, guess, column, role, assigned, "you chose it")
+
+    @act
+    def scale(self, asked: Asked) -> None:
+        """Compute the factor of a column in percent, A or V from the data sheet, as `feeddrive force` does."""
+        file = self._known(asked)
+        guess, column = file.guess, asked.text("column")
+        if guess is None or column not in file.names:
+            raise ParameterError(f"{file.name} has no column {column!r:.60}{nearest(column, file.names)}")
+        lead = asked.number_or_none("lead_mm")
+        request = ForceRequest(
+            asked.choice("signal", SIGNALS),
+            column=column,
+            rated=_sized(asked, "rated"),
+            at_full=_sized(asked, "at_full"),
+            full=_or(asked.number_or_none("full"), 10.0),
+            torque_constant=asked.number_or_none("torque_constant"),
+            motor_constant=asked.number_or_none("motor_constant"),
+            amplitude=asked.yes("amplitude"),
+            lead=None if lead is None else units.scaled(lead, 1e-3),
+            gear=_or(asked.number_or_none("gear"), 1.0),
+            inverted=asked.yes("inverted"),
+        )
+        found = force_scale(request)
+        self._assign(file, guess, column, found.role, Column(name=column, factor=found.factor), _computed(found))
+        entered = {key: value for key, value in asked.parameters.items() if key in _ENTERED}
+        self._scales[file.name, column] = found, entered
+
+    def _assign(self, file: Understood, guess: Guess, column: str, role: str, assigned: Column, why: str) -> None:
+        """Give a column a role or none; a role whose unit needs a rated value waits for it in `needs`."""
         # a column has one role and a role one column: both earlier assignments end
-        columns = {key: assigned for key, assigned in guess.mapping.items() if assigned.name != column and key != role}
+        columns = {key: other for key, other in guess.mapping.items() if other.name != column and key != role}
+        needs = {key: other for key, other in guess.needs.items() if other[0] != column and key != role}
         reasons = {key: guess.mapping.reasons.get(key, "") for key in columns}
-        if role:
-            columns[role], reasons[role] = self._column(asked, column), "chosen"
+        signal = _signal(assigned.unit or file.units.get(column, ""))
+        if role in ("force", "torque") and signal and assigned.factor is None:
+            needs[role] = column, f"{ROLES[role]} per {signal}"
+        elif role:
+            columns[role], reasons[role] = assigned, why
         mapping = replace(guess.mapping, columns=columns, reasons=reasons)
-        self.files[file.name] = replace(file, guess=replace(guess, mapping=mapping))
+        self.files[file.name] = replace(file, guess=replace(guess, mapping=mapping, needs=needs))
+        self._used.discard(file.name)
 
     @act
     def identify(self, asked: Asked) -> None:
@@ -188,6 +256,7 @@ class Bring(Room):
             delay=asked.number_or_none("delay") or 0.0,
         )
         self.desk.put(bench)
+        self._used.add(file.name)
         return self._on("tune")
 
     @act
@@ -234,15 +303,55 @@ class Bring(Room):
         answer = self.show()
         return Said({**answer.words, "go": room}, answer.charts)
 
+    def freed(self) -> bool:
+        """Read the files that waited for the end of a job."""
+        # of a job that failed or was canceled, which the page shows with its reason
+        for name, path in self._reading.items():
+            if self.unread.get(name) == path:
+                del self.unread[name]
+        return self._read_on()
+
     def _read(self, names: Sequence[str]) -> None:
-        what = f"read {names[0]}" + (f" and {len(names) - 1} more" if len(names) > 1 else "")
-        paths = {name: self._path(name) for name in names}
+        self.unread |= {name: self._path(name) for name in names}
+        self._read_on()
+
+    def _read_on(self) -> bool:
+        """Start to read the files that wait, as soon as no job runs; return True if it was started."""
+        if not self.unread or not self.desk.is_free:
+            return False
+        paths = self._reading = dict(self.unread)
+        first = next(iter(paths))
+        what = f"read {first}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
 
         def then(contents: list[Understood]) -> None:
             for (name, path), content in zip(paths.items(), contents, strict=True):
-                self._show(content, name, path)
+                # a file that was removed or sent again meanwhile is not the one that was read
+                if self.unread.get(name) == path:
+                    del self.unread[name]
+                    self._add(content, name, path)
+                    self._take_turn(name)
 
         self.desk.start(self.name, what, partial(understand, [*paths.values()]), then)
+        return True
+
+    @property
+    def _assigning(self) -> bool:
+        """True while the columns or responses of the open file are being assigned."""
+        file = self.files.get(self.open)
+        return file is not None and file.kind in (LOG, RESPONSES) and file.name not in self._used
+
+    def _take_turn(self, name: str) -> None:
+        """Open a file that was read, or let it wait until those before it are done."""
+        content = self.files[name]
+        if name == self.open or (not self.queue and not self._assigning):
+            self._open(name)
+        elif content.kind in (LOG, RESPONSES) and not content.wrong:
+            # other files need no turn: a machine can be chosen beside a log, a part program is run under Prove
+            self.queue[name] = None
+
+    def _open(self, name: str) -> None:
+        self.open = name
+        self.queue.pop(name, None)
 
     def _start(self, command: str, name: str, what: str, request: Any) -> None:
         def then(shown: Shown) -> None:
@@ -257,14 +366,18 @@ class Bring(Room):
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
         self.identified = shown
+        self._used.add(self._made_of)
         # read in this process, unlike uploads: feeddrive has just written these files
         for path, content in zip(responses, understand(responses, Progress()), strict=True):
             # what was estimated is a file like one that was brought, by the name of its directory: all are frf.csv
-            self._show(content, path.parent.name + path.suffix, path)
+            name = path.parent.name + path.suffix
+            self._add(content, name, path)
+            self._open(name)
 
-    def _show(self, content: Understood, name: str, path: Path) -> None:
-        """Open a file under a name, replacing an earlier one of that name."""
-        self.files[name], self.desk.files[name], self.open = replace(content, name=name), path, name
+    def _add(self, content: Understood, name: str, path: Path) -> None:
+        """List a file under a name, replacing an earlier one of that name."""
+        self.files[name], self.desk.files[name] = replace(content, name=name), path
+        self._used.discard(name)
         self.desk.programs.pop(name, None)
         if content.kind == PROGRAM:
             self.desk.programs[name] = path
@@ -293,30 +406,39 @@ class Bring(Room):
         text = content.guess.toml(self._path(content.name))
         return self.desk.keep(f"roles_{stem_of(content.name)}.toml", text.encode(), _ROLES)
 
-    @staticmethod
-    def _column(asked: Asked, name: str) -> Column:
-        """Return a column with the unit and the factor entered by the user."""
-        return Column(name=name, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
-
     def _columns(self, content: Understood) -> list[dict[str, Any]]:
-        """Return each column with role, unit and reason; assigned columns first, then those that need a factor."""
+        """Return each column with role, unit and reason, in the order of the file."""
         assert content.guess is not None
-        roles = {assigned.name: (role, assigned) for role, assigned in content.guess.mapping.items()}
-        needs = {name: (role, what) for role, (name, what) in content.guess.needs.items()}
+        guess = content.guess
+        roles = {column.name: (role, column) for role, column in guess.mapping.items()}
+        needs = {name: (role, what) for role, (name, what) in guess.needs.items()}
         shown = list[dict[str, Any]]()
-        for name in dict.fromkeys([*roles, *needs, *content.columns]):
+        # the order must not depend on the roles: a row stays where it is while a role is chosen in it
+        for name in dict.fromkeys([*content.names, *roles, *needs]):
             role, column = roles.get(name, ("", None))
-            why = content.guess.mapping.reasons.get(role, "") if role else content.guess.unused.get(name, "")
+            why = guess.mapping.reasons.get(role, "") if role else guess.unused.get(name, "")
             if name in needs and not role:
-                why = f"may be {needs[name][0]}: needs a factor, {needs[name][1]}"
+                role, what = needs[name]
+                why = (
+                    f"{role} by name: enter its rated value"
+                    if _signal(content.units.get(name, ""))
+                    else f"needs a factor, {what}"
+                )
+            scale, entered = self._scales.get((content.name, name), (None, {}))
+            stated = content.units.get(name, "")
             shown.append(
                 {
                     "column": name,
                     "role": role,
                     "unit": "" if column is None else column.unit,
                     "factor": None if column is None else column.factor,
-                    "stated": content.units.get(name, ""),
+                    "stated": stated,
                     "why": why,
+                    "missing": column is None and name in needs,
+                    "signal": _signal(stated) if role in _ACTING else "",
+                    "scale": "" if scale is None else scale.table().title,
+                    "entered": entered,
+                    **_sketch(content, name, role, column),
                 }
             )
         return shown
@@ -331,6 +453,46 @@ class Bring(Room):
             "responses": list(content.responses),
             "tables": [tabled(table) for table in content.tables],
         }
+
+
+def _signal(unit: str) -> str:
+    """Return the signal of `feeddrive force` that a unit stands for; empty for a force, a torque or no signal."""
+    known = unit_of(unit) or unit
+    return known if known in SIGNALS and known not in ("N", "N m") else ""
+
+
+def _sketch(content: Understood, name: str, role: str, column: Column | None) -> dict[str, Any]:
+    """Return the course of a column as whole numbers from 0 to 100, and its ends in the unit in which it is read."""
+    if name not in content.columns:
+        return {"course": [], "low": "", "high": ""}
+    values = content.columns[name][1]
+    low, high = float(np.min(values)), float(np.max(values))
+    kept = values[:: -(-values.size // _COURSE)]
+    course = np.rint(100.0 * (kept - low) / (high - low)) if high > low else np.full(kept.size, 50.0)
+    factor = 1.0 if column is None or column.factor is None else column.factor
+    unit = content.units.get(name, "")
+    if column is not None:
+        unit = column.unit or (unit if column.factor is None else ROLES[role])
+    ends = sorted((factor * low, factor * high))
+    if factor < 0.0:
+        course = 100.0 - course
+    shown = [str(Text(f"{Quantity(end, unit, form='3 SI', stays=True)}")) for end in ends]
+    return {"course": [int(value) for value in course], "low": shown[0], "high": shown[1]}
+
+
+def _sized(asked: Asked, name: str) -> str | None:
+    """Return a value with its unit as `feeddrive force` reads it, `3.2:N m`; None if no value was entered."""
+    value = asked.number_or_none(name)
+    return None if value is None else f"{value!r}:{asked.text(f'{name}_unit')}"
+
+
+def _or(value: float | None, usual: float) -> float:
+    return usual if value is None else value
+
+
+def _computed(found: ForceScale) -> str:
+    """Return the data from which a factor was computed, as the reason for the role: `rated 850 N / 100`."""
+    return Text(f"you gave {joined(', ', (step for step, _, _ in found.steps))}")
 
 
 def _bundled() -> list[str]:
