@@ -419,11 +419,8 @@ class Bring(Room):
             why = guess.mapping.reasons.get(role, "") if role else guess.unused.get(name, "")
             if name in needs and not role:
                 role, what = needs[name]
-                why = (
-                    f"{role} by name: enter its rated value"
-                    if _signal(content.units.get(name, ""))
-                    else f"needs a factor, {what}"
-                )
+                rated = _signal(content.units.get(name, "")) != ""
+                why = f"{role}: enter its rated value" if rated else f"needs a factor, {what}"
             scale, entered = self._scales.get((content.name, name), (None, {}))
             stated = content.units.get(name, "")
             shown.append(

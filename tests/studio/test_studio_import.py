@@ -1,0 +1,197 @@
+"""The import step as its page asks for it: the order of the columns, the queue of files, and rated values."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import feeddrive as fd
+from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.studio.desk import Asked
+from feeddrive.studio.rooms.bring import Bring
+from feeddrive.studio.server import Session
+from plain_drive import Cascade, PlainAxis, write_columns
+
+RUN = PlainAxis(mass=180.0).run(Cascade(30.0, 9000.0))
+RATED = 1200.0  # N
+
+
+def written(path: Path, sign: float = 1.0) -> Path:
+    """A log with a force in percent of 1200 N, and a column that means nothing."""
+    names = {
+        "t_s": RUN["time"],
+        "load [%]": sign * RUN["force"] / (RATED / 100.0),
+        "spare": RUN["set"] ** 2,
+        "target [mm]": 1e3 * RUN["set"],
+        "actual [mm]": 1e3 * RUN["position"],
+    }
+    return write_columns(path, names)
+
+
+class Desk:
+    """A session whose jobs run when a test lets them, in this process."""
+
+    def __init__(self, folder: Path, *names: str) -> None:
+        self.session = Session(folder)
+        self.bring = self.session.rooms["bring"]
+        assert isinstance(self.bring, Bring)
+        self.jobs = list[tuple[Any, Callable[[Any], None]]]()
+        self.session.desk.start = self.start  # type: ignore[method-assign]
+        self.session.desk.files = {name: written(folder / name) for name in names}
+
+    def start(self, _room: str, _what: str, work: Any, then: Callable[[Any], None], *_: Any) -> None:
+        self.jobs.append((work, then))
+
+    def ask(self, act: str, **more: Any) -> dict[str, Any]:
+        """What the room says of an act, which must not be refused."""
+        answer = self.session.answer({"number": 1, "do": f"bring.{act}", **more})
+        said: dict[str, Any] = json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])
+        assert "error" not in said, said["error"]
+        return said
+
+    def read(self) -> dict[str, Any]:
+        """Let the first job end, and say what the page shows then."""
+        work, then = self.jobs.pop(0)
+        then(work(Progress()))
+        return self.ask("show")
+
+    def look(self, *names: str) -> dict[str, Any]:
+        self.ask("look", names=[*names])
+        return self.read()
+
+
+def columns(said: dict[str, Any]) -> list[str]:
+    return [row["column"] for row in said["columns"]]
+
+
+def row(said: dict[str, Any], column: str) -> dict[str, Any]:
+    return next(each for each in said["columns"] if each["column"] == column)
+
+
+def test_rows_stay_in_the_order_of_the_file_whatever_their_roles_are(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    order = columns(desk.look("a.csv"))
+    assert order == ["load", "spare", "target", "actual"]
+    for column, role in (("actual", "setpoint_position"), ("spare", "position_load"), ("target", ""), ("load", "")):
+        said = desk.ask("role", name="a.csv", column=column, role=role, unit="")
+        assert columns(said) == order
+        assert row(said, column)["role"] == role
+    assert row(said, "actual")["why"] == "you chose it"
+
+
+def test_a_second_log_waits_until_the_first_is_used_or_removed(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv", "b.csv", "c.csv", "d.csv")
+    said = desk.look("a.csv", "b.csv")
+    assert (said["open"], said["queue"]) == ("a.csv", ["b.csv"])
+    said = desk.look("c.csv")
+    assert (said["open"], said["queue"]) == ("a.csv", ["b.csv", "c.csv"])
+    said = desk.ask("drop", name="b.csv")
+    assert (said["open"], said["queue"]) == ("a.csv", ["c.csv"])
+    said = desk.ask("pick", name="c.csv")  # before its turn: the other one is next
+    assert (said["open"], said["queue"]) == ("c.csv", ["a.csv"])
+    said = desk.ask("drop", name="c.csv")
+    assert (said["open"], said["queue"]) == ("a.csv", [])
+    desk.bring._used.add("a.csv")  # as after an identification
+    said = desk.look("d.csv")
+    assert (said["open"], said["queue"]) == ("d.csv", [])
+
+
+def test_other_kinds_of_files_are_listed_beside_a_log_and_what_is_damaged_says_why(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    (tmp_path / "empty.csv").write_text("", encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(fd.read_machine("linear_motor").file.text, encoding="utf-8")
+    desk.session.desk.files |= {name: tmp_path / name for name in ("empty.csv", "mine.toml")}
+    said = desk.look("a.csv", "empty.csv", "mine.toml")
+    assert (said["open"], said["queue"]) == ("a.csv", [])
+    assert [each["kind"] for each in said["files"]] == ["log", "unknown", "machine"]
+    assert "is empty" in said["files"][1]["wrong"]
+
+
+def test_a_file_that_comes_during_a_job_is_read_at_its_end_and_one_whose_reading_fails_only_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk = Desk(tmp_path, "a.csv", "b.csv", "c.csv")
+    busy = True
+    monkeypatch.setattr(type(desk.session.desk), "is_free", property(lambda _: not busy))
+    said = desk.ask("look", names=["a.csv"])
+    assert (said["queue"], desk.jobs) == (["a.csv"], [])
+    desk.ask("look", names=["b.csv"])
+    assert desk.ask("drop", name="a.csv")["queue"] == ["b.csv"]
+    busy = False
+    desk.session._freed()
+    assert desk.read()["open"] == "b.csv"
+    desk.ask("look", names=["c.csv"])
+    desk.jobs.clear()  # its process has crashed, say
+    desk.session._freed()
+    assert (desk.ask("show")["queue"], desk.jobs) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("typed", "role", "factor"),
+    [
+        ({"rated": RATED, "rated_unit": "N"}, "force", 12.0),
+        ({"rated": 7.5, "rated_unit": "N m"}, "torque", 0.075),
+        # 5.6 A peak, 1.3 N m/A RMS, a screw of 10 mm behind a gear of 2: 2π 2 / 0.01 · 1.3 · 5.6 / √2 / 100
+        (
+            {"rated": 5.6, "rated_unit": "A", "torque_constant": 1.3, "amplitude": True}
+            | {"lead_mm": 10.0, "gear": 2.0, "inverted": True},
+            "force",
+            -64.69,
+        ),
+    ],
+)
+def test_a_rated_value_gives_the_factor_of_feeddrive_force(
+    tmp_path: Path, typed: dict[str, Any], role: str, factor: float
+) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    desk.look("a.csv")
+    said = desk.ask("role", name="a.csv", column="load", role="force", unit="")
+    assert row(said, "load")["missing"]
+    assert row(said, "load")["signal"] == "percent"
+    found = row(desk.ask("scale", name="a.csv", column="load", signal="percent", **typed), "load")
+    assert (found["role"], found["missing"], found["entered"]) == (role, False, typed)
+    assert found["factor"] == pytest.approx(factor, rel=1e-4)  # of a closed form with four digits
+    sent = {key: value for key, value in typed.items() if key not in ("rated_unit", "lead_mm")}
+    sent["rated"] = f"{typed['rated']}:{typed['rated_unit']}"
+    if "lead_mm" in typed:
+        sent["lead"] = 1e-3 * typed["lead_mm"]
+    assert found["factor"] == fd.workflow.force("percent", column="load", **sent).factor
+    # another role of the column ends it, and the text of the file for --channels has it
+    assert f"factor = {found['factor']!r}" in desk.bring.files["a.csv"].guess.toml()  # type: ignore[union-attr]
+    assert row(desk.ask("role", name="a.csv", column="load", role="", unit=""), "load")["entered"] == {}
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ({"rated": -3.0, "rated_unit": "N"}, "must be > 0"),
+        ({"rated": 5.0, "rated_unit": "A"}, "a current needs the constant of the motor"),
+        ({"rated": 5.0, "rated_unit": "mm"}, "the unit must be one of a torque, a force or a current"),
+        ({"rated": "5,x", "rated_unit": "N"}, "rated must be a number"),
+    ],
+)
+def test_a_rated_value_that_is_refused_changes_nothing(tmp_path: Path, typed: dict[str, Any], message: str) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    before = desk.look("a.csv")["columns"]
+    with pytest.raises(FeeddriveError, match=message):
+        desk.bring.do("scale", Asked({"name": "a.csv", "column": "load", "signal": "percent", **typed}))
+    assert desk.ask("show")["columns"] == before
+    with pytest.raises(ParameterError, match="has no column 'other'"):
+        desk.bring.do("scale", Asked({"name": "a.csv", "column": "other", "signal": "percent"}))
+
+
+def test_the_course_of_a_column_has_its_ends_in_the_unit_in_which_it_is_read(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    found = row(desk.look("a.csv"), "target")
+    assert (found["low"], found["high"]) == ("0 mm", "150 mm")
+    assert (min(found["course"]), max(found["course"])) == (0, 100)
+    said = desk.ask("scale", name="a.csv", column="load", signal="percent", rated=RATED, rated_unit="N", inverted=True)
+    most = max(abs(RUN["force"]))
+    assert row(said, "load")["high"] == f"{most:.3g} N"
+    assert row(said, "spare")["low"] == "0"
