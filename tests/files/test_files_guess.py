@@ -10,7 +10,8 @@ import pytest
 
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
-from feeddrive.files.mapping import guess_roles, read_name, unit_in_name, words_of, write_roles
+from feeddrive.files.mapping import Need, guess_roles, write_roles
+from feeddrive.files.names import read_name, unit_in_name, words_of
 from feeddrive.files.read_log import read_log, read_request
 from feeddrive.language.errors import ParameterError
 
@@ -139,7 +140,7 @@ def test_roles_of_usual_names(units: dict[str, str], roles: dict[str, str]) -> N
     guess = guess_roles(log(units))
     assert {role: column.name for role, column in guess.mapping.items()} == roles
     assert set(guess.mapping.reasons) == set(roles)
-    said = {column.name for column in guess.mapping.values()} | {name for name, _ in guess.needs.values()}
+    said = {column.name for column in guess.mapping.values()} | {need.column for need in guess.needs.values()}
     assert said | set(guess.unused) == set(units)  # every channel is spoken of
     assert all(name in str(guess) for name in units)
 
@@ -160,17 +161,20 @@ def test_one_axis_of_several() -> None:
 
 def test_two_channels_in_counts_are_motor_and_load_and_need_a_factor_each() -> None:
     guess = guess_roles(log({"pos1": "inc", "pos2": "inc"}))
-    assert guess.needs == {"position_motor": ("pos1", "m per inc"), "position_load": ("pos2", "m per inc")}
+    assert guess.needs == {
+        "position_motor": Need("pos1", "m per inc", "inc"),
+        "position_load": Need("pos2", "m per inc", "inc"),
+    }
     mixed = guess_roles(log({"pos1": "mm", "pos2": "inc"}))
     assert mixed.mapping.columns == {"position_motor": Column(name="pos1", unit="mm")}
-    assert mixed.needs == {"position_load": ("pos2", "m per inc")}
+    assert mixed.needs == {"position_load": Need("pos2", "m per inc", "inc")}
 
 
 def test_what_needs_a_factor_is_left_to_the_user() -> None:
     guess = guess_roles(log({"Torque actual value": "percent", "Position actual value": "inc", "Speed": "rpm"}))
     assert set(guess.mapping) == {"speed_motor"}
-    assert guess.needs["torque"] == ("Torque actual value", "N m per percent: the rated value / 100")
-    assert guess.needs["position_load"] == ("Position actual value", "m per inc")
+    assert guess.needs["torque"] == Need("Torque actual value", "N m per percent: the rated value / 100", "percent")
+    assert guess.needs["position_load"] == Need("Position actual value", "m per inc", "inc")
     assert '# torque = { column = "Torque actual value", factor = 1.0 }' in guess.toml()
 
 

@@ -148,7 +148,7 @@ WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[s
     "percent": (
         "t,pos_m,torque [%]",
         lambda s: (s.t, s.x, s.f / 9.0),
-        ("no column can be taken for the force: 'torque' needs a factor", "--force 'column*FACTOR'"),
+        ("no column can be taken for the force: 'torque' is in percent of a rated torque", "--rated 3.2:Nm"),
     ),
     "amperes": ("t,pos_m,current [A]", lambda s: (s.t, s.x, s.f / 60.0), ("'current' is a current in A",)),
     "counts": (

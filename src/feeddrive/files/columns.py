@@ -35,6 +35,23 @@ ROLES: Mapping[str, str] = {
     "current": "A",
 }
 
+# the option of the command line that names the column of a role; the other roles are named in a file for --channels
+FLAGS: Mapping[str, str] = {
+    "time": "--time",
+    "setpoint_position": "--set-position",
+    "setpoint_angle": "--set-angle",
+    "position_load": "--position",
+    "position_motor": "--position",
+    "velocity_load": "--velocity",
+    "angle_motor": "--angle",
+    "angle_load": "--angle",
+    "speed_motor": "--speed",
+    "force": "--force",
+    "torque": "--torque",
+    "current": "--current",
+    "command": "--command",
+}
+
 # roles in the unit of the drive: the command (A, V, percent), and a signal that an experiment injects
 OWN_UNIT = frozenset({"command", "excitation"})
 
@@ -120,6 +137,9 @@ _TIME = re.compile(r"(t|time|zeit|timestamp|time[_ ]?stamp)(_(s|ms|us|ns|min))?"
 # units in the spelling of makers, where it differs from that of `language.units`
 _SPELLINGS = {
     "%": "percent",
+    "‰": "permille",
+    "0.1 %": "permille",
+    "0.1%": "permille",
     "°": "deg",
     "Nm": "N m",
     "mNm": "mN m",
@@ -139,7 +159,7 @@ _SPELLINGS = {
     "-": "",
 }
 # spellings for encoder counts: not a unit, since a length or an angle needs a factor
-COUNTS = frozenset({"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks"})
+COUNTS = frozenset({"inc", "incs", "count", "counts", "cnt", "qc", "pulse", "pulses", "ticks", "steps"})
 
 
 def _row(row: int) -> str:

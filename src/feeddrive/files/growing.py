@@ -23,7 +23,7 @@ import numpy as np
 from feeddrive.analysis.oscilloscope import Rows
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.columns import Column, factor_of, is_time
-from feeddrive.files.mapping import unit_in_name
+from feeddrive.files.names import unit_in_name
 from feeddrive.files.read_log import reader_of
 from feeddrive.files.readers import text_files
 from feeddrive.files.readers.text_files import CsvLayout

@@ -1,15 +1,16 @@
-"""The roles of a log's columns: guessed from names and units, or stated in a mapping.
+"""The roles of a log's columns: guessed from names, units and samples, or stated in a mapping.
 
-`guess_roles` guesses the role of each channel from its name and unit; the guess can be inspected as a table or as TOML.
+`guess_roles` guesses the role of each channel; the guess can be inspected as a table or as TOML.
 
     guess = guess_roles(read_log("run.csv"))
-    print(guess)                                  # role, channel, unit, reason
+    print(guess)                                  # role, channel, unit, reason, and the option that corrects it
+    print(guess.doubts)                           # where the samples contradict the names
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-A name may state the quantity, whether the value is set or measured, whether it belongs to the motor or the load, and
-the axis.  It is split into words at punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos,
-cmd.  A known unit determines the quantity; otherwise the words do.  A guess is used only on the user's request.
+What a name and a unit state is read by `names`.  The samples decide where names say nothing (rows without a head) or
+the same twice (two positions), and contradict them where they are wrong (`role_checks`).  A log of several axes gives
+the roles of one of them.  A guess is used only on the user's request.
 
 `Mapping` assigns roles to a log's columns, in the same form for the studio, a channels file, the command line and
 Python:
@@ -21,237 +22,30 @@ Mapping.read(mapping.text("run.csv")) == mapping
 
 from __future__ import annotations
 
-import re
 from collections import abc
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
+
+import numpy as np
 
 from feeddrive.files.atomic_io import write_whole
-from feeddrive.files.columns import COUNTS, OWN_UNIT, ROLES, Column, unit_at_the_end, unit_of
+from feeddrive.files.columns import OWN_UNIT, ROLES, Column, unit_at_the_end
 from feeddrive.files.log import Log
+from feeddrive.files.names import RELATIVE, NameReading, axes_of, read_name, unit_in_name
+from feeddrive.files.preview import Preview, preview_of
+from feeddrive.files.role_checks import RoleDoubt, doubts_of, option_for, roles_by_shape
 from feeddrive.files.section import Section, file_name, named, read_section, text
 from feeddrive.files.toml_file import parse_toml, quoted
+from feeddrive.identification import shapes
 from feeddrive.language import units
 from feeddrive.language.block import Number, choice, parameter, part
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Result, Table
-
-_SET = {
-    "cmd",
-    "command",
-    "commanded",
-    "set",
-    "setpoint",
-    "ref",
-    "reference",
-    "demand",
-    "target",
-    "soll",
-    "sollwert",
-    "desired",
-    "des",
-    "setpos",
-    "setvelo",
-    "refx",
-    "refy",
-}
-_MOTOR = {"motor", "mot", "mtr", "rotor", "enc1", "encoder1", "rotary", "mx"}
-_LOAD = {"load", "table", "linear", "scale", "slide", "arm", "enc2", "encoder2", "tool", "last", "tisch"}
-_OUTER = {"load", "cutting", "process", "external", "outer", "disturbance", "kistler", "dynamometer"}
-_ERROR = {
-    "error",
-    "err",
-    "ferror",
-    "diff",
-    "difference",
-    "deviation",
-    "posdiff",
-    "lag",
-    "schleppabstand",
-    "schleppfehler",
-    "regelabweichung",
-    "abweichung",
-    "fehler",
-}
-_MEASURED = {"fb", "feedback", "act", "actual", "ist", "measured", "meas"}
-_WORDS = {
-    "excitation": {"excitation", "exc", "dither", "prbs", "chirp", "multisine", "injection", "perturbation"},
-    "torque": {"torque", "trq", "moment", "drehmoment", "tau"},
-    "current": {"current", "curr", "cur", "strom", "iq", "isq"},
-    "force": {"force", "kraft"},
-    "acceleration": {"acceleration", "acc", "accel", "beschleunigung"},
-    "speed": {"omega", "rpm", "drehzahl"},
-    "velocity": {"velocity", "vel", "velo", "speed", "geschwindigkeit"},
-    "angle": {"theta", "phi", "angle", "winkel"},
-    "position": {"position", "pos", "lage", "weg", "stroke", "displacement", "setpos", "actpos"},
-    "command": {"command", "output", "vir", "voltage", "control", "ctrl", "dac", "u"},
-}
-# complete names with a known role
-_EXACT = {
-    "qg": "setpoint_position",
-    "reference": "setpoint_position",
-    "xr": "setpoint_position",
-    "qm": "position_load",
-    "vir": "command",
-    "set_position": "setpoint_position",
-    "reading_load": "position_load",
-    "reading_motor": "position_motor",
-}
-_QUANTITY_OF_UNIT = {
-    "m": "position",
-    "m/s": "velocity",
-    "m/s2": "acceleration",
-    "N": "force",
-    "N m": "torque",
-    "A": "current",
-    "V": "command",
-    "rad": "angle",
-    "rad/s": "speed",
-}
-# German compounds with set or actual before or behind: Sollposition, Lageistwert
-_BEHIND = re.compile(r"(soll|ist)wert")
-_BEFORE = re.compile(
-    r"(?<![a-zäöü])(soll|ist)(?=position|lage|weg|winkel|geschwindigkeit|drehzahl|beschleunigung|kraft|drehmoment|moment|strom)",
-    re.IGNORECASE,
-)
-_AXIS = re.compile(r"(?:joint|axis|achse|ax|j)[ ._-]*([0-9]{1,2}|[xyzabc])(?![a-z])", re.IGNORECASE)
-_SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
-
-
-@dataclass(frozen=True)
-class NameReading:
-    """The meaning of a channel name. `exact` is the role if the name itself is the name of a role."""
-
-    quantity: str = ""
-    is_set: bool = False
-    side: str = ""
-    axis: str = ""
-    unit: str = ""
-    exact: str = ""
-    why: str = ""
-
-    @property
-    def is_weak(self) -> bool:
-        """True for a command whose name marks it as a set value; others, such as `output`, are preferred to it."""
-        return self.quantity == "command" and self.is_set
-
-    @property
-    def role_like(self) -> bool:
-        """True if the name suggests a role for its channel."""
-        return bool(self.quantity or self.exact)
-
-
-def words_of(name: str) -> list[str]:
-    """Split a name into words, in lower case."""
-    cut = _BEFORE.sub(r"\1 ", _BEHIND.sub(r" \1", re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", name)))
-    return [word.lower() for word in re.findall(r"[A-Za-zÄÖÜäöü]+[0-9]?|[0-9]+", cut)]
-
-
-def read_name(name: str, unit: str) -> NameReading:
-    """Interpret the name and the unit of a channel."""
-    words = words_of(name)
-    unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
-    axis = _axis(name, bare)
-    if name in ROLES:
-        return NameReading(exact=name, unit=unit, why="its name is a role")
-    if name.lower() in _EXACT:
-        return NameReading(exact=_EXACT[name.lower()], axis=axis, unit=unit, why="a usual name")
-    # An error has the unit of a position, and would otherwise take its role.
-    if _ERROR & set(bare) or bare[-1:] == ["f", "error"]:
-        return NameReading(axis=axis, unit=unit, why="a difference, which follows from others")
-    is_set = bool(_SET & set(bare))
-    side = "motor" if _MOTOR & set(bare) else "load" if _LOAD & set(bare) else ""
-    by_words = _by_words(name, bare)
-    by_unit = _by_unit(unit)
-    # A unit is the stronger statement; words are often abbreviated or generic.
-    quantity = by_unit or by_words
-    # A signal in V may stand for a scaled current or torque, which its name then states.
-    if by_unit == "command" and by_words in ("current", "torque", "excitation"):
-        quantity = by_words
-    if (
-        quantity in ("", "command")
-        and axis
-        and by_words != "command"
-        and (is_set or _MEASURED & set(bare) or bare == [axis])
-    ):
-        # x, x_cmd and y_fb are positions of their axes.
-        quantity = "position"
-    if bare[:1] == ["pid"] and "output" not in bare and {"command", "feedback"} & set(bare):
-        # LinuxCNC's pid.x.command and pid.x.feedback are the positions that the loop compares.
-        quantity = "position"
-    if by_words == "excitation":
-        quantity, is_set = "excitation", False
-    if quantity == "force":
-        side = "load" if _OUTER & set(bare) else "motor"
-    if unit == "percent" and by_words not in ("torque", "current"):
-        quantity = "command" if by_words in ("command", "force") or is_set else ""
-    if not quantity:
-        return NameReading(axis=axis, unit=unit)
-    why = f"{'set ' if is_set else ''}{quantity}{' of the ' + side if side and quantity != 'force' else ''}"
-    return NameReading(quantity, is_set, side, axis, unit, "", f"{why}, by its {'unit' if by_unit else 'name'}")
-
-
-def unit_in_name(name: str) -> str:
-    """Return the unit suffix of a name, as in `pos_act_mm`, `force_N`; a single letter must match the quantity.
-
-    `u_in` is an input, not inches.
-    """
-    unit = _unit_at_the_end(name, [])[0]
-    if unit:
-        return unit
-    last = name.rpartition("_")[2]
-    return last if last in {"force": "N", "position": "m", "current": "A"}.get(read_name(name, "").quantity, ()) else ""
-
-
-def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
-    """Split off the unit suffix of a name, as in `x_cmd_mm`, except single letters and `in`; return unit and words."""
-    for start in [k + 1 for k, letter in enumerate(name) if letter in "_ "]:
-        end = name[start:].replace(" ", "_")
-        # A name cannot contain a slash: rad_s means rad/s.
-        unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))
-        if unit and len(end) > 1 and end != "in":
-            return unit, words_of(name[:start])
-    return "", words
-
-
-def _axis(name: str, words: list[str]) -> str:
-    """Return the axis in a name: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
-    match = _AXIS.search(name)
-    if match:
-        return match[1].lower()
-    single = [word for word in words if word in ("x", "y", "z")]
-    if single:
-        return single[0]
-    short = _SHORT.fullmatch(name.lower())
-    return short[2] if short else ""
-
-
-def _by_words(name: str, words: list[str]) -> str:
-    """Return the quantity named by the words of a name; `command` only if no other quantity matches."""
-    for quantity, known in _WORDS.items():
-        if known & set(words):
-            return quantity
-    short = _SHORT.fullmatch(name.lower())
-    if short:
-        return {"u": "command", "v": "velocity", "i": "current", "iq": "current", "f": "force"}.get(short[1], "")
-    return ""
-
-
-def _by_unit(unit: str) -> str:
-    """Return the quantity that a unit measures."""
-    if unit.lower() in COUNTS:
-        return "position"
-    for known, quantity in _QUANTITY_OF_UNIT.items():
-        try:
-            units.factor(unit, known)
-        except ParameterError:
-            continue
-        return quantity if unit else ""
-    return ""
-
+from feeddrive.language.text import Text
 
 # roles of a quantity: as a set value, at the motor, at the load, and without a side
 _ROLES: abc.Mapping[str, tuple[str, str, str, str]] = {
@@ -275,6 +69,41 @@ _OTHER = {
 }
 
 
+class Need(NamedTuple):
+    """A channel whose role is clear, but whose unit requires a factor.
+
+    what    meaning of the factor: `N m per percent: the rated value / 100`
+    signal  the unit of the numbers: percent, permille, A, or the name of a count
+    """
+
+    column: str
+    what: str
+    signal: str
+
+
+@dataclass(frozen=True)
+class ProposedColumn:
+    """What is proposed for one column of a log, as a row of a table.
+
+    role, unit, factor  empty or None for a column without a role
+    stated   the unit in the file, if it states one
+    why      the reason for the role, or for none, in one line
+    option   the option of the command line that says the same, to be edited if the guess is wrong
+    asks     what is missing to use the column: `rated`, `factor` or empty; `role` is then the role it will have
+    doubt    what the samples have against the role; empty if nothing
+    """
+
+    column: str
+    role: str
+    unit: str
+    factor: float | None
+    stated: str
+    why: str
+    option: str
+    asks: str = ""
+    doubt: str = ""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Guess(Result):
     """The guessed roles of a log's channels as a `mapping` for `read_log`, with reasons, and the unresolved channels.
@@ -282,34 +111,98 @@ class Guess(Result):
     `needs` lists, by role, a channel whose role is clear but whose unit (percent of a rated torque, counts) requires a
     factor, and the meaning of this factor; `unused` lists channels without a role, with the reason; `lost` lists, by
     role, a column that would have the role if it contained numbers, and what it contains instead.
+
+    axes    the axes of the log, as its columns name them; the guess is for `mapping.axis`
+    doubts  what the samples have against the roles
+    stated  the unit of each column in the file
+    preview peak figures for the person who knows the machine; None without a position
     """
 
     name: str
     mapping: Mapping
-    needs: abc.Mapping[str, tuple[str, str]]
+    needs: abc.Mapping[str, Need]
     unused: abc.Mapping[str, str]
     lost: abc.Mapping[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
+    axes: tuple[str, ...] = ()
+    doubts: tuple[RoleDoubt, ...] = ()
+    stated: abc.Mapping[str, str] = field(default_factory=dict[str, str])
+    preview: Preview | None = None
 
-    def table(self) -> Table:
-        """Tabulate role, channel, unit and reason, followed by channels that need a factor and unused channels."""
+    def proposed(self) -> tuple[ProposedColumn, ...]:
+        """Return a row for each column: those with a role, those that need a factor, and the unused ones."""
+        against: dict[str, str] = {}
+        for doubt in self.doubts:
+            against.setdefault(doubt.roles[0], doubt.why)
         rows = [
-            [role, column.name, column.unit or ROLES[role] or "own", self.mapping.reasons.get(role, "")]
+            ProposedColumn(
+                column.name,
+                role,
+                column.unit,
+                column.factor,
+                self.stated.get(column.name, ""),
+                self.mapping.reasons.get(role, ""),
+                option_for(role, column),
+                doubt=against.get(role, ""),
+            )
             for role, column in self.mapping.items()
         ]
-        rows += [[f"{role} ?", column, "", f"needs a factor: {what}"] for role, (column, what) in self.needs.items()]
-        rows += [["-", column, "", why] for column, why in self.unused.items()]
-        return Table(
-            f"{self.name}: roles guessed by names and units", ["role", "channel", "unit", "why"], rows, sentences=3
-        )
+        for role, (name, what, signal) in self.needs.items():
+            relative = signal in RELATIVE or signal == "A"
+            give = "--rated" if signal in RELATIVE else option_for(role, Column(name=f"{name}*FACTOR"))
+            why = f"needs a factor: {what}"
+            asks = "rated" if relative else "factor"
+            rows.append(ProposedColumn(name, role, "", None, self.stated.get(name, signal), why, give, asks))
+        rows += [
+            ProposedColumn(name, "", "", None, self.stated.get(name, ""), why, "") for name, why in self.unused.items()
+        ]
+        return tuple(rows)
+
+    def table(self) -> Table:
+        """Tabulate role, channel, unit, reason and option, followed by channels that need a factor and unused ones."""
+        rows = [
+            [
+                "-" if not row.role else f"{row.role} ?" if row.asks else row.role,
+                row.column,
+                "" if row.asks or not row.role else row.unit or ROLES[row.role] or "own",
+                row.why,
+                row.option,
+            ]
+            for row in self.proposed()
+        ]
+        of = f", axis {self.mapping.axis} of {', '.join(self.axes)}" if len(self.axes) > 1 else ""
+        heads = ["role", "channel", "unit", TableColumn("why", sentences=True), "to correct, edit"]
+        return Table(f"{self.name}: roles guessed by names, units and samples{of}", heads, rows)
 
     def toml(self, file: str | Path = "") -> str:
         """Return the sections [log] and [log.channels], with channels that need a factor in comments."""
         open_ = [
-            f"# {entry(role, Column(name=column, factor=1.0))}  # {what}\n"
-            for role, (column, what) in self.needs.items()
+            f"# {entry(role, Column(name=need.column, factor=1.0))}  # {need.what}\n"
+            for role, need in self.needs.items()
             if role not in self.mapping
         ]
         return "".join([self.mapping.text(str(file) or self.name), *open_])
+
+
+def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[str, ...]:
+    """Return the axes whose channels suggest a role, in the order of the columns; empty if no name has an axis."""
+    axes = axes_of(names)
+    read = [read_name(name, units_.get(name, ""), axes[name]) for name in names]
+    return tuple(dict.fromkeys(reading.axis for reading in read if reading.role_like and reading.axis))
+
+
+def axis_called(name: str, asked: str, axes: abc.Collection[str]) -> str:
+    """Return the axis that the user names: in any case, and `x` for `x1` if no other axis begins so.
+
+    Raises ParameterError for an axis that no channel names.
+    """
+    wanted = asked.lower()
+    if wanted in axes:
+        return wanted
+    beginning = [axis for axis in axes if axis.rstrip("0123456789") == wanted]
+    if len(beginning) == 1:
+        return beginning[0]
+    there = ", ".join(axes) or "none"
+    raise ParameterError(f"{name}: no channel names the axis '{asked}'; there are: {there}{nearest(wanted, axes)}")
 
 
 def guess_roles(log: Log, axis: str | None = None) -> Guess:
@@ -319,34 +212,23 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
 
     Raises ParameterError for an axis that no channel names.
     """
-    read = {name: read_name(name, log.units.get(name, "")) for name in log.channels}
-    axes = list(dict.fromkeys(reading.axis for reading in read.values() if reading.role_like and reading.axis))
-    if axis is not None and axis not in axes:
-        raise ParameterError(f"{log.name}: no channel names the axis '{axis}'; there are: {', '.join(axes) or 'none'}")
-    wanted = axis if axis is not None else axes[0] if axes else ""
-    mapping: dict[str, Column] = {}
-    reasons: dict[str, str] = {}
-    needs: dict[str, tuple[str, str]] = {}
-    unused: dict[str, str] = {}
+    named_axes = axes_of(log.channels)
+    read = {name: read_name(name, log.units.get(name, ""), named_axes[name]) for name in log.channels}
+    axes = axes_in(log.channels, log.units)
+    wanted = axis_called(log.name, axis, axes) if axis is not None else axes[0] if axes else ""
+    taking = _Taking(log, {}, {}, {}, {})
     # exact names first, then clear ones, and last possible ones
-    for name, reading in sorted(
-        read.items(), key=lambda item: (item[0] not in ROLES, not item[1].exact, item[1].is_weak, not item[1].side)
-    ):
+    for name, reading in sorted(read.items(), key=lambda item: _order(item[0], item[1])):
         role = reading.exact or _role(reading)
-        if not role:
-            unused[name] = reading.why or "not like any known name"
-        elif reading.axis not in ("", wanted):
-            unused[name] = f"of axis {reading.axis}, not {wanted}"
-        elif role in mapping or role in needs:
-            other = _OTHER.get(role, "")
-            # Only a second channel without a side can be the other encoder; a third one cannot be assigned.
-            if reading.side or not other or other in mapping or other in needs:
-                taken = mapping[role].name if role in mapping else needs[role][0]
-                unused[name] = f"like {role}, which is '{taken}'"
-            else:
-                _second(name, reading, role, other, mapping, reasons, needs)
+        if reading.axis not in ("", wanted):
+            taking.unused[name] = f"of axis {reading.axis}, not {wanted}"
+        elif not role:
+            taking.unused[name] = reading.why or NAMELESS
+        elif role in taking.mapping or role in taking.needs:
+            taking.again(name, reading, role)
         else:
-            _take(name, reading, role, mapping, reasons, needs)
+            taking.take(name, reading, role)
+    taking.by_shape([name for name, why in taking.unused.items() if why == NAMELESS])
     lost: dict[str, tuple[str, str]] = {}
     for name, why in log.left_out.items():
         reading = read_name(name, unit_in_name(name))
@@ -354,15 +236,197 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
         if (
             role
             and role != "time"
-            and role not in (*mapping, *needs, *lost)
+            and role not in (*taking.mapping, *taking.needs, *lost)
             and reading.axis in ("", wanted or reading.axis)
         ):
-            lost[role], unused[name] = (name, why), f"like {role}, but {why}"
-    order = [role for role in ROLES if role in mapping]
+            lost[role], taking.unused[name] = (name, why), f"like {role}, but {why}"
     # A sample time given by the user is not in the file, and is needed to read it again.
     step = log.sample_time if log.provenance.get("clock") == "given" else None
-    columns = {role: mapping[role] for role in order}
-    return Guess(log.name, Mapping(columns, {}, reasons, wanted, step), needs, unused, lost)
+    columns = {role: taking.mapping[role] for role in ROLES if role in taking.mapping}
+    mapping = Mapping(columns, {}, taking.reasons, wanted, step)
+    own = [name for name in taking.unused if named_axes.get(name, "") in ("", wanted)]
+    doubts = role_doubts(log, mapping, [name for name in own if name in log.channels and not read[name].why])
+    stated = {name: unit for name, unit in log.units.items() if unit}
+    preview = log_preview(log, mapping, taking.needs)
+    return Guess(log.name, mapping, taking.needs, taking.unused, lost, axes, doubts, stated, preview)
+
+
+def role_doubts(log: Log, mapping: abc.Mapping[str, Column], others: abc.Collection[str] = ()) -> tuple[RoleDoubt, ...]:
+    """Return what the samples of a log, read without a mapping, have against the roles of its columns.
+
+    others  channels without a role, one of which may be the force that was meant
+    """
+    used = {column.name for column in mapping.values()}
+    rest = {name: log[name] for name in others if name not in used}
+    return doubts_of(_by_role(log, mapping), mapping, log.sample_time, rest)
+
+
+def log_preview(
+    log: Log, mapping: abc.Mapping[str, Column], needs: abc.Mapping[str, Need] | None = None
+) -> Preview | None:
+    """Return the peak figures of a log that was read without a mapping; None if no column is a position.
+
+    needs  channels that still need a factor: a force in percent is shown in percent
+    """
+    needs = {role: need for role, need in (needs or {}).items() if role not in mapping and need.column in log.channels}
+    columns = {**mapping, **{role: Column(name=need.column) for role, need in needs.items()}}
+    channels = {**_by_role(log, mapping), **{role: log[need.column] for role, need in needs.items()}}
+    # a position in counts has no travel in mm
+    channels = {role: values for role, values in channels.items() if role not in needs or role in _ACTING}
+    signals = {**log.units, **{need.column: need.signal for need in needs.values()}}
+    return preview_of(log.name, channels, columns, log.sample_time, signals)
+
+
+def _by_role(log: Log, mapping: abc.Mapping[str, Column]) -> dict[str, np.ndarray]:
+    """Return the channels of a log, read without a mapping, by role and in the unit of each role."""
+    channels: dict[str, np.ndarray] = {}
+    for role, column in mapping.items():
+        values = log.channels.get(column.name)
+        if values is None or role == "time":
+            continue
+        scale = column.scale(role)
+        if scale is None and role not in OWN_UNIT:
+            unit = log.units.get(column.name, "") or unit_at_the_end(column.name, role)
+            scale = units.factor(unit, ROLES[role]) if unit and measures(unit, role) else 1.0
+        channels[role] = values if scale in (None, 1.0) else scale * values
+    return channels
+
+
+def _order(name: str, reading: NameReading) -> tuple[bool, ...]:
+    """Return the sort key of names: the clearest first."""
+    # of two currents or forces the measured one; both of them have the same role if neither is a set value
+    feedback = reading.quantity in ("current", "torque") and "feedback" not in name.lower()
+    return (
+        name not in ROLES,
+        not reading.exact,
+        reading.is_assumed,
+        reading.is_weak,
+        not reading.side,
+        feedback,
+    )
+
+
+@dataclass(frozen=True)
+class _Taking:
+    """The roles of channels while they are assigned, from clear names to vague ones."""
+
+    log: Log
+    mapping: dict[str, Column]
+    reasons: dict[str, str]
+    needs: dict[str, Need]
+    unused: dict[str, str]
+
+    def take(self, name: str, reading: NameReading, role: str) -> None:
+        """Assign a role to a channel, or record the factor that its unit requires."""
+        if role in OWN_UNIT:
+            self.mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
+        elif not reading.unit:
+            self.mapping[role] = Column(name=name)
+        elif measures(reading.unit, role):
+            self.mapping[role] = Column(name=name, unit=reading.unit)
+        else:
+            parts = {"percent": "100", "permille": "1000"}.get(reading.unit)
+            rated = "" if parts is None else f": the rated value / {parts}"
+            self.needs[role] = Need(name, f"{ROLES[role]} per {reading.unit}{rated}", reading.unit)
+            return
+        stated = reading.unit or role in OWN_UNIT or unit_at_the_end(name, role)
+        self.reasons[role] = reading.why + ("" if stated else f"; no unit is stated, {ROLES[role]} is taken")
+
+    def again(self, name: str, reading: NameReading, role: str) -> None:
+        """Assign a channel whose role is taken: as setpoint or as second encoder, or leave it out with a reason."""
+        other = _OTHER.get(role, "")
+        taken = self.mapping[role].name if role in self.mapping else self.needs[role].column
+        # Only a second channel without a side can be the other encoder; a third one cannot be assigned.
+        if reading.side or not other or other in self.mapping or other in self.needs:
+            self.unused[name] = f"like {role}, which is '{taken}'"
+            return
+        first, second, T = self.log[taken], self.log[name], self.log.sample_time
+        like = shapes.likeness(first, second, T)
+        long = self.log.time.size >= shapes.LEAST_ROWS and np.ptp(first) > 0.0 and np.ptp(second) > 0.0
+        if long and like.explained < shapes.SAME:
+            share = Quantity(like.explained, "share", form="2")
+            self.unused[name] = Text(
+                f"like {role}, which is '{taken}', but it moves otherwise (alike to {share}): of another axis, or "
+                "another quantity"
+            )
+            return
+        setpoint = _SETPOINT_OF.get(role, "")
+        if long and setpoint and setpoint not in self.mapping and abs(like.lag) > shapes.CLEAR:
+            goal, actual = (taken, name) if like.lag > 0.0 else (name, taken)
+            self._as_setpoint(name, reading, role, setpoint, goal, actual, abs(like.lag))
+            return
+        motor, load = (other, role) if role.endswith("_load") else (role, other)
+        # the first in the file is taken for the motor's, until the samples say otherwise
+        if role in self.mapping:
+            self.mapping[motor] = self.mapping.pop(role)
+            del self.reasons[role]
+            self.reasons[motor] = "the first of two such channels"
+        else:
+            self.needs[motor] = self.needs.pop(role)
+        self.take(name, reading, load)
+        if load in self.mapping:
+            self.reasons[load] = "the second of two such channels"
+        if long and motor in self.mapping and load in self.mapping:
+            first = shapes.ahead(self.log[self.mapping[motor].name], self.log[self.mapping[load].name], T)
+            if abs(first) > shapes.SURE:
+                if first < 0.0:
+                    self.mapping[motor], self.mapping[load] = self.mapping[load], self.mapping[motor]
+                self.reasons[motor] = "of two such channels the one that runs ahead while the axis accelerates"
+                self.reasons[load] = "of two such channels the one that trails while the axis accelerates"
+
+    def _as_setpoint(
+        self, name: str, reading: NameReading, role: str, setpoint: str, goal: str, actual: str, lag: float
+    ) -> None:
+        """Assign setpoint and position to two channels of which one trails the other."""
+        column = self.mapping.pop(role, None)
+        need = self.needs.pop(role, None)
+        self.reasons.pop(role, None)
+        by = Text(f"{Quantity(lag * self.log.sample_time, 's', form='3')}")
+        for channel, its in ((goal, setpoint), (actual, role)):
+            if channel == name:
+                self.take(name, reading, its)
+            elif column is not None:
+                self.mapping[its] = column
+            elif need is not None:
+                self.needs[its] = need
+            if its in self.mapping:
+                what = f"leads '{actual}' by" if channel == goal else f"trails '{goal}' by"
+                self.reasons[its] = f"of two such channels the one that {what} {by}"
+
+    def by_shape(self, nameless: abc.Collection[str]) -> None:
+        """Find the roles that are missing among channels whose names say nothing."""
+        places = [role for role in _PLACES if role in self.mapping or role in self.needs]
+        acting = [role for role in _ACTING if role in self.mapping or role in self.needs]
+        if not nameless or (places and acting):
+            return
+        named = {
+            role: self.mapping[role].name if role in self.mapping else self.needs[role].column
+            for role in (*places, *acting, "setpoint_position")
+            if role in self.mapping or role in self.needs
+        }
+        known = {role: (name, self.log[name]) for role, name in named.items()}
+        found = roles_by_shape({name: self.log[name] for name in nameless}, self.log.sample_time, known)
+        for role, (name, why) in found.roles.items():
+            if role in self.mapping or role in self.needs:
+                continue
+            unit = self.log.units.get(name, "")
+            # a stated unit that no quantity has would refuse the role; as the drive's own unit it is kept
+            self.mapping[role] = Column(name=name, unit=unit if _known(unit) and role in OWN_UNIT else "")
+            assumed = "" if role in OWN_UNIT else f"; no unit is stated, {ROLES[role]} is taken"
+            self.reasons[role] = Text(f"{why}{assumed}")
+            del self.unused[name]
+        self.unused.update({name: why for name, why in found.unused.items() if name in self.unused})
+
+
+NAMELESS = "not like any known name"
+_PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
+_ACTING = ("force", "torque", "current", "command")
+_SETPOINT_OF = {
+    "position_load": "setpoint_position",
+    "angle_motor": "setpoint_angle",
+    "velocity_load": "setpoint_velocity",
+    "speed_motor": "setpoint_speed",
+}
 
 
 def _role(reading: NameReading) -> str:
@@ -371,55 +435,6 @@ def _role(reading: NameReading) -> str:
         return ""
     place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)
     return _ROLES[reading.quantity][place]
-
-
-def _take(
-    name: str,
-    reading: NameReading,
-    role: str,
-    mapping: dict[str, Column],
-    reasons: dict[str, str],
-    needs: dict[str, tuple[str, str]],
-) -> None:
-    """Assign a role to a channel, or record the factor that its unit requires."""
-    if role in OWN_UNIT:
-        mapping[role] = Column(name=name, unit=reading.unit if _known(reading.unit) else "")
-    elif not reading.unit:
-        mapping[role] = Column(name=name)
-    elif measures(reading.unit, role):
-        mapping[role] = Column(name=name, unit=reading.unit)
-    else:
-        rated = ": the rated value / 100" if reading.unit == "percent" else ""
-        needs[role] = (name, f"{ROLES[role]} per {reading.unit}{rated}")
-        return
-    assumed = (
-        ""
-        if reading.unit or role in OWN_UNIT or unit_at_the_end(name, role)
-        else f"; no unit is stated, {ROLES[role]} is taken"
-    )
-    reasons[role] = reading.why + assumed
-
-
-def _second(
-    name: str,
-    reading: NameReading,
-    role: str,
-    other: str,
-    mapping: dict[str, Column],
-    reasons: dict[str, str],
-    needs: dict[str, tuple[str, str]],
-) -> None:
-    """Assign roles to two channels of the same kind: the first in the file to the motor, the second to the load."""
-    motor, load = (other, role) if role.endswith("_load") else (role, other)
-    if role in mapping:
-        mapping[motor] = mapping.pop(role)
-        del reasons[role]
-        reasons[motor] = "the first of two such channels"
-    else:
-        needs[motor] = needs.pop(role)
-    _take(name, reading, load, mapping, reasons, needs)
-    if load in mapping:
-        reasons[load] = "the second of two such channels"
 
 
 def _known(unit: str) -> bool:

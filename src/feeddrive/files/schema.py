@@ -16,7 +16,7 @@ Schema: TypeAlias = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # a unit of `language.units`, word by word, after the name of a parameter
-_WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|1|per)[0-9]?"
+_WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|permille|1|per)[0-9]?"
 _SUFFIX = f"(?:_{_WORD})+"
 _TEXT: Schema = {"type": "string"}
 _NUMBERS = "numbers_by_path"

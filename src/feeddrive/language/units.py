@@ -66,6 +66,7 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
     "U": (2 * math.pi, (0, 0, 0, 0, 1)),  # Umdrehung: U/min is rpm, mm/U a lead
     "rpm": (2 * math.pi / 60, (0, 0, -1, 0, 1)),
     "percent": (1e-2, _NONE),
+    "permille": (1e-3, _NONE),
     "1": (1.0, _NONE),
 }
 

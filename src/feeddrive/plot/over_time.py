@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from feeddrive.cosimulation.simulate_with_fmu import Cosimulation
     from feeddrive.files.log import Log
     from feeddrive.files.mapping import Guess
+    from feeddrive.files.preview import Preview
     from feeddrive.identification.motion.output_error import Refinement
 
 
@@ -223,8 +225,36 @@ log = figure_of(log_chart)
 
 
 def guess_chart(guess: Guess) -> Chart:
-    """Raise ParameterError: a guess of roles has no picture."""
-    raise ParameterError(f"{guess.name}: a guess of roles has no picture; plot the log itself")
+    """Plot the signals of the guessed roles with their peaks. Raises ParameterError without a position."""
+    if guess.preview is None:
+        raise ParameterError(f"{guess.name}: no column is a position, so that there is no motion to show; plot the log")
+    return preview_chart(guess.preview)
+
+
+def preview_chart(preview: Preview) -> Chart:
+    """Plot position, speed and force over time, each in the user's unit, with the peaks that a person knows."""
+    panels = list[Panel]()
+    for unit, group in groupby(preview.traces, key=lambda trace: trace.unit):
+        traces = list(group)
+        head = (
+            "position"
+            if traces[-1].role not in ("speed", "force", "torque", "command", "current")
+            else ("speed" if traces[-1].role == "speed" else "signal of the drive")
+        )
+        peak = max(traces, key=lambda trace: _peak(trace.values))
+        k = int(np.argmax(np.abs(peak.values)))
+        # the peak of a position depends on its origin: only those of speed and force mean something
+        marks = (Mark(float(peak.time[k]), float(peak.values[k]), NEUTRAL),) if head != "position" else ()
+        curves = tuple(
+            Curve(trace.time, trace.values, trace.name, i, DASHED if trace.role.startswith("setpoint") else PLAIN)
+            for i, trace in enumerate(traces)
+        )
+        written_unit = {"percent": "%", "permille": "‰"}.get(unit, unit) or "no unit"
+        panels.append(Panel(f"{head}\n({written_unit})", curves, marks=marks))
+    return Chart("time (s)", tuple(panels), height=1.0 + 1.5 * len(panels), legend=PANELS)
+
+
+preview = figure_of(preview_chart)
 
 
 # SI unit, shown unit of the signal, words

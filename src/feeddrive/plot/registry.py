@@ -26,6 +26,7 @@ CHARTS = {
     "cosimulation.simulate_with_fmu:Cosimulation": "over_time:cosimulation_chart",
     "files.mapping:Guess": "over_time:guess_chart",
     "files.log:Log": "over_time:log_chart",
+    "files.preview:Preview": "over_time:preview_chart",
     "identification.cogging:CoggingFit": "identification:cogging_chart",
     "identification.excitation.excitation:Excitation": "over_frequency:excitation_chart",
     "identification.excitation.frequency_estimate:FrequencyEstimate": "over_frequency:frequency_estimate_chart",

@@ -18,12 +18,27 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.files.columns import ROLES, Column, is_time, unit_at_the_end, unit_of
+from feeddrive.files.columns import FLAGS, ROLES, Column, is_time, unit_at_the_end, unit_of
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.mapping import Guess, Mapping, MappingLike, guess_roles, measures, write_roles
+from feeddrive.files.mapping import (
+    NAMELESS,
+    Guess,
+    Mapping,
+    MappingLike,
+    Need,
+    axes_in,
+    guess_roles,
+    log_preview,
+    measures,
+    role_doubts,
+    write_roles,
+)
+from feeddrive.files.names import RELATIVE
+from feeddrive.files.preview import Preview, preview_of
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
 from feeddrive.files.readers.ast_xml import is_ast
+from feeddrive.files.role_checks import RoleDoubt, doubts_of, option_for
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
 from feeddrive.language import units
@@ -35,7 +50,10 @@ from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.workflow.command import Outcome, Request, argument, command, option
+from feeddrive.workflow.command import Outcome, argument, command, option
+from feeddrive.workflow.force import DriveValues, scale_of
+
+ALL = "all"  # in place of the name of an axis
 
 _MOTIONS = (
     "position_load",
@@ -63,18 +81,6 @@ _UNITS = {
 _OF_HAL = ("mm", "in")
 _HAL_FORMATS = ("halscope", "halsampler")
 _HAL_PINS = ("joint.", "axis.", "pid.")
-
-
-FLAGS = {
-    "position_load": "--position",
-    "position_motor": "--position",
-    "angle_motor": "--angle",
-    "torque": "--torque",
-    "velocity_load": "--velocity",
-    "speed_motor": "--speed",
-    "force": "--force",
-    "setpoint_position": "--set-position",
-}
 
 
 @dataclass(frozen=True)
@@ -410,12 +416,32 @@ def check_response(
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with the column of each role, a doubt about its magnitudes, and the named columns that are not used."""
+    """A log with the column of each role, doubts about it, and the named columns that are not used.
+
+    doubt           a doubt about its magnitudes
+    contradictions  what its samples have against the roles of its columns
+    guessed         roles that nobody told: a certain contradiction of one of them stops a command
+    named           roles of columns that were named on the command line
+    preview         peak figures of the motion; None without a position
+    """
 
     log: Log
     columns: dict[str, Column]
     doubt: Doubt
     unused: tuple[str, ...] = ()
+    contradictions: tuple[RoleDoubt, ...] = ()
+    guessed: frozenset[str] = frozenset()
+    named: frozenset[str] = frozenset()
+    preview: Preview | None = None
+
+    def stop(self, progress: Progress) -> None:
+        """Raise LogError for implausible magnitudes and for guessed roles that the samples contradict for certain."""
+        self.doubt.stop(progress)
+        for doubt in self.contradictions:
+            if doubt.certain and self.guessed & {*doubt.roles}:
+                raise LogError(
+                    f"{self.log.name}: {doubt.why}. If it is right as it is, name both columns; nothing was written"
+                )
 
 
 def mapped(
@@ -428,6 +454,9 @@ def mapped(
     unit: Sequence[str] = (),
     *,
     steady: bool = False,
+    axis: str | None = None,
+    names_machine: bool = False,
+    values: DriveValues | None = None,
 ) -> Mapped:
     """Read a log and assign its columns to the roles in `wanted`; roles without a suitable column are left out.
 
@@ -436,28 +465,75 @@ def mapped(
               guess is shown
     unit      units for columns without a stated or given unit
     steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
+    axis      the axis of a log with several; one of a log without axes is that of the machine alone
+    names_machine  True if the axis may be one that only the machine file has
+    values    rated value and constants of the drive, for columns in percent, A or V
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
-    told = {role: Column.of(text) for role, text in named.items() if text is not None}
+    values = values or DriveValues()
+    told = dict(_converted(path, role, Column.of(text), values) for role, text in named.items() if text is not None)
+    typed = frozenset(told)
     optional: abc.Mapping[str, Column] = {}
     open_: dict[str, str] = {}
     skipped = 0
+    nameless: tuple[str, ...] = ()
     if channels is not None:
         request = requested(channels, path.path)
+        # a reason that feeddrive wrote, and nobody replaced, is still a guess
+        sure = {role for role in request.mapping if request.mapping.reasons.get(role, CHOSEN) == CHOSEN} | {*told}
         told = {**request.mapping, **told}
         optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
         skipped = request.skip_samples
         mapping = {role: column for role, column in told.items() if role in wanted}
     else:
-        mapping, open_ = _guessed_roles(path, told, wanted, sample_time, progress)
+        sure = {*told}
+        axes = axes_in(path.columns.values, path.columns.units)
+        if axis is not None and (len(axes) < 2 or (names_machine and axis.lower() not in axes)):
+            axis = None
+        mapping, open_, nameless = _guessed_roles(path, told, wanted, sample_time, progress, axis, values)
     whole = with_units(path, mapping, unit)
     log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
     # kept with the log, so that the error for a missing role can state why its likely column was rejected
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
-    sure = {role for role, column in whole.items() if column != mapping[role]}
-    sure |= {role for role, column in told.items() if column.unit or column.factor is not None}
+    stated_units = {role for role, column in whole.items() if column != mapping[role]}
+    stated_units |= {role for role, column in told.items() if column.unit or column.factor is not None}
     unused = tuple(f"{role} ('{column.name}')" for role, column in told.items() if role not in (*wanted, "time"))
-    return Mapped(log, whole, doubt(path, log, whole, sure, steady=steady), unused)
+    roles = {role: log[role] for role in whole if role in log.channels}
+    others = {name: file_values for name in nameless if (file_values := path.columns.values.get(name)) is not None}
+    others = {name: column[skipped:] for name, column in others.items() if column.size - skipped == log.time.size}
+    found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
+    for doubt_ in found:
+        progress.remark(Text(f"- {doubt_.why}"))
+    return Mapped(
+        log,
+        whole,
+        doubt(path, log, whole, stated_units, steady=steady),
+        unused,
+        found,
+        frozenset(whole) - sure,
+        typed,
+        preview_of(str(path), roles, whole, log.sample_time, path.columns.units),
+    )
+
+
+CHOSEN = "chosen"  # the reason of a role that a person chose on the page
+
+
+def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues) -> tuple[str, Column]:
+    """Return role and column as typed, or as force or torque where the column is in percent, A or V of known values.
+
+    Raises ParameterError, which names the option, for a column in percent of an unknown value.
+    """
+    if role not in ("force", "torque", "current", "command"):
+        return role, column
+    unit = path.columns.units.get(column.name, "") if column.factor is None else ""
+    found = converted(role, column, unit, values)
+    if found is not None:
+        return found[0], found[1]
+    if column.unit in RELATIVE and role != "command":
+        what = asked_for(Need(column.name, "", column.unit), role)
+        raise ParameterError(f"{path}: {what}")
+    return role, column
 
 
 def _guessed_roles(
@@ -466,12 +542,15 @@ def _guessed_roles(
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
-) -> tuple[dict[str, Column], dict[str, str]]:
-    """Return the columns by role, named or else guessed, and by role the reason why a likely column was rejected.
+    axis: str | None,
+    values: DriveValues,
+) -> tuple[dict[str, Column], dict[str, str], tuple[str, ...]]:
+    """Return the columns by role, named or else guessed, by role the reason why a likely column was rejected, and the
+    names of the columns that say nothing.
 
     The guesses are shown to the user.
     """
-    guess = guess_roles(whole_log(path, told.get("time"), sample_time))
+    guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
@@ -482,18 +561,27 @@ def _guessed_roles(
     if not set(mapping) - {"time"}:
         names = ", ".join([*guess.unused, *(column.name for column in guess.mapping.values())][:20])
         raise LogError(
-            f"{path}: no column is known by its name or unit; there are: {names}. Name them, as "
+            f"{path}: no column is known by its name, its unit or its samples; there are: {names}. Name them, as "
             f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
         )
-    return mapping, {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
+    reasons = {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
+    used = {column.name for column in mapping.values()}
+    nameless = tuple(name for name, why in guess.unused.items() if why == NAMELESS and name not in used)
+    return mapping, reasons, nameless
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
     """Return, by role, the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
-    reasons = {role: f"'{name}' needs a factor, {what}" for role, (name, what) in guess.needs.items()}
+    reasons = {
+        role: asked_for(need, role) if need.signal in RELATIVE else f"'{need.column}' needs a factor, {need.what}"
+        for role, need in guess.needs.items()
+    }
     for role, column in guess.mapping.items():
         if role == "current" and role not in wanted:
-            reasons[role] = f"'{column.name}' is a current in {column.unit or 'A'} and needs a factor to N"
+            reasons[role] = (
+                f"'{column.name}' is a current in {column.unit or 'A'} and needs a factor to N: --torque-constant "
+                "(N m/A) of the motor, or --motor-constant (N/A)"
+            )
     for role, (name, why) in guess.lost.items():
         cells = " (cells that are empty, or have a decimal comma in quotes, are no numbers)" if why == "text" else ""
         reasons[role] = f"'{name}' is {why}{cells}"
@@ -547,27 +635,32 @@ def whole_log(path: Path | OpenedFile, time: Column | None, sample_time: float |
 def show(guess: Guess, path: Path | OpenedFile, progress: Progress) -> None:
     """Show the guess and how to correct it."""
     progress.remark(guess.table())
+    if len(guess.axes) > 1:
+        progress.remark(f"- {told_of(guess)[0]}.")
     progress.remark(
         f"- These roles are guessed. To correct them: feeddrive channels {path} --out channels.toml, edit that file, "
         f"then --channels channels.toml."
     )
 
 
-class ChannelsRequest(Request):
-    """The log whose column roles are guessed, and the output file for the mapping."""
+class ChannelsRequest(DriveValues):
+    """The log whose column roles are guessed, the values of its drive, and the output file for the mapping."""
 
     log: LogLike = argument("A log of any known format")
-    axis: str | None = option("axis of a log with several, as x or 0", default=None)
+    axis: str | None = option(f"axis of a log with several, as x, 0 or {ALL} for each of them", default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
-    out: Path | None = option("File for the mapping (TOML)", short="-o", default=None)
+    out: Path | None = option(
+        f"File for the mapping (TOML); of --axis {ALL} a file for each axis", short="-o", default=None
+    )
 
 
 @command(ChannelsRequest)
 def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
     """Guess the role of each column of a log. The outcome contains a TOML section to be edited and used for --channels.
 
-    For a file of frequency responses, list the responses and, for the XML file of a tuning tool, its controllers.
+    It also has the peak figures of the motion, and what the samples have against the names. For a file of frequency
+    responses, list the responses and, for the XML file of a tuning tool, its controllers.
     """
     file = OpenedFile(request.log)
     out, path = request.out, file.path
@@ -579,12 +672,188 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
                 f"NAME and --load NAME"
             )
         return _responses(file)
-    guess = _guessed(request, file)
+    values = request.drive_values()
+    time = None if request.time is None else Column.of(request.time)
+    if request.axis == ALL:
+        return _each_axis(file, time, request, values)
+    guess = proposed(file, request.axis, time, request.sample_time, values)
+    shown, remarks = _shown(guess), told_of(guess)
+    command_line = f"feeddrive identify {path}"
     if out is None:
-        return Outcome(guess, [guess.table()], section=guess.toml(path))
+        verdict = f"Next: {command_line}{_axis_option(guess)}, or --out roles.toml to write the roles and edit them"
+        return Outcome(guess, shown, remarks, verdict, section=guess.toml(path))
+    _write_beside(out, guess, path)
+    files = {"Written": f"{out}; correct it and give it with --channels {out}"}
+    return Outcome(guess, shown, remarks, f"Next: {command_line} --channels {out}", files=files)
+
+
+def _each_axis(
+    file: OpenedFile, time: Column | None, request: ChannelsRequest, values: DriveValues
+) -> Outcome[dict[str, Guess]]:
+    """Guess the roles of each axis of a log; write a file for each of them if requested."""
+    first = proposed(file, None, time, request.sample_time, values)
+    guesses = {axis: proposed(file, axis, time, request.sample_time, values) for axis in first.axes} or {"": first}
+    shown: list[Table | str] = []
+    remarks: list[str] = []
+    files: dict[str, str | Path] = {}
+    for axis, guess in guesses.items():
+        shown += _shown(guess)
+        remarks += [Text(f"{axis}: {remark}" if axis else remark) for remark in told_of(guess)]
+        if request.out is not None:
+            place = request.out.with_name(f"{request.out.stem}_{axis}{request.out.suffix}") if axis else request.out
+            _write_beside(place, guess, file.path)
+            files[f"Axis {axis}"] = place
+    verdict = f"Next: feeddrive identify {file.path} --axis {next(iter(guesses))}, or --axis {ALL} for each of them"
+    return Outcome(guesses, shown, remarks, verdict, files=files)
+
+
+def _write_beside(out: Path, guess: Guess, path: Path) -> None:
     # a mapping beside its log names it without a folder, so that both can be moved together
     write_roles(out, guess, path.resolve() if out.parent.resolve() != path.parent.resolve() else path.name)
-    return Outcome(guess, [guess.table()], files={"Written": f"{out}; correct it and give it with --channels {out}"})
+
+
+def _shown(guess: Guess) -> list[Table | str]:
+    """Return the tables of a guess: roles, and peak figures if there is a motion."""
+    return [guess.table(), *([] if guess.preview is None else [guess.preview.table()])]
+
+
+def _axis_option(guess: Guess) -> str:
+    return f" --axis {guess.mapping.axis}" if len(guess.axes) > 1 else ""
+
+
+def told_of(guess: Guess) -> list[str]:
+    """Return what a person must know of a guess: other axes, contradictions, units in doubt, and values to give."""
+    remarks: list[str] = []
+    if len(guess.axes) > 1:
+        others = ", ".join(axis for axis in guess.axes if axis != guess.mapping.axis)
+        remarks.append(
+            f"the log holds {len(guess.axes)} axes; these are the columns of {guess.mapping.axis}. The others: --axis "
+            f"{others.replace(', ', ', --axis ')}, or --axis {ALL} for each of them"
+        )
+    remarks += [doubt.why for doubt in guess.doubts]
+    remarks += [asked_for(need, role) for role, need in guess.needs.items()]
+    if guess.preview is not None:
+        wrong = outside(guess.preview.frame, guess.preview.sizes)
+        if wrong:
+            remarks.append(
+                Text(
+                    f"{out_of_range(wrong, guess.preview.sizes)}: is the unit right? Give it with --unit mm for all "
+                    f"columns that state none, or for one as {option_for(*_moving(guess))}"
+                )
+            )
+        remarks.append(guess.preview.sentence())
+    return remarks
+
+
+def _moving(guess: Guess) -> tuple[str, Column]:
+    """Return the role of the motion, and its column with a unit to type."""
+    role = next(role for role in _MOTIONS if role in guess.mapping)
+    column = guess.mapping[role]
+    return role, replace(column, unit="mm" if ROLES[role].startswith("m") else "deg", factor=None)
+
+
+def asked_for(need: Need, role: str) -> str:
+    """Return the sentence that asks for the value by which a column is a force, a torque or a length."""
+    name, what, signal = need
+    if signal in RELATIVE:
+        of = {"torque": "torque", "force": "force", "current": "current"}.get(role, "value")
+        shown = "percent" if signal == "percent" else "per mille"
+        example = {"force": "350:N", "current": "5.6:A --torque-constant 0.5"}.get(role, "3.2:Nm")
+        return (
+            f"'{name}' is in {shown} of a rated {of}: give what 100 % is, as --rated {example} (of the motor's data "
+            "sheet or the drive's parameter)"
+        )
+    return f"'{name}' needs a factor, {what}: {option_for(role, Column(name=name, factor=1.0))} with it in place of 1.0"
+
+
+def proposed(
+    file: Path | OpenedFile,
+    axis: str | None = None,
+    time: Column | None = None,
+    sample_time: float | None = None,
+    values: DriveValues | None = None,
+    *,
+    likely_time: bool = True,
+) -> Guess:
+    """Return the guessed roles of a log's columns: what page, command line and Python show before anything is fitted.
+
+    axis    the axis of a log with several; None: the first one
+    values  rated value and constants of the drive, by which columns in percent, A or V are forces or torques
+    likely_time  True to read time stamps that are implausible for a servo loop in the likeliest unit, which the table
+                 states; False to refuse them
+
+    Raises LogError and ParameterError as `read_log` and `guess_roles` do.
+    """
+    file = file if isinstance(file, OpenedFile) else OpenedFile(file)
+    why = "named on the command line"
+    try:
+        log = whole_log(file, time, sample_time)
+    except LogError:
+        likely = _likely_time(file) if likely_time and time is None and sample_time is None else None
+        if likely is None:
+            raise
+        time, why = likely
+        log = whole_log(file, time, None)
+    guess = guess_roles(log, axis)
+    if time is not None:
+        mapping = guess.mapping
+        columns, reasons = {"time": time, **mapping}, {**mapping.reasons, "time": why}
+        guess = replace(guess, mapping=replace(mapping, columns=columns, reasons=reasons))
+    return guess if values is None or not values.any_given else with_values(guess, log, values)
+
+
+# the signal that a role without a unit is in, by its name
+_SIGNALS = {"current": "A"}
+
+
+def with_values(guess: Guess, log: Log, values: DriveValues) -> Guess:
+    """Return the guess with forces and torques in place of signals that the values of the drive convert.
+
+    Raises ParameterError, which names the option, if another value is missing.
+    """
+    columns, reasons, needs = dict(guess.mapping.columns), dict(guess.mapping.reasons), dict(guess.needs)
+    if "force" not in columns and "torque" not in columns:
+        for role in ("force", "torque", "current", "command"):
+            column = Column(name=needs[role].column, unit=needs[role].signal) if role in needs else columns.get(role)
+            found = None if column is None else converted(role, column, guess.stated.get(column.name, ""), values)
+            if column is None or found is None:
+                continue
+            columns.pop(role, None)
+            reasons.pop(role, None)
+            needs.pop(role, None)
+            its, changed, why = found
+            columns[its], reasons[its] = changed, why
+            break
+    mapping = replace(guess.mapping, columns={r: columns[r] for r in ROLES if r in columns}, reasons=reasons)
+    doubts = role_doubts(log, mapping)
+    return replace(guess, mapping=mapping, needs=needs, doubts=doubts, preview=log_preview(log, mapping, needs))
+
+
+def converted(role: str, column: Column, stated_unit: str, values: DriveValues) -> tuple[str, Column, str] | None:
+    """Return role, column and reason of a signal as force or torque by values of the drive; None if none is given.
+
+    stated_unit  the unit of the column in the file
+
+    Raises ParameterError, which names the option, if another value is missing.
+    """
+    unit = column.unit or stated_unit or _SIGNALS.get(role, "")
+    own = 1.0 if column.factor is None else column.factor
+    if unit in RELATIVE and values.rated is not None:
+        signal, size = unit, 1.0
+    elif measures(unit, "current") and (values.torque_constant or values.motor_constant):
+        signal, size = "A", units.factor(unit, "A")
+    elif (
+        role == "command"
+        and values.at_full is not None
+        and (not unit or units.measure(unit)[1] == units.measure("V")[1])
+    ):
+        signal, size = ("V", units.factor(unit, "V")) if unit else ("pid.output", 1.0)
+    else:
+        return None
+    scaled_by = scale_of(signal, column.name, values)
+    steps = joined(", ", (what for what, _, _ in scaled_by.steps))
+    factor = units.decimal(size * own * scaled_by.factor)
+    return scaled_by.role, Column(name=column.name, factor=factor), Text(f"{signal} as {scaled_by.unit}: {steps}")
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
@@ -620,29 +889,6 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
             tables.append(Table(title or "all else that the file says", columns, list(values.items())))
     how = "" if len(responses) == 1 else " --motor NAME --load NAME, the names of the responses of the encoders"
     return Outcome(responses, tables, verdict=f"Masses and modes: feeddrive identify {file}{how}")
-
-
-def _guessed(request: ChannelsRequest, file: OpenedFile) -> Guess:
-    """Guess the roles of the columns of a log.
-
-    If the time stamps are implausible for a servo loop, they are read in the likeliest unit, and the table states it.
-    """
-    time = None if request.time is None else Column.of(request.time)
-    why = "named on the command line"
-    try:
-        log = whole_log(file, time, request.sample_time)
-    except LogError:
-        likely = None if time is not None or request.sample_time is not None else _likely_time(file)
-        if likely is None:
-            raise
-        time, why = likely
-        log = whole_log(file, time, None)
-    guess = guess_roles(log, request.axis)
-    if time is None:
-        return guess
-    mapping = guess.mapping
-    columns, reasons = {"time": time, **mapping}, {**mapping.reasons, "time": why}
-    return replace(guess, mapping=replace(mapping, columns=columns, reasons=reasons))
 
 
 def _likely_time(file: OpenedFile) -> tuple[Column, str] | None:

@@ -135,7 +135,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
     named, wanted = request.named(), ("time", *_POSITIONS, *_FORCES)
     files = [OpenedFile(source) for source in request.logs]
     step, paths = _clock(files[0], request), [file.path for file in files]
-    read, mapping, doubts = drive_logs.read_logs(files, named, request.channels, wanted, step, progress, request.unit)
+    read, mapping, doubts = drive_logs.read_logs(files, named, request, wanted, step, progress)
     passes: list[CoggingRun] = []
     # both are the same for all logs, which are read with the roles of the first one
     role = moving = ""

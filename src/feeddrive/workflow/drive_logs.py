@@ -16,8 +16,9 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.report.page import write_page
 from feeddrive.report.report import Report
-from feeddrive.workflow.channels import mapped, no_column
-from feeddrive.workflow.command import CHANNELS, OUT, UNIT, Request, argument, called, option
+from feeddrive.workflow.channels import Mapped, mapped, no_column
+from feeddrive.workflow.command import CHANNELS, OUT, UNIT, argument, called, option
+from feeddrive.workflow.force import DriveValues
 
 # roles at the table and at the shaft, in order of preference; a position is differentiated
 _TABLE = ("velocity_load", "velocity_motor", "position_load", "position_motor")
@@ -26,7 +27,7 @@ FORCES = ("force", "torque", "command", "current")
 MOTIONS = (*_TABLE, *_SHAFT)
 
 
-class DriveLogsRequest(Request):
+class DriveLogsRequest(DriveValues):
     """The common options of commands that read logs of one drive: force columns, drive constants, output."""
 
     logs: tuple[LogLike, ...] = argument("Logs of one drive")
@@ -40,7 +41,7 @@ class DriveLogsRequest(Request):
     )
     gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
     machine: MachineLike | None = option("the machine file to write into; its comments are kept", default=None)
-    axis: str | None = option("its axis, if it has several", default=None)
+    axis: str | None = option("axis of the machine file, and of a log with several", default=None)
     channels: MappingLike | None = option(CHANNELS, default=None)
     time: str | None = option("column of the time, name:unit", default=None)
     sample_time: float | None = option("sample time of logs without a clock", unit="s", default=None)
@@ -68,23 +69,38 @@ def drive_of(request: DriveLogsRequest) -> Drive:
 def read_logs(
     paths: Sequence[Path | OpenedFile],
     named: Mapping[str, str | None],
-    channels: MappingLike | None,
+    request: DriveLogsRequest,
     wanted: Collection[str],
     sample_time: float | None,
     progress: Progress,
-    unit: Sequence[str] = (),
 ) -> tuple[list[Log], dict[str, Column], list[str]]:
     """Read all logs with the column roles of the first one; return logs, columns, and doubts about magnitudes.
 
     Guessed roles are shown.  Raises LogError as `read_log` does, and for a log that is implausible for a feed drive.
     """
-    first = mapped(paths[0], named, channels, wanted, sample_time, progress, unit, steady=True)
-    first.doubt.stop(progress)
+
+    def one(path: Path | OpenedFile) -> Mapped:
+        read = mapped(
+            path,
+            named,
+            request.channels,
+            wanted,
+            sample_time,
+            progress,
+            request.unit,
+            steady=True,
+            axis=request.axis,
+            names_machine=request.machine is not None,
+            values=request.drive_values(),
+        )
+        read.stop(progress)
+        return read
+
+    first = one(paths[0])
     read, doubts = [first.log], [first.doubt.why]
     for path in paths[1:]:
-        if channels is not None:
-            other = mapped(path, named, channels, wanted, sample_time, progress, unit, steady=True)
-            other.doubt.stop(progress)
+        if request.channels is not None:
+            other = one(path)
             read.append(other.log)
             doubts.append(other.doubt.why)
         else:

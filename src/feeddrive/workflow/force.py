@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,25 +26,54 @@ from feeddrive.workflow.command import Outcome, Request, argument, command, opti
 SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
 
 
-class ForceRequest(Request):
+class DriveValues(Request):
+    """Values of motor and drive by which a signal in percent, A, V or pid.output is a force or a torque.
+
+    They are options of every command that reads a log, so that the rated value is given where a column asks for it.
+    """
+
+    rated: str | None = option(
+        "what 100 % is, as 3.2:Nm, 850:N or, of a current, 5.6:A: for columns in percent", default=None, last=True
+    )
+    torque_constant: float | None = option(
+        "torque constant of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None, last=True
+    )
+    motor_constant: float | None = option(
+        "force constant of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None, last=True
+    )
+    amplitude: bool = option(
+        "the log has the amplitude of the current, and the constant is for A RMS", default=False, last=True
+    )
+    full: float = option(
+        "the command at full output: 10 for ±10 V, pwmgen.scale for pid.output", above=0.0, default=10.0, last=True
+    )
+    at_full: str | None = option(
+        "output of the drive at full command, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None, last=True
+    )
+
+    def check(self) -> None:
+        """Raise ParameterError for mutually exclusive constants."""
+        if self.torque_constant is not None and self.motor_constant is not None:
+            raise ParameterError("--torque-constant is of a rotary motor, --motor-constant of a linear one: give one")
+
+    def drive_values(self) -> DriveValues:
+        """Return these values alone, of a request that has other options too."""
+        return DriveValues(**{name: getattr(self, name) for name in _VALUES})
+
+    @property
+    def any_given(self) -> bool:
+        """True if a value is given by which a signal can be converted."""
+        return any(value is not None for value in (self.rated, self.torque_constant, self.motor_constant, self.at_full))
+
+
+_VALUES = ("rated", "torque_constant", "motor_constant", "amplitude", "full", "at_full")
+
+
+class ForceRequest(DriveValues):
     """The signal and its unit, and the data of motor, drive and screw."""
 
     signal: str = argument(f"What the column is in: {', '.join(SIGNALS[:-1])} or {SIGNALS[-1]}")
     column: str = option("name of the column in the log", default="signal")
-    rated: str | None = option("rated value, 100 %, as 3.2:Nm or 850:N or, of a current, 5.6:A", default=None)
-    torque_constant: float | None = option(
-        "torque constant of the motor, for each A that is logged", unit="N m/A", above=0.0, default=None
-    )
-    motor_constant: float | None = option(
-        "force constant of a linear motor, for each A that is logged", unit="N/A", above=0.0, default=None
-    )
-    amplitude: bool = option("the log has the amplitude of the current, and the constant is for A RMS", default=False)
-    full: float = option(
-        "the command at full output: 10 for ±10 V, pwmgen.scale for pid.output", above=0.0, default=10.0
-    )
-    at_full: str | None = option(
-        "output of the drive at full command, as 12:A, 9.6:Nm, 300:percent or 2500:N", default=None
-    )
     lead: float | None = option("lead of the screw, for a force at the table", unit="m", above=0.0, default=None)
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
     inverted: bool = option("a positive signal pushes towards smaller positions", default=False)
@@ -53,8 +83,7 @@ class ForceRequest(Request):
         """Raise ParameterError for an unknown signal, and for mutually exclusive constants."""
         if self.signal not in SIGNALS:
             raise ParameterError(f"signal = '{self.signal}' must be one of {', '.join(SIGNALS)}")
-        if self.torque_constant is not None and self.motor_constant is not None:
-            raise ParameterError("--torque-constant is of a rotary motor, --motor-constant of a linear one: give one")
+        super().check()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,45 +136,67 @@ def force(request: ForceRequest, progress: Progress) -> Outcome[ForceScale]:
 
 def scale(request: ForceRequest) -> ForceScale:
     """Return the conversion factors from the signal's unit to N or N m. Raise ParameterError for missing data."""
+    return scale_of(request.signal, request.column, request, request.lead, request.gear, inverted=request.inverted)
+
+
+def scale_of(
+    signal: str,
+    column: str,
+    values: DriveValues,
+    lead: float | None = None,
+    gear: float = 1.0,
+    *,
+    inverted: bool = False,
+) -> ForceScale:
+    """Return the conversion factors from a signal of a column to N, or without a lead to N m.
+
+    signal  one of `SIGNALS`, or permille
+
+    Raises ParameterError, which names the option, if a value is missing.
+    """
+    signal = "per-mille" if signal == "permille" else signal
     steps: list[tuple[str, float, str]] = []
-    value, unit = 1.0, request.signal
+    value, unit = 1.0, signal
     if unit in ("percent", "per-mille"):
         parts = 100.0 if unit == "percent" else 1000.0
-        rated, unit = _size("--rated", request.rated, f"what 100 % is ('{request.signal}' of what?)")
+        rated, unit = _size("--rated", values.rated, f"what 100 % is ('{signal}' of what?)")
         value = rated / parts
         steps.append((Text(f"rated {Quantity(rated, unit):6} / {number(parts)}"), value, unit))
     elif unit in ("V", "pid.output"):
-        full = f"{number(request.full, 6)} {request.signal}"
-        most, unit = _size("--at-full", request.at_full, f"what the drive gives at {full}")
-        value = most / request.full
+        full = f"{number(values.full, 6)} {signal}"
+        most, unit = _size("--at-full", values.at_full, f"what the drive gives at {full}")
+        value = most / values.full
         steps.append((Text(f"{Quantity(most, unit):6} at {full}"), value, unit))
         if unit == "percent":
-            rated, unit = _size("--rated", request.rated, "what 100 % is")
+            rated, unit = _size("--rated", values.rated, "what 100 % is")
             value *= rated / 100.0
             steps.append((Text(f"rated {Quantity(rated, unit):6} / 100"), value, unit))
     if unit == "A":
-        constant, of = request.torque_constant or request.motor_constant, "N m" if request.torque_constant else "N"
+        constant, of = values.torque_constant or values.motor_constant, "N m" if values.torque_constant else "N"
         if constant is None:
             raise ParameterError(
                 "a current needs the constant of the motor: --torque-constant (N m/A), or --motor-constant (N/A) of a "
                 "linear motor"
             )
-        if request.amplitude:
+        if values.amplitude:
             value /= math.sqrt(2.0)
             steps.append(("amplitude / √2 is RMS", value, "A"))
         value, unit = value * constant, of
         steps.append((Text(f"constant {Quantity(constant, f'{of}/A', stays=True):6}"), value, unit))
-    if unit == "N m" and request.lead is not None:
-        value, unit = value / lever(request.lead, request.gear), "N"
-        steps.append((Text(f"lead {Quantity(request.lead, 'm'):6 mm}, gear {number(request.gear, 6)}"), value, unit))
-    elif unit == "N" and request.lead is not None:
+    if unit == "N m" and lead is not None:
+        value, unit = value / lever(lead, gear), "N"
+        steps.append((Text(f"lead {Quantity(lead, 'm'):6 mm}, gear {number(gear, 6)}"), value, unit))
+    elif unit == "N" and lead is not None:
         raise ParameterError("--lead turns a torque into a force, and this is a force already: leave it out")
-    if request.inverted:
+    if inverted:
         value = -value
         steps.append(("inverted", value, unit))
     steps = steps or [(f"as it is, in {unit}", value, unit)]
     # the factor is pasted into files: `decimal` removes digits that are rounding errors only
-    return ForceScale(request.column, "force" if unit == "N" else "torque", unit, units.decimal(value), tuple(steps))
+    return ForceScale(column, "force" if unit == "N" else "torque", unit, units.decimal(value), tuple(steps))
+
+
+_SIZE = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*:?\s*(.*)")
 
 
 def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
@@ -155,11 +206,11 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
     """
     if text is None:
         raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
-    number, _, suffix = text.partition(":")
-    try:
-        value, unit = float(number), unit_of(suffix) or ""
-    except ValueError:
-        raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N") from None
+    # 3.2:Nm, 3.2Nm and 3.2 Nm alike
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N")
+    value, unit = float(match[1]), unit_of(match[2]) or ""
     # a reversed sign is the matter of --inverted alone
     if not (math.isfinite(value) and value > 0.0):
         raise ParameterError(f"{flag} {text}: must be > 0")

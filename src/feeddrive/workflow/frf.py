@@ -14,7 +14,8 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.columns import Column, check_sign, unit_of
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log, LogLike
-from feeddrive.files.mapping import MappingLike, guess_roles, unit_in_name
+from feeddrive.files.mapping import MappingLike, guess_roles
+from feeddrive.files.names import unit_in_name
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import FrequencyEstimate, Record

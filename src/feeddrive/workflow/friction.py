@@ -75,9 +75,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     drive, named = drive_logs.drive_of(request), request.named()
     opened = [OpenedFile(path) for path in request.logs]
     wanted = ("time", *drive_logs.MOTIONS, *drive_logs.FORCES)
-    read, mapping, doubts = drive_logs.read_logs(
-        opened, named, request.channels, wanted, request.sample_time, progress, request.unit
-    )
+    read, mapping, doubts = drive_logs.read_logs(opened, named, request, wanted, request.sample_time, progress)
     progress.step("fitting")
     runs, without = _runs(opened, read, named, drive)
     curve = friction_curve.fit_friction(runs)

@@ -14,11 +14,12 @@ from typing import Any
 from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.files.columns import Column
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
+from feeddrive.files.mapping import axes_in
+from feeddrive.files.preview import Preview
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
@@ -27,7 +28,7 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
-from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError, sentence
+from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
@@ -38,7 +39,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
-from feeddrive.workflow.channels import Doubt, mapped, no_column
+from feeddrive.workflow.channels import ALL, Doubt, Mapped, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
 from feeddrive.workflow.identify_responses import IdentifyRequest, identify_responses, responses_in
@@ -67,7 +68,46 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     responses = responses_in(file)
     if responses is not None:
         return identify_responses(request, responses, progress)
+    if request.axis == ALL:
+        return _each_axis(request, file, progress)
     return _identify_motion(request, file, progress)
+
+
+def _each_axis(request: IdentifyRequest, file: OpenedFile, progress: Progress) -> Outcome[dict[str, Identified]]:
+    """Identify each axis of a log on its own; an axis that cannot be identified is reported with the reason.
+
+    Raises ParameterError for a log without axes, and for columns that are named, which belong to one axis.
+    """
+    named = [role for role, text in request.named().items() if text is not None and role != "time"]
+    axes = axes_in(file.columns.values, file.columns.units)
+    if not axes or named or request.channels is not None:
+        why = "columns are named" if named or request.channels is not None else "no column names an axis"
+        raise ParameterError(f"{file}: --axis {ALL} identifies each axis of a log by its own columns, and {why}")
+    outcomes: dict[str, Outcome[Any]] = {}
+    failed: dict[str, str] = {}
+    for axis in axes:
+        out = None if request.out is None else request.out / axis
+        try:
+            outcomes[axis] = _identify_motion(replace(request, axis=axis, out=out), file, progress)
+        except FeeddriveError as error:
+            failed[axis] = str(error)
+    if not outcomes:
+        raise NotIdentifiableError("; ".join(failed.values()))
+    worst = max((outcome.judgment for outcome in outcomes.values()), key=lambda judgment: judgment.exit_code)
+    shown: list[Table | str] = []
+    for axis, outcome in outcomes.items():
+        shown += [Text(f"Axis {axis}: {outcome.verdict}"), *outcome.tables]
+    remarks = [Text(f"{axis}: {remark}") for axis, outcome in outcomes.items() for remark in outcome.remarks]
+    return Outcome(
+        {axis: outcome.result for axis, outcome in outcomes.items()},
+        shown,
+        [*remarks, *(Text(f"axis {axis} is not identified: {why}") for axis, why in failed.items())],
+        Text(f"{len(outcomes)} of {len(axes)} axes are identified: {', '.join(outcomes)}"),
+        [Text(f"{axis}: {note}") for axis, outcome in outcomes.items() for note in outcome.notes],
+        files={f"{axis} {what}": path for axis, outcome in outcomes.items() for what, path in outcome.files.items()},
+        details=[detail for outcome in outcomes.values() for detail in outcome.details],
+        judgment=worst,
+    )
 
 
 def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, progress: Progress) -> Outcome[Any]:
@@ -76,20 +116,32 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     if machine is not None and request.law is not None:
         raise ParameterError("--law is for a log without a machine file, which states the law: leave one of them out")
     loop = None if machine is None else machine.loop(request.axis)
+    read: Mapped | None = None
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
-        doubt, mapping, unused = Doubt(), {}, ()
     else:
-        read = mapped(source, request.named(), request.channels, _WANTED, request.sample_time, progress, request.unit)
+        read = mapped(
+            source,
+            request.named(),
+            request.channels,
+            _WANTED,
+            request.sample_time,
+            progress,
+            request.unit,
+            axis=request.axis,
+            names_machine=machine is not None,
+            values=request.drive_values(),
+        )
+        if read.preview is not None:
+            progress.remark(read.preview.table())
         drive = drive_with(
             machine, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
         )
-        named = {role for role, text in request.named().items() if text is not None}
-        channels = _channels(source, read.log, drive, named)
-        doubt, mapping, unused = read.doubt, read.columns, read.unused
+        channels = _channels(source, read.log, drive, read.named)
+    mapping, unused = ({}, ()) if read is None else (read.columns, read.unused)
     channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
-    identified = _identified(channels, loop, request, doubt, mapping, progress)
+    identified = _identified(channels, loop, request, read, progress)
     if unused:
         identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
     why = identified.unusable or ("" if identified.loop is not None else _NO_LAW)
@@ -101,7 +153,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         "Columns": column_texts(mapping) or "those of the object",
         "Machine": called(request.machine),
     }
-    page = partial(identified_report, identified, known)
+    page = partial(identified_report, identified, known, None if read is None else read.preview)
     if request.out is not None:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
@@ -151,11 +203,13 @@ def _identified(
     channels: Mapping[str, Any],
     loop: Loop | None,
     request: IdentifyRequest,
-    doubt: Doubt,
-    columns: Mapping[str, Column],
+    read: Mapped | None,
     progress: Progress,
 ) -> Identified:
-    """Identify the drive. Raise NotIdentifiableError for interchanged columns, LogError for implausible magnitudes."""
+    """Identify the drive. Raise NotIdentifiableError for interchanged columns, LogError for implausible magnitudes and
+    for guessed roles that the samples contradict.
+    """
+    doubt = Doubt() if read is None else read.doubt
     try:
         # without a mass the fit comes first: swapped columns or noise explain implausible sizes better than wrong units
         if doubt.moves:
@@ -165,10 +219,12 @@ def _identified(
         identified = identify_motion(
             motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
         )
-        # before the machine file is written: implausible units must not reach it
-        doubt.stop(progress)
+        # before the machine file is written: implausible units and wrong columns must not reach it
+        if read is not None:
+            read.stop(progress)
     except LogError:
-        if swapped(channels):
+        if read is not None and swapped(channels):
+            columns = read.columns
             moving, acting = (
                 next((columns[role].name for role in roles if role in columns), roles[0])
                 for roles in ((*_POSITIONS, *_ANGLES), ("force", "torque", "command"))
@@ -331,16 +387,23 @@ def _plain(name: str) -> str:
     return "".join(c for c in Path(name).name if c.isprintable() and c not in '"\\')
 
 
-def identified_report(identified: Identified, known: Mapping[str, str] | None = None) -> Report:
-    """Return the report of an identified drive; `known` holds facts about the log."""
+def identified_report(
+    identified: Identified, known: Mapping[str, str] | None = None, preview: Preview | None = None
+) -> Report:
+    """Return the report of an identified drive; `known` holds facts about the log, `preview` its peak figures."""
     shown, first = tables(identified), _estimates(identified)
     picture, *others = _pictures(identified)
+    peaks = [] if preview is None else [Section("log", "The motion in the log", (preview.table(),))]
+    if preview is not None:
+        caption = "As the columns were read, before anything was fitted; the marks are the peaks."
+        others.append(Picture("read", "What was read", caption, preview.sentence(), preview.chart))
     return Report(
         f"A rigid drive in {identified.log.name}",
         "feeddrive identify",
         Verdict((identified.recommendation,), good=not identified.advice.judgment.bad),
         (
             Section("result", "Result", (*shown[:first], Remarks(map(sentence, identified.remarks)))),
+            *peaks,
             further(others),
             Section("details", "Dead time, residual and validation", shown[first:], folded=True),
             facts("The log", known or {}),

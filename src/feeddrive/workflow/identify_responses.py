@@ -36,9 +36,10 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
-from feeddrive.workflow.channels import check_response, units_first
-from feeddrive.workflow.command import CHANNELS, OUT, Outcome, Request, argument, called, frequencies, option
+from feeddrive.workflow.channels import ALL, check_response, units_first
+from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, option
 from feeddrive.workflow.drive_logs import narrow, write_report, written
+from feeddrive.workflow.force import DriveValues
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
 _DECIBEL = 8.686  # dB per unit of ln
@@ -379,14 +380,16 @@ def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> N
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
-class IdentifyRequest(Request):
+class IdentifyRequest(DriveValues):
     """A log of one motion or a file of frequency responses, the roles of its columns, and known values."""
 
     log: LogLike | MotionLog | FRF = argument(
         "A log of position and force of one motion, or a file of frequency responses"
     )
     machine: MachineLike | None = option("the machine file to start from; its comments are kept", default=None)
-    axis: str | None = option("its axis, if it has several", default=None)
+    axis: str | None = option(
+        f"axis of the machine file, and of a log with several; {ALL} for each axis of the log", default=None
+    )
     law: str | None = option("law that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4: without a machine file", default=None)
     friction: str = option("friction model: best, symmetric or directional", default="best")
     set_position: str | None = option("column of the set position, name:unit", default=None)

@@ -461,7 +461,7 @@ def _tracked(
     named = {role: getattr(request, name) for role, name in _OPTIONS.items() if hasattr(request, name)}
     roles = (*named, "position_motor")
     read = mapped(file, named, request.channels, roles, request.sample_time, progress, request.unit)
-    read.doubt.stop(progress)
+    read.stop(progress)
     log = read.log
     set_position = chosen(file, log, named, ("setpoint_position",), "set position", "--set-position")
     position = chosen(file, log, named, ("position_load", "position_motor"), "position", "--position")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,18 +13,24 @@ import numpy as np
 
 from feeddrive.files.columns import ROLES, Column, unit_of
 from feeddrive.files.frf import read_frfs, write_frf
+from feeddrive.files.log import Log
 from feeddrive.files.machine import BUNDLED, read_machine
-from feeddrive.files.mapping import Guess
+from feeddrive.files.mapping import Guess, Need, log_preview
+from feeddrive.files.read_log import OpenedFile
+from feeddrive.files.role_checks import RoleDoubt
+from feeddrive.identification.plausibility import out_of_range, outside
 from feeddrive.language import units
-from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.over_time import preview_chart
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
 from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
+from feeddrive.workflow.channels import CHOSEN, mapped
 from feeddrive.workflow.force import SIGNALS, ForceRequest, ForceScale
 from feeddrive.workflow.force import scale as force_scale
 from feeddrive.workflow.frf import FrfRequest
@@ -36,6 +43,7 @@ _ACTING = ("force", "torque", "current", "command")  # roles of which a unit may
 _COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
 # what the page sends of a data sheet
 _ENTERED = (
+    "signal",
     *("rated", "rated_unit", "full", "at_full", "at_full_unit", "torque_constant", "motor_constant"),
     *("amplitude", "lead_mm", "gear", "inverted"),
 )
@@ -53,8 +61,11 @@ class Bring(Room):
         self.open = ""  # the file that is shown
         self.unread: dict[str, Path] = {}  # files that wait to be read
         self.queue: dict[str, None] = {}  # files that were read and wait for their turn, the next one first
+        self._sample_times: dict[Path, float] = {}  # s, of logs without a clock
         self._reading: dict[str, Path] = {}  # files that are being read
         self._used: set[str] = set()  # files whose columns were assigned and used
+        self._chosen: set[tuple[str, str]] = set()  # files and columns of which the user chose the role
+        self._checked: tuple[Understood, Check] | None = None  # what was shown last, with its file
         # factors from the data sheet, and what was entered for them, by file and column
         self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
         self.identified: Shown | None = None  # the last identification
@@ -81,8 +92,17 @@ class Bring(Room):
         charts = dict[str, Chart]()
         opened = self.files.get(self.open)
         if opened is not None and opened.guess is not None:
-            words["columns"] = self._columns(opened)
-            charts["columns"] = _preview(opened)
+            check = self._check(opened)
+            left_out = {} if opened.log is None else opened.log.left_out
+            words |= {
+                "columns": self._columns(opened),
+                "axes": [*opened.guesses],
+                "axis": opened.guess.mapping.axis,
+                "left_out": [f"{name} ({why})" for name, why in left_out.items()],
+                "check": check.words,
+                "remarks": check.sentences,
+            }
+            charts["check"] = check.chart
         if self.identified is not None:
             words["made"] = {**self.identified.words, "of": self._made_of, "machine": self.machine is not None}
             charts |= self.identified.charts
@@ -90,11 +110,14 @@ class Bring(Room):
 
     @act
     def look(self, asked: Asked) -> None:
-        """Read uploaded files, and open the first one unless the columns of another file are being assigned."""
+        """Read uploaded files, and open the first one unless the columns of another file are being assigned.
+
+        `sample_time`, s: of logs without a clock, which were refused before.
+        """
         names = asked.texts("names")
         if not names:
             raise ParameterError("no file is named: choose one, or drop it on the page")
-        self._read(names)
+        self._read(names, asked.number_or_none("sample_time"))
 
     @act
     def pick(self, asked: Asked) -> None:
@@ -160,8 +183,16 @@ class Bring(Room):
             raise ParameterError(f"{file.name} has no column {column!r:.60}{nearest(column, known)}")
         role = asked.choice("role", ["", *ROLES])
         assigned = Column(name=column, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
+        self._assign(file, guess, column, role, assigned, CHOSEN)
         self._scales.pop((file.name, column), None)
-        self._assign(file, guess, column, role, assigned, "you chose it")
+        self._chosen.add((file.name, column))
+
+    @act
+    def choose_axis(self, asked: Asked) -> None:
+        """Show the columns of another axis of a log. What was assigned to the columns of each axis is kept."""
+        file = self._known(asked)
+        axis = asked.choice("axis", file.guesses)
+        self._put_guess(file, file.guesses[axis])
 
     @act
     def scale(self, asked: Asked) -> None:
@@ -185,7 +216,11 @@ class Bring(Room):
             inverted=asked.yes("inverted"),
         )
         found = force_scale(request)
-        self._assign(file, guess, column, found.role, Column(name=column, factor=found.factor), _computed(found))
+        _, size = _signal(file.units.get(column, ""))
+        factor = units.decimal(size * found.factor)
+        # a role that the user chose stays chosen, whatever its samples show
+        why = CHOSEN if (file.name, column) in self._chosen else _computed(found)
+        self._assign(file, guess, column, found.role, Column(name=column, factor=factor), why)
         entered = {key: value for key, value in asked.parameters.items() if key in _ENTERED}
         self._scales[file.name, column] = found, entered
 
@@ -193,15 +228,20 @@ class Bring(Room):
         """Give a column a role or none; a role whose unit needs a rated value waits for it in `needs`."""
         # a column has one role and a role one column: both earlier assignments end
         columns = {key: other for key, other in guess.mapping.items() if other.name != column and key != role}
-        needs = {key: other for key, other in guess.needs.items() if other[0] != column and key != role}
+        needs = {key: need for key, need in guess.needs.items() if need.column != column and key != role}
         reasons = {key: guess.mapping.reasons.get(key, "") for key in columns}
-        signal = _signal(assigned.unit or file.units.get(column, ""))
+        unit = assigned.unit or file.units.get(column, "")
+        signal, _ = _signal(unit)
         if role in ("force", "torque") and signal and assigned.factor is None:
-            needs[role] = column, f"{ROLES[role]} per {signal}"
+            needs[role] = Need(column, f"{ROLES[role]} per {unit_of(unit) or unit}", unit_of(unit) or unit)
         elif role:
             columns[role], reasons[role] = assigned, why
         mapping = replace(guess.mapping, columns=columns, reasons=reasons)
-        self.files[file.name] = replace(file, guess=replace(guess, mapping=mapping, needs=needs))
+        self._put_guess(file, replace(guess, mapping=mapping, needs=needs))
+
+    def _put_guess(self, file: Understood, guess: Guess) -> None:
+        guesses = {**file.guesses, guess.mapping.axis: guess} if file.guesses else file.guesses
+        self.files[file.name] = replace(file, guess=guess, guesses=guesses)
         self._used.discard(file.name)
 
     @act
@@ -311,8 +351,11 @@ class Bring(Room):
                 del self.unread[name]
         return self._read_on()
 
-    def _read(self, names: Sequence[str]) -> None:
-        self.unread |= {name: self._path(name) for name in names}
+    def _read(self, names: Sequence[str], sample_time: float | None = None) -> None:
+        paths = {name: self._path(name) for name in names}
+        self.unread |= paths
+        if sample_time is not None:
+            self._sample_times |= dict.fromkeys(paths.values(), sample_time)
         self._read_on()
 
     def _read_on(self) -> bool:
@@ -322,6 +365,7 @@ class Bring(Room):
         paths = self._reading = dict(self.unread)
         first = next(iter(paths))
         what = f"read {first}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
+        work = partial(understand, [*paths.values()], sample_times=dict(self._sample_times))
 
         def then(contents: list[Understood]) -> None:
             for (name, path), content in zip(paths.items(), contents, strict=True):
@@ -331,7 +375,7 @@ class Bring(Room):
                     self._add(content, name, path)
                     self._take_turn(name)
 
-        self.desk.start(self.name, what, partial(understand, [*paths.values()]), then)
+        self.desk.start(self.name, what, work, then)
         return True
 
     @property
@@ -406,23 +450,34 @@ class Bring(Room):
         text = content.guess.toml(self._path(content.name))
         return self.desk.keep(f"roles_{stem_of(content.name)}.toml", text.encode(), _ROLES)
 
+    def _check(self, content: Understood) -> Check:
+        # the room is shown again at each report of a job
+        if self._checked is None or self._checked[0] is not content:
+            self._checked = content, _checked(content)
+        return self._checked[1]
+
     def _columns(self, content: Understood) -> list[dict[str, Any]]:
         """Return each column with role, unit and reason, in the order of the file."""
         assert content.guess is not None
         guess = content.guess
         roles = {column.name: (role, column) for role, column in guess.mapping.items()}
-        needs = {name: (role, what) for role, (name, what) in guess.needs.items()}
+        needs = {need.column: (role, need.what) for role, need in guess.needs.items()}
+        doubted = {doubt.roles[0]: doubt for doubt in reversed(self._check(content).doubts)}
         shown = list[dict[str, Any]]()
         # the order must not depend on the roles: a row stays where it is while a role is chosen in it
         for name in dict.fromkeys([*content.names, *roles, *needs]):
             role, column = roles.get(name, ("", None))
             why = guess.mapping.reasons.get(role, "") if role else guess.unused.get(name, "")
+            stated = content.units.get(name, "")
+            signal, _ = _signal(stated)
             if name in needs and not role:
                 role, what = needs[name]
-                rated = _signal(content.units.get(name, "")) != ""
-                why = f"{role}: enter its rated value" if rated else f"needs a factor, {what}"
+                why = f"{role}: enter its rated value" if signal else f"needs a factor, {what}"
+            elif why == CHOSEN:
+                why = "you chose it"
+            if role == "command" and not stated:
+                signal = "pid.output"  # what HAL sends has no unit
             scale, entered = self._scales.get((content.name, name), (None, {}))
-            stated = content.units.get(name, "")
             shown.append(
                 {
                     "column": name,
@@ -432,7 +487,8 @@ class Bring(Room):
                     "stated": stated,
                     "why": why,
                     "missing": column is None and name in needs,
-                    "signal": _signal(stated) if role in _ACTING else "",
+                    "doubted": role in doubted,
+                    "signal": entered.get("signal", signal) if role in _ACTING else "",
                     "scale": "" if scale is None else scale.table().title,
                     "entered": entered,
                     **_sketch(content, name, role, column),
@@ -447,15 +503,25 @@ class Bring(Room):
             "kind": content.kind,
             "axes": list(content.axes),
             "wrong": content.wrong,
+            "no_clock": content.no_clock,
             "responses": list(content.responses),
             "tables": [tabled(table) for table in content.tables],
         }
 
 
-def _signal(unit: str) -> str:
-    """Return the signal of `feeddrive force` that a unit stands for; empty for a force, a torque or no signal."""
+def _signal(unit: str) -> tuple[str, float]:
+    """Return the signal of `feeddrive force` that a unit stands for, and the size of the unit in it: mA is 0.001 A.
+
+    The signal is empty for a unit of another quantity, and for one of a force or a torque.
+    """
     known = unit_of(unit) or unit
-    return known if known in SIGNALS and known not in ("N", "N m") else ""
+    for of, signal in (("percent", "percent"), ("permille", "per-mille")):
+        if known == of:
+            return signal, 1.0
+    for signal in ("A", "V"):
+        with suppress(ParameterError):
+            return (signal, units.factor(known, signal)) if known else ("", 1.0)
+    return "", 1.0
 
 
 def _sketch(content: Understood, name: str, role: str, column: Column | None) -> dict[str, Any]:
@@ -495,6 +561,66 @@ def _computed(found: ForceScale) -> str:
 def _bundled() -> list[str]:
     """Return the names of the bundled machines."""
     return sorted(path.stem for path in (BUNDLED / "machines").glob("*.toml"))
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What the roles of a log make of it, before anything is fitted: does it look like the user's machine?
+
+    words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
+    sentences  what the samples have against roles and units
+    doubts     the roles that the samples contradict
+    chart      position, speed and force over time; without a position the columns as they are
+    """
+
+    words: Mapping[str, Any]
+    sentences: tuple[str, ...]
+    doubts: tuple[RoleDoubt, ...]
+    chart: Chart
+
+
+def _checked(content: Understood) -> Check:
+    """Compute the peak figures of a log under its roles, and what its samples have against them."""
+    guess = content.guess
+    assert guess is not None
+    log = _on_its_clock(content)
+    if log is None:
+        return Check({"figures": None, "readings": None}, (), (), _preview(content))
+    try:
+        read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
+        preview = log_preview(log, guess.mapping, guess.needs)
+    except FeeddriveError as error:
+        return Check({"figures": None, "readings": None}, (str(error),), (), _preview(content))
+    wrong = () if preview is None else outside(preview.frame, preview.sizes)
+    doubt = read.doubt if read.doubt.why and not read.doubt.told else None
+    sentences = [str(doubt.why) for doubt in read.contradictions]
+    if doubt is not None:
+        sentences.append(doubt.why)
+    elif wrong and preview is not None:
+        sentences.append(f"{out_of_range(wrong, preview.sizes)}: check the unit")
+    words = {
+        "figures": None if preview is None else tabled(preview.table()),
+        "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings),
+    }
+    name = f"{log.name}: "
+    return Check(
+        words,
+        tuple(sentence.removeprefix(name) for sentence in sentences),
+        read.contradictions,
+        _preview(content) if preview is None else preview_chart(preview),
+    )
+
+
+def _on_its_clock(content: Understood) -> Log | None:
+    """Return the columns of a log with the time in the unit that it has now; None if its time is another column now."""
+    assert content.guess is not None
+    log, before, now = content.log, content.clock, content.guess.mapping.get("time")
+    if log is None or before == now:
+        return log
+    if before is None or now is None or before.name != now.name:
+        return None
+    ratio = (now.scale("time") or 1.0) / (before.scale("time") or 1.0)
+    return replace(log, time=ratio * log.time, sample_time=ratio * log.sample_time)
 
 
 def _preview(content: Understood) -> Chart:

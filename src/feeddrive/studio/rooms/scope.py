@@ -13,7 +13,7 @@ import numpy as np
 from feeddrive.analysis.oscilloscope import MODES, Oscilloscope, Readout, Shown, readout
 from feeddrive.files.columns import unit_of
 from feeddrive.files.log import write_log
-from feeddrive.files.mapping import words_of
+from feeddrive.files.names import words_of
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, signal_unit

@@ -1,0 +1,516 @@
+"""Do the samples of a log bear out the roles of its columns?  Roles of columns without a name, by their samples alone.
+
+`doubts_of` compares the channels of a log with each other, as `identification.shapes` describes, and returns a sentence
+with the correction for each role that they contradict: set and actual exchanged, motor and table exchanged, a velocity
+in place of a position, a channel of another axis, a wrong sign, two units that do not fit, a force that is none.
+`roles_by_shape` finds position, set position and drive signal among columns whose names say nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from feeddrive.files.columns import FLAGS, ROLES, Column
+from feeddrive.identification import shapes
+from feeddrive.identification.shapes import Driven, Likeness, driven, likeness
+from feeddrive.language import units
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text
+
+POSITIONS = ("position_load", "position_motor", "angle_load", "angle_motor")
+_ENCODERS = (("position_motor", "position_load"), ("angle_motor", "angle_load"))
+_SETPOINTS = ("setpoint_position", "setpoint_angle")
+_VELOCITIES = ("velocity_load", "velocity_motor", "speed_motor", "speed_load")
+_FORCES = ("force", "torque", "command", "current")
+
+SCALE = 0.2  # by which two channels of one motion may differ in size; wrong units differ by 2.5 or more
+OTHER = 0.5  # share of a motion below which a channel is certainly of another axis or of another quantity
+COUNTED = 1e-4  # share by which the changes of s - x may differ from those of a logged difference
+MOST_ROWS = 100_000  # rows that are compared: the liveliest stretch of a longer log
+
+# sizes that two units of one quantity have to each other: of lengths, speeds and angles
+_RATIOS = {
+    "m": {"mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "m/s": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "mm/min": 1e-3 / 60.0},
+    "rad": {"deg": np.pi / 180.0, "rev": 2.0 * np.pi},
+    "rad/s": {"rpm": np.pi / 30.0, "rev/s": 2.0 * np.pi, "deg/s": np.pi / 180.0},
+}
+
+
+@dataclass(frozen=True)
+class RoleDoubt:
+    """A contradiction between the roles of columns and their samples.
+
+    roles    the roles concerned, the one to correct first
+    kind     swapped, encoders, velocity, axis, sign, unit, force or late
+    why      the sentence: what the samples show, and the option that corrects it
+    certain  True if a result with these roles would be wrong; otherwise it is a remark
+    """
+
+    roles: tuple[str, ...]
+    kind: str
+    why: str
+    certain: bool = True
+
+
+def liveliest(signals: Collection[np.ndarray]) -> slice:
+    """Return the rows that are compared: all, or of more than `MOST_ROWS` the stretch in which most changes."""
+    rows = min((values.size for values in signals), default=0)
+    if rows <= MOST_ROWS:
+        return slice(0, rows)
+    activity = np.zeros(rows // MOST_ROWS)
+    for values in signals:
+        steps = np.abs(np.diff(values[: activity.size * MOST_ROWS], append=0.0)).reshape(activity.size, -1)[:, :-1]
+        total = steps.sum()
+        activity += steps.sum(axis=1) / total if total > 0.0 else 0.0
+    start = int(np.argmax(activity)) * MOST_ROWS
+    return slice(start, start + MOST_ROWS)
+
+
+def doubts_of(
+    channels: Mapping[str, np.ndarray],
+    columns: Mapping[str, Column],
+    T: float,
+    others: Mapping[str, np.ndarray],
+    *,
+    steady: bool = False,
+) -> tuple[RoleDoubt, ...]:
+    """Return the contradictions between roles and samples.
+
+    channels  the log by role, in the unit of each role, shape (n,)
+    columns   the column of each role
+    others    channels without a role, by name: one of them may be the force that was meant
+    steady    True for a log of constant speeds: its force cannot follow an acceleration
+
+    A log that is too short or at rest contradicts nothing.
+    """
+    rows = liveliest([*channels.values(), *others.values()])
+    check = _Check({role: values[rows] for role, values in channels.items()}, columns, T)
+    apart = {name: values[rows] for name, values in others.items()}
+    position = next((role for role in POSITIONS if role in channels), None)
+    if position is None:
+        return ()
+    return tuple(
+        doubt
+        for doubt in (
+            *check.setpoint(position),
+            *check.encoders(),
+            *check.velocities(position),
+            *([] if steady else check.force(position, apart)),
+        )
+        if doubt is not None
+    )
+
+
+@dataclass(frozen=True)
+class _Check:
+    channels: Mapping[str, np.ndarray]
+    columns: Mapping[str, Column]
+    T: float
+
+    def name(self, role: str) -> str:
+        return self.columns[role].name
+
+    def option(self, role: str, column: Column) -> str:
+        """Return the option that gives a column this role."""
+        return option_for(role, column)
+
+    def exchange(self, first: str, second: str) -> str:
+        """Return the options that exchange two columns, each with its unit."""
+        a, b = self.columns[first], self.columns[second]
+        words = [
+            self.option(first, replace(a, name=b.name, unit=b.unit, factor=b.factor)),
+            self.option(second, replace(b, name=a.name, unit=a.unit, factor=a.factor)),
+        ]
+        return joined_options(words)
+
+    def turned(self, role: str) -> str:
+        """Return the option that turns the sign of a column."""
+        column = self.columns[role]
+        factor = -1.0 if column.factor is None else -column.factor
+        unit = column.unit or ("" if column.factor is not None or role == "command" else ROLES[role])
+        return self.option(role, replace(column, factor=factor, unit=unit))
+
+    def setpoint(self, position: str) -> list[RoleDoubt | None]:
+        """Compare set and actual position."""
+        role = next((role for role in _SETPOINTS if role in self.channels), None)
+        if role is None or role.endswith("angle") != position.startswith("angle"):
+            return []
+        goal, actual = self.channels[role], self.channels[position]
+        like = likeness(goal, actual, self.T)
+        a, b = self.name(role), self.name(position)
+        unlike = self.unlike(role, position, like)
+        if unlike is not None:
+            return [unlike]
+        doubts: list[RoleDoubt | None] = [self.scale(role, position, like.gain)]
+        if like.lag < -shapes.CLEAR:
+            lag = Text(f"{number(-like.lag, 3)} samples ({Quantity(-like.lag * self.T, 's'):3})")
+            # a setpoint rests exactly between moves; a reading moves on, if only by a count
+            if shapes.rests(actual) > shapes.rests(goal):
+                why = Text(
+                    f"set and actual position are exchanged: '{a}' trails '{b}' by {lag}, and '{b}' rests exactly "
+                    f"between the moves, as setpoints do: {self.exchange(role, position)}"
+                )
+                doubts.append(RoleDoubt((role, position), "swapped", why))
+            else:
+                why = Text(
+                    f"the set position '{a}' trails the position '{b}' by {lag}: it was recorded that much later, or "
+                    f"the two columns are exchanged ({self.exchange(role, position)})"
+                )
+                doubts.append(RoleDoubt((role, position), "late", why, certain=False))
+        return doubts
+
+    def unlike(self, first: str, second: str, like: Likeness) -> RoleDoubt | None:
+        """Return the doubt for two channels that should move alike and do not, or move against each other."""
+        a, b = self.name(first), self.name(second)
+        if np.ptp(self.channels[first]) == 0.0 or np.ptp(self.channels[second]) == 0.0:
+            return None
+        if self.channels[first].size < shapes.LEAST_ROWS:
+            return None
+        if like.explained < shapes.SAME:
+            share = Quantity(like.explained, "share")
+            why = Text(
+                f"'{a}' explains only {share:2} of the motion of '{b}': they are of different axes, or one of them is "
+                f"another quantity; name the right column with {self.option(first, Column(name='COLUMN'))} or "
+                f"{self.option(second, Column(name='COLUMN'))}"
+            )
+            return RoleDoubt((first, second), "axis", why, certain=like.explained < OTHER)
+        if like.gain < 0.0:
+            why = Text(f"'{b}' moves against '{a}': one of them has the wrong sign: {self.turned(second)}")
+            return RoleDoubt((second, first), "sign", why)
+        return None
+
+    def scale(self, first: str, second: str, gain: float) -> RoleDoubt | None:
+        """Return the doubt for two channels of one motion whose sizes differ as units do."""
+        if abs(gain - 1.0) <= SCALE or gain <= 0.0:
+            return None
+        a, b = self.name(first), self.name(second)
+        cures = self.units_by(first, 1.0 * gain) + self.units_by(second, 1.0 / gain)
+        cure = f": {' or '.join(cures)}" if cures else "; check the unit and the factor of both"
+        why = Text(f"'{b}' moves {number(gain, 4)} times as far as '{a}', in the units in which they are read{cure}")
+        return RoleDoubt((second, first), "unit", why)
+
+    def units_by(self, role: str, factor: float) -> list[str]:
+        """Return the option that gives a column the unit that makes its numbers larger by a factor, if there is one."""
+        si, column = ROLES[role], self.columns[role]
+        now = units.factor(column.unit, si) if column.unit else 1.0
+        for unit, size in {si: 1.0, **_RATIOS.get(si, {})}.items():
+            if abs(size / (now * factor) - 1.0) <= SCALE and size != now:
+                return [self.option(role, replace(column, unit=unit, factor=None))]
+        return []
+
+    def encoders(self) -> list[RoleDoubt | None]:
+        """Compare the encoders of motor and table."""
+        for motor, table in _ENCODERS:
+            if motor not in self.channels or table not in self.channels:
+                continue
+            x1, x2 = self.channels[motor], self.channels[table]
+            like = likeness(x1, x2, self.T)
+            unlike = self.unlike(motor, table, like)
+            if unlike is not None:
+                return [unlike]
+            scale = self.scale(motor, table, like.gain)
+            if scale is not None:
+                return [scale]
+            # the small difference of two encoders is not to be read off if their scales are off by more than a percent
+            first = shapes.ahead(x1, x2 / like.gain if like.gain else x2, self.T)
+            if first < -shapes.SURE:
+                a, b = self.name(motor), self.name(table)
+                why = Text(
+                    f"motor and table are exchanged: '{b}' runs ahead of '{a}' while the axis accelerates, as a motor "
+                    f"does through a spring ({number(-first, 2)} standard errors): give them the other way round in a "
+                    f"file for --channels, {motor} = '{b}' and {table} = '{a}'"
+                )
+                return [RoleDoubt((motor, table), "encoders", why)]
+        return []
+
+    def velocities(self, position: str) -> list[RoleDoubt | None]:
+        """Compare velocities with the position."""
+        doubts: list[RoleDoubt | None] = []
+        x = self.channels[position]
+        for role in (role for role in _VELOCITIES if role in self.channels):
+            v = self.channels[role]
+            if x.size < shapes.LEAST_ROWS or np.ptp(x) == 0.0 or np.ptp(v) == 0.0:
+                continue
+            a, b = self.name(position), self.name(role)
+            explained, k = shapes.integral_of(x, v, self.T)
+            same = role.startswith("speed") == position.startswith("angle")
+            if explained >= shapes.INTEGRAL:
+                doubts.append(self.rate(position, role, k) if same else None)
+                continue
+            if shapes.integral_of(v, x, self.T)[0] >= shapes.INTEGRAL:
+                why = Text(
+                    f"'{a}' is the rate of change of '{b}': position and velocity are exchanged: "
+                    f"{self.option(position, Column(name=b))}"
+                )
+                doubts.append(RoleDoubt((position, role), "velocity", why))
+                continue
+            why = Text(
+                f"'{b}' is not the rate of change of '{a}' (its integral explains {Quantity(explained, 'share'):2} of "
+                f"the position): it is of another axis, or another quantity; it is not used where the position is"
+            )
+            doubts.append(RoleDoubt((role, position), "axis", why, certain=False))
+        return doubts
+
+    def rate(self, position: str, velocity: str, k: float) -> RoleDoubt | None:
+        """Return the doubt for a velocity whose size or sign does not fit the position: Δx = k ∫ v dt."""
+        a, b = self.name(position), self.name(velocity)
+        if k < 0.0:
+            why = Text(f"'{b}' has the sign opposite to the rate of change of '{a}': {self.turned(velocity)}")
+            return RoleDoubt((velocity, position), "sign", why, certain=False)
+        if abs(k - 1.0) <= SCALE:
+            return None
+        cures = self.units_by(position, 1.0 / k) + self.units_by(velocity, k)
+        cure = f": {' or '.join(cures)}" if cures else "; check the unit and the factor of both, and the clock"
+        why = Text(
+            f"the rate of change of '{a}' is {number(k, 4)} times '{b}', in the units in which they are read{cure}"
+        )
+        return RoleDoubt((position, velocity), "unit", why)
+
+    def force(self, position: str, others: Mapping[str, np.ndarray]) -> list[RoleDoubt | None]:
+        """Compare the force, or what stands for it, with the motion."""
+        role = next((role for role in _FORCES if role in self.channels), None)
+        x = self.channels[position]
+        if role is None or x.size < shapes.LEAST_ROWS or np.ptp(x) == 0.0 or np.ptp(self.channels[role]) == 0.0:
+            return []
+        f = self.channels[role]
+        a, b = self.name(position), self.name(role)
+        as_position, as_velocity = driven(x, f, self.T), driven(x, f, self.T, is_velocity=True)
+        if as_position == Driven(0.0, 0.0, 0.0):
+            return []
+        if _better(as_velocity, as_position):
+            why = Text(
+                f"'{a}' looks like a velocity, not like a position: '{b}' follows its first derivative, as a force "
+                f"follows acceleration ({_shares(as_velocity, as_position)}); name the position with "
+                f"{self.option(position, Column(name='COLUMN'))}, or integrate it before"
+            )
+            return [RoleDoubt((position, role), "velocity", why)]
+        reversed_roles = driven(f, x, self.T)
+        if _better(reversed_roles, as_position):
+            why = Text(
+                f"position and force are exchanged: '{a}' acts on '{b}' as a force on a mass "
+                f"({_shares(reversed_roles, as_position)}): {self.exchange(position, role)}"
+            )
+            return [RoleDoubt((position, role), "swapped", why)]
+        if as_position.explained >= shapes.EXPLAINED and as_position.mass < 0.0:
+            why = Text(
+                f"'{b}' points against the acceleration of '{a}': force or position has the wrong sign: "
+                f"{self.turned(role)}"
+            )
+            return [RoleDoubt((role, position), "sign", why)]
+        if as_position.by_speed >= shapes.PROPORTIONAL:
+            why = Text(
+                f"'{b}' follows the velocity to {Quantity(as_position.by_speed, 'share'):3}, hardly the acceleration: "
+                "it may command a drive with a speed loop of its own, or the axis has nothing but viscous friction; a "
+                "force or current of that drive is needed"
+            )
+            return [RoleDoubt((role, position), "force", why, certain=False)]
+        if as_position.explained < shapes.EXPLAINED:
+            best, how = _best_force(x, others, self.T)
+            instead = ""
+            if best:
+                instead = Text(
+                    f"; '{best}' follows it to {Quantity(how.explained, 'share'):3}: "
+                    f"{self.option(role, Column(name=best))}"
+                )
+            why = Text(
+                f"'{b}' follows acceleration and friction of '{a}' only to "
+                f"{Quantity(max(as_position.explained, 0.0), 'share'):2}: it is of another axis, or no force{instead}"
+            )
+            return [RoleDoubt((role, position), "force", why, certain=bool(best))]
+        return []
+
+
+def _better(one: Driven, other: Driven) -> bool:
+    """Return True if one reading of the roles leaves clearly less of the force unexplained than another one."""
+    return one.explained >= shapes.EXPLAINED and 1.0 - one.explained < shapes.BETTER * (1.0 - other.explained)
+
+
+def _shares(one: Driven, other: Driven) -> Text:
+    """Return the shares of two readings, as the words of a bracket."""
+    return Text(f"{Quantity(one.explained, 'share'):3} explained, {Quantity(other.explained, 'share'):3} as named")
+
+
+def _best_force(position: np.ndarray, others: Mapping[str, np.ndarray], T: float) -> tuple[str, Driven]:
+    """Return the channel that follows acceleration and friction best, and how; an empty name if none does."""
+    best, how = "", Driven(0.0, 0.0, 0.0)
+    for name, values in others.items():
+        if np.ptp(values) == 0.0:
+            continue
+        found = driven(position, values, T)
+        if found.explained <= max(how.explained, shapes.SAME) or found.by_speed >= shapes.INTEGRAL:
+            continue
+        # a copy of the position, such as its setpoint, follows no force law: its changes are those of the position
+        if likeness(position, values, T).explained < shapes.SAME:
+            best, how = name, found
+    return best, how
+
+
+def option_for(role: str, column: Column) -> str:
+    """Return the option of the command line that gives a column a role, or the line of a file for --channels."""
+    flag = FLAGS.get(role)
+    text = column.text()
+    if flag is None:
+        return f"{role} = '{text}' in a file for --channels"
+    return f"{flag} '{text}'"
+
+
+def joined_options(words: Collection[str]) -> str:
+    """Return several options as one piece of a command line."""
+    return " ".join(words) if all(word.startswith("--") for word in words) else " and ".join(words)
+
+
+Known: TypeAlias = tuple[str, np.ndarray]
+"""The name of a column, and its channel."""
+
+
+@dataclass(frozen=True)
+class ByShape:
+    """Roles found by samples alone: the channel of each role, the reason, and what is told of the other channels."""
+
+    roles: Mapping[str, tuple[str, str]]
+    unused: Mapping[str, str]
+
+
+def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[str, Known] | None = None) -> ByShape:
+    """Return position, set position and drive signal among channels whose names say nothing.
+
+    known  name and channel by role, of roles that names already tell; only those that are missing are looked for
+
+    The pair of channels of which one follows the acceleration and friction of the other best are position and drive
+    signal.  Channels that move as the position are its setpoint, the one that leads, and its second encoder.  Nothing
+    is found in a log at rest, or in one without a signal of the drive, whose positions and velocities look alike.
+    """
+    known = known or {}
+    keyed = {**dict(known.values()), **channels}
+    part = liveliest(list(keyed.values()))
+    near = {name: values[part] for name, values in keyed.items() if np.ptp(values[part]) > 0.0}
+    free = {name: values for name, values in near.items() if name in channels}
+    rows = next((values.size for values in near.values()), 0)
+    if rows < shapes.LEAST_ROWS:
+        return ByShape({}, {})
+    named = {role: name for role, (name, _) in known.items() if name in near}
+    its_role = next((role for role in POSITIONS if role in named), "")
+    position, acting = named.get(its_role, ""), next((named[role] for role in _FORCES if role in named), "")
+    has_setpoint = any(role in named for role in _SETPOINTS)
+    roles: dict[str, tuple[str, str]] = {}
+    unused: dict[str, str] = {}
+    pair, how = _best_pair(near, [position] if position else list(free), [acting] if acting else list(free), T)
+    if pair is None:
+        return ByShape({}, {})
+    place, force = pair
+    if not acting:
+        share = Quantity(how.explained, "share", form="3")
+        what = Text(f"follows the acceleration and friction of '{place}' to {share}, by its samples")
+        roles["command"] = (force, f"a drive signal: {what}; its unit is not known")
+    alike = _group(near, free, place, force, T)
+    if not position:
+        roles |= _ordered(alike, T, has_setpoint=has_setpoint)
+    else:
+        setpoint = [(name, like) for name, (_, like) in alike.items() if name != place]
+        ahead = [(name, like) for name, like in setpoint if like.lag < -shapes.CLEAR and like.gain > 0.0]
+        if ahead and not has_setpoint and its_role.startswith("position"):
+            name, like = min(ahead, key=lambda item: item[1].lag)
+            roles["setpoint_position"] = (name, _leads(place, -like.lag, T))
+    taken = {name for name, _ in roles.values()}
+    for name, values in free.items():
+        if name in taken or name in (place, force):
+            continue
+        explained, _ = shapes.integral_of(near[place], values, T)
+        if explained >= shapes.INTEGRAL:
+            unused[name] = f"a velocity of '{place}', by its samples: it is not needed beside the position"
+        elif name in alike:
+            unused[name] = f"moves as '{place}', by its samples"
+    return ByShape(roles, unused)
+
+
+def _best_pair(
+    near: Mapping[str, np.ndarray], places: list[str], forces: list[str], T: float
+) -> tuple[tuple[str, str] | None, Driven]:
+    """Return the pair of position and drive signal that follow each other best, or None."""
+    best: tuple[str, str] | None = None
+    how = Driven(0.0, 0.0, 0.0)
+    for place in places:
+        for force in forces:
+            if place == force:
+                continue
+            found = driven(near[place], near[force], T)
+            if found.explained <= max(how.explained, shapes.SAME) or found.by_speed >= shapes.INTEGRAL:
+                continue
+            if _better(driven(near[place], near[force], T, is_velocity=True), found):
+                continue
+            if likeness(near[place], near[force], T).explained >= shapes.SAME or _is_difference(near, force, T):
+                continue
+            best, how = (place, force), found
+    return best, how
+
+
+def _is_difference(near: Mapping[str, np.ndarray], name: str, T: float) -> bool:
+    """Return True if a channel is the difference of two others, as a following error is that of set and actual."""
+    grid = shapes.Grid.of(near[name].size, T)
+    changes = {key: grid.change(values) for key, values in near.items() if key != name}
+    wanted = grid.change(near[name])
+    keys = list(changes)
+    return any(
+        shapes.share(wanted, changes[a], changes[b])[0] > 1.0 - COUNTED
+        for k, a in enumerate(keys)
+        for b in keys[k + 1 :]
+    )
+
+
+def _group(
+    near: Mapping[str, np.ndarray], free: Mapping[str, np.ndarray], place: str, force: str, T: float
+) -> dict[str, tuple[np.ndarray, Likeness]]:
+    """Return the channels that move as the position, with how each follows it."""
+    group = {}
+    for name, values in free.items():
+        if name == force:
+            continue
+        like = likeness(near[place], values, T)
+        if like.explained >= shapes.SAME:
+            group[name] = (values, like)
+    return group
+
+
+def _ordered(
+    alike: Mapping[str, tuple[np.ndarray, Likeness]], T: float, *, has_setpoint: bool
+) -> dict[str, tuple[str, str]]:
+    """Return the roles of channels that move alike: setpoint, motor and table, by which leads and which rests."""
+    roles: dict[str, tuple[str, str]] = {}
+    names = sorted(alike, key=lambda name: alike[name][1].lag)
+    if len(names) > 1 and not has_setpoint:
+        first = names[0]
+        lead = alike[names[1]][1].lag - alike[first][1].lag
+        if lead > shapes.CLEAR:
+            roles["setpoint_position"] = (first, _leads(names[1], lead, T))
+            names = names[1:]
+        else:
+            # with feedforward the position does not trail: the setpoint is the channel that rests exactly
+            calm = max(names, key=lambda name: shapes.rests(alike[name][0]))
+            why = "a set position, by its samples: it moves as the position and rests exactly between moves"
+            others = [name for name in names if name != calm]
+            if all(shapes.rests(alike[calm][0]) > shapes.rests(alike[name][0]) for name in others):
+                roles["setpoint_position"] = (calm, why)
+                names = others
+    what = "a position, by its samples: the drive signal follows its acceleration"
+    if len(names) == 1:
+        roles["position_load"] = (names[0], what)
+    elif len(names) > 1:
+        a, b = names[0], names[1]
+        first = shapes.ahead(alike[a][0], alike[b][0], T)
+        motor, table = (a, b) if first >= 0.0 else (b, a)
+        sure = abs(first) > shapes.SURE
+        how = "runs ahead while the axis accelerates" if sure else "the first of two, which cannot be told apart"
+        roles["position_motor"] = (motor, f"{what}; motor: {how}")
+        roles["position_load"] = (table, f"{what}; table: the other one")
+    return roles
+
+
+def _leads(name: str, lag: float, T: float) -> Text:
+    """Return the reason for a setpoint that leads."""
+    by = Text(f"{number(lag, 3)} samples ({Quantity(lag * T, 's'):3})")
+    return Text(f"a set position, by its samples: it moves as '{name}', {by} earlier")

@@ -1,0 +1,238 @@
+"""What the samples of two channels show of each other, whatever their units and signs.
+
+A position is the integral of a velocity; a set position leads the actual one; the motor runs ahead of the table while
+it accelerates; a force follows acceleration and the direction of motion.  These relations tell channels apart whose
+names do not, and contradict names that are wrong.  All of them are computed from changes over windows of 5 ms, which
+encoder counts hardly affect, and by least squares with one or a few coefficients: no model of a drive is fitted here.
+
+    change    Δx(t) = x(t + w) - x(t - w)              w: half a window
+    integral  Δx    = k ∫ v dt over the same window     k: 1 if both are in SI
+    bend      x(t + 2w) - 2 x(t) + x(t - 2w) = (2w)² a  a: the acceleration, weighted by a triangle
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+WINDOW = 5e-3  # s: half of the span of a change; as in plausibility, encoder counts hardly affect it
+LEAST_ROWS = 200  # of a log: fewer hold no two moves
+POINTS = 4000  # at most that are compared: the relations of more are the same
+MOVING = 0.02  # of the largest speed: below, friction holds any force
+LATEST = 0.1  # s by which an actual value may trail its setpoint: Kv of 10 1/s
+SAME = 0.9  # share of a motion that the same motion of the same axis explains
+INTEGRAL = 0.95  # share of a position's changes that the integral of its velocity explains
+EXPLAINED = 0.6  # share of a force that acceleration and friction explain at least, or it is no force of this motion
+BETTER = 0.25  # unexplained share of one reading over that of another, from which on it is the right one
+PROPORTIONAL = 0.98  # share of a command that the velocity alone explains, from which on it commands a velocity
+CLEAR = 1.0  # sample by which one channel must lead another one: less may be the recorder's order
+SURE = 5.0  # standard errors of an effect that decides between motor and table
+
+
+def share(y: np.ndarray, *basis: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the share of y, shape (n,), that a linear combination of the basis explains, and its coefficients.
+
+    A mean counts as unexplained unless the basis holds ones; for y = 0 the share is 0.
+    """
+    X = np.column_stack(basis)
+    size = np.linalg.norm(X, axis=0)
+    X = X / np.where(size > 0.0, size, 1.0)
+    coefficients, *_ = np.linalg.lstsq(X, y, rcond=1e-9)
+    power = float(y @ y)
+    if power == 0.0:
+        return 0.0, coefficients
+    left = y - X @ coefficients
+    return max(0.0, 1.0 - float(left @ left) / power), coefficients / np.where(size > 0.0, size, 1.0)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The rows at which channels of n rows are compared, and the half window in rows."""
+
+    rows: np.ndarray
+    half: int
+    T: float
+
+    @classmethod
+    def of(cls, n: int, T: float) -> Grid:
+        """Return the grid of a log; Raises no error for a short log, whose grid has no rows."""
+        half = max(1, round(WINDOW / T))
+        rows = np.arange(2 * half, max(n - 2 * half, 2 * half), max(1, half // 2, n // POINTS))
+        return cls(rows if n >= LEAST_ROWS else rows[:0], half, T)
+
+    def change(self, x: np.ndarray) -> np.ndarray:
+        """Return x(t + w) - x(t - w)."""
+        return x[self.rows + self.half] - x[self.rows - self.half]
+
+    def rate(self, x: np.ndarray) -> np.ndarray:
+        """Return the mean rate of change over the window."""
+        return self.change(x) / (2.0 * self.half * self.T)
+
+    def bend(self, x: np.ndarray) -> np.ndarray:
+        """Return the second derivative, weighted by a triangle of four half windows."""
+        span = 2 * self.half
+        return (x[self.rows + span] - 2.0 * x[self.rows] + x[self.rows - span]) / (span * self.T) ** 2
+
+    def mean(self, x: np.ndarray, *, triangle: bool = False) -> np.ndarray:
+        """Return the mean over the window by the trapezoidal rule; with `triangle` with the weights of `bend`."""
+        # removed first: the sums of a large constant would lose the digits of small changes
+        total = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) - x[0])])
+        if triangle:
+            twice = np.concatenate([[0.0], np.cumsum(0.5 * (total[1:] + total[:-1]))])
+            span = 2 * self.half
+            bent = twice[self.rows + span] - 2.0 * twice[self.rows] + twice[self.rows - span]
+            return bent / span**2 + x[0]
+        return self.change(total) / (2 * self.half) + x[0]
+
+
+def integral_of(position: np.ndarray, velocity: np.ndarray, T: float) -> tuple[float, float]:
+    """Return the share of the changes of a position that the integral of a velocity explains, and k of Δx = k ∫ v dt.
+
+    The share is 0 for a log that is too short and for channels that do not change.
+    """
+    grid = Grid.of(position.size, T)
+    if not grid.rows.size:
+        return 0.0, 0.0
+    explained, k = share(grid.rate(position), grid.mean(velocity))
+    return explained, float(k[0])
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How a channel b follows a channel a: b(t) ≈ gain · a(t - lag) + constant.
+
+    explained  share of the changes of b
+    lag        samples; positive if b trails
+    """
+
+    explained: float
+    gain: float
+    lag: float
+
+
+def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
+    """Return how b follows a, over lags within ±LATEST, to a fraction of a sample by a parabola through the peak."""
+    n = a.size
+    if n < LEAST_ROWS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        return Likeness(0.0, 0.0, 0.0)
+    half = max(1, round(WINDOW / T))
+    da, db = (x[2 * half :] - x[: -2 * half] for x in (a, b))
+    most = min(max(2, round(LATEST / T)), da.size // 4)
+    size = 1 << int(np.ceil(np.log2(da.size + most + 1)))
+    spectrum = np.fft.irfft(np.fft.rfft(db, size) * np.conj(np.fft.rfft(da, size)), size)
+    lags = np.arange(-most, most + 1)
+    products = spectrum[lags]
+    k = int(np.argmax(np.abs(products)))
+    lag = float(lags[k])
+    if 0 < k < lags.size - 1:
+        before, here, after = np.abs(products[k - 1 : k + 2])
+        bent = before - 2.0 * here + after
+        lag += 0.5 * (before - after) / bent if bent < 0.0 else 0.0
+    whole = int(lags[k])
+    first, second = (da[: da.size - whole], db[whole:]) if whole >= 0 else (da[-whole:], db[: db.size + whole])
+    # the fraction of the lag moves b by fraction · T · rate: without it a fast motion would seem less alike
+    explained, gains = share(second, first, np.gradient(first))
+    return Likeness(explained, float(gains[0]), lag)
+
+
+def rests(x: np.ndarray) -> float:
+    """Return the share of rows that equal the row before, bit for bit: setpoints rest exactly, readings hardly do."""
+    return float(np.mean(np.diff(x) == 0.0))
+
+
+@dataclass(frozen=True)
+class Driven:
+    """How a force f follows a motion: f ≈ mass · a + friction · sign(v) + viscous · v + constant, where it moves.
+
+    explained  share of the force about its mean
+    mass       in N/(m/s²), negative for a reversed sign
+    by_speed   share that the velocity alone explains
+    power      share that force times velocity would explain: a power follows |v|
+    """
+
+    explained: float
+    mass: float
+    by_speed: float
+
+
+def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool = False) -> Driven:
+    """Return how a force follows a motion, which is a position or a velocity."""
+    grid = Grid.of(motion.size, T)
+    nothing = Driven(0.0, 0.0, 0.0)
+    if grid.rows.size < LEAST_ROWS // 4:
+        return nothing
+    if is_velocity:
+        v, a = grid.mean(motion, triangle=True), _rate_of_mean(grid, motion)
+    else:
+        v, a = _wide_rate(grid, motion), grid.bend(motion)
+    f = grid.mean(force, triangle=True)
+    limit = MOVING * float(np.max(np.abs(v), initial=0.0))
+    moving = np.abs(v) > limit
+    if np.count_nonzero(moving) < LEAST_ROWS // 8 or limit == 0.0:
+        return nothing
+    v, a, f = v[moving], a[moving], f[moving] - np.mean(f[moving])
+    ones = np.ones(v.size)
+    explained, coefficients = share(f, a, np.sign(v), v, ones)
+    by_speed, _ = share(f, v, ones)
+    return Driven(explained, float(coefficients[0]), by_speed)
+
+
+def _wide_rate(grid: Grid, x: np.ndarray) -> np.ndarray:
+    """Return the velocity over the span of `bend`."""
+    span = 2 * grid.half
+    return (x[grid.rows + span] - x[grid.rows - span]) / (2.0 * span * grid.T)
+
+
+def _rate_of_mean(grid: Grid, velocity: np.ndarray) -> np.ndarray:
+    """Return the acceleration from a velocity, with the weights of `bend`: the change of its mean over a span."""
+    span = 2 * grid.half
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) - velocity[0])])
+    bent = total[grid.rows + span] - 2.0 * total[grid.rows] + total[grid.rows - span]
+    return bent * grid.T / (span * grid.T) ** 2
+
+
+def ahead(motor: np.ndarray, table: np.ndarray, T: float) -> float:
+    """Return by how many standard errors the first channel runs ahead of the second while it accelerates.
+
+        motor - table = slope · x + compliance · a + lost · sign(v) + lag · v + constant
+
+    Through a spring the motor is ahead by the load's acceleration and friction, each over the stiffness; the terms of x
+    and v are those of scales and of clocks, which do not tell the encoders apart.  A negative number means that the
+    second channel is the motor; 0 for channels of different scale, which cannot be subtracted.
+    """
+    grid = Grid.of(motor.size, T)
+    if grid.rows.size < LEAST_ROWS // 4:
+        return 0.0
+    x = 0.5 * (motor + table)
+    v, a = _wide_rate(grid, x), grid.bend(x)
+    moving = np.abs(v) > MOVING * float(np.max(np.abs(v), initial=0.0))
+    if np.count_nonzero(moving) < LEAST_ROWS // 8:
+        return 0.0
+    d = grid.mean(motor - table, triangle=True)[moving]
+    X = np.column_stack([a[moving], np.sign(v[moving]), x[grid.rows][moving], v[moving], np.ones(d.size)])
+    scale = np.linalg.norm(X, axis=0)
+    X = X / np.where(scale > 0.0, scale, 1.0)
+    coefficients, *_ = np.linalg.lstsq(X, d, rcond=1e-9)
+    left = d - X @ coefficients
+    inverse = np.linalg.pinv(X.T @ X)
+    # residuals of neighbouring rows are alike: as in `regression`, their sum over lags widens the errors
+    memory = _memory(left)
+    errors = np.sqrt(np.maximum(np.diag(inverse), 0.0) * float(left @ left) / d.size * memory)
+    ratios = [c / e if e > 0.0 else 0.0 for c, e in zip(coefficients[:2], errors[:2], strict=True)]
+    return float(max(ratios, key=abs))
+
+
+def _memory(residual: np.ndarray) -> float:
+    """Return the factor by which autocorrelation widens a variance: 1 + 2 Σ ρ up to the first ρ < 0.1."""
+    n = residual.size
+    power = float(residual @ residual)
+    if power == 0.0:
+        return 1.0
+    total = 1.0
+    for lag in range(1, n // 4):
+        rho = float(residual[lag:] @ residual[:-lag]) / power
+        if rho < 0.1:
+            break
+        total += 2.0 * rho
+    return total
