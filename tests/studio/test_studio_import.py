@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.studio import uploads
 from feeddrive.studio.desk import Asked
 from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.server import Session
@@ -155,7 +157,8 @@ def test_a_rated_value_gives_the_factor_of_feeddrive_force(
     assert row(said, "load")["missing"]
     assert row(said, "load")["signal"] == "percent"
     found = row(desk.ask("scale", name="a.csv", column="load", signal="percent", **typed), "load")
-    assert (found["role"], found["missing"], found["entered"]) == (role, False, typed)
+    assert (found["role"], found["missing"]) == (role, False)
+    assert found["entered"] == {"signal": "percent", **typed}
     assert found["factor"] == pytest.approx(factor, rel=1e-4)  # of a closed form with four digits
     sent = {key: value for key, value in typed.items() if key not in ("rated_unit", "lead_mm")}
     sent["rated"] = f"{typed['rated']}:{typed['rated_unit']}"
@@ -195,3 +198,98 @@ def test_the_course_of_a_column_has_its_ends_in_the_unit_in_which_it_is_read(tmp
     most = max(abs(RUN["force"]))
     assert row(said, "load")["high"] == f"{most:.3g} N"
     assert row(said, "spare")["low"] == "0"
+
+
+def two_axes(path: Path) -> Path:
+    """A log of two axes of which the second moves later and less."""
+    columns = {"time [s]": RUN["time"]}
+    for axis, share, late in (("X1", 1.0, 0), ("Y1", 0.4, 150)):
+        for name, key, factor in (
+            ("target [mm]", "set", 1e3),
+            ("actual [mm]", "position", 1e3),
+            ("torque [%]", "force", 0.1),
+        ):
+            columns[f"{axis}_{name}"] = share * factor * np.roll(RUN[key], late)
+    return write_columns(path, columns)
+
+
+def test_one_axis_of_several_is_chosen_and_what_was_assigned_of_each_is_kept(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"two.csv": two_axes(tmp_path / "two.csv")}
+    said = desk.look("two.csv")
+    assert len(said["axes"]) == 2
+    first, second = said["axes"]
+    assert said["axis"] == first
+    order = columns(said)
+    assert [row(said, f"{axis}_actual")["role"] for axis in ("X1", "Y1")] == ["position_load", ""]
+    assert "of axis" in row(said, "Y1_actual")["why"]
+    desk.ask("role", name="two.csv", column="X1_target", role="", unit="")
+    said = desk.ask("choose_axis", name="two.csv", axis=second)
+    assert columns(said) == order
+    assert [row(said, f"{axis}_actual")["role"] for axis in ("X1", "Y1")] == ["", "position_load"]
+    figures = {name: value for name, value, _ in said["check"]["figures"]["rows"]}
+    assert figures["travel"] == f"{0.4 * 1e3 * np.ptp(RUN['position']):.2f} mm"
+    said = desk.ask("choose_axis", name="two.csv", axis=first)
+    assert row(said, "X1_target")["role"] == ""
+    with pytest.raises(ParameterError, match="axis must be one of"):
+        desk.bring.do("choose_axis", Asked({"name": "two.csv", "axis": "z"}))
+
+
+def test_the_peak_figures_are_those_of_the_log_in_its_units_and_follow_the_roles(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    said = desk.look("a.csv")
+    assert (said["check"]["outside"], said["remarks"]) == ([], [])
+    desk.ask("scale", name="a.csv", column="load", signal="percent", rated=RATED, rated_unit="N")
+    figures = {name: value for name, value, _ in desk.ask("show")["check"]["figures"]["rows"]}
+    assert figures["travel"] == f"{1e3 * np.ptp(RUN['position']):.1f} mm"
+    assert figures["speed"].startswith(f"{1e3 * max(abs(RUN['velocity'])):.0f} mm/s")
+    assert figures["largest force"] == f"{max(abs(RUN['force'])):.0f} N"
+    # without friction; of the log 60 N of 700 N and 300 N s/m at 0.55 m/s are friction
+    assert float(figures["mass, roughly"].split()[0]) == pytest.approx(180.0, rel=0.15)
+    # in m the axis would travel 150 m at 550 m/s
+    for column in ("actual", "target"):
+        said = desk.ask("role", name="a.csv", column=column, role=row(said, column)["role"], unit="m")
+    assert said["check"]["outside"][:1] == ["speed"]
+    assert any("speed is 548 m/s" in sentence for sentence in said["remarks"])
+    said = desk.ask("role", name="a.csv", column="actual", role="", unit="")
+    assert said["check"] == {"figures": None, "outside": [], "readings": None}
+
+
+def test_roles_that_the_samples_contradict_are_marked_in_their_row(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    said = desk.look("a.csv")
+    assert not any(each["doubted"] for each in said["columns"])
+    desk.ask("role", name="a.csv", column="target", role="position_load", unit="mm")
+    said = desk.ask("role", name="a.csv", column="actual", role="setpoint_position", unit="mm")
+    assert [each["column"] for each in said["columns"] if each["doubted"]]
+    assert any("setpoint" in sentence or "set position" in sentence for sentence in said["remarks"]), said["remarks"]
+
+
+def test_a_log_without_a_clock_is_read_again_with_its_sample_time(tmp_path: Path) -> None:
+    path = write_columns(tmp_path / "bare.csv", {"x_mm": 1e3 * RUN["position"], "F_N": RUN["force"]})
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"bare.csv": path, "broken.csv": tmp_path / "broken.csv"}
+    (tmp_path / "broken.csv").write_text("no table\n", encoding="utf-8")
+    said = desk.look("bare.csv", "broken.csv")
+    assert [each["no_clock"] for each in said["files"]] == [True, False]
+    said = desk.ask("look", names=["bare.csv"], sample_time=0.002)
+    said = desk.read()
+    assert said["open"] == "bare.csv"
+    assert row(said, "x_mm")["role"] == "position_load"
+    figures = {name: value for name, value, _ in said["check"]["figures"]["rows"]}
+    assert figures["speed"].startswith(f"{0.5e3 * max(abs(RUN['velocity'])):.0f} mm/s")
+    assert "sample_time = 0.002" in desk.bring.files["bare.csv"].guess.toml()  # type: ignore[union-attr]
+
+
+def test_the_figures_of_a_long_log_are_those_of_all_of_its_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every third row is kept then: speeds are those over 5 ms, within 1 % of the peak."""
+    desk = Desk(tmp_path, "a.csv")
+    monkeypatch.setattr(uploads, "_HELD", RUN["time"].size * 5 // 3)
+    said = desk.look("a.csv")
+    log = desk.bring.files["a.csv"].log
+    assert log is not None
+    assert log.sample_time == pytest.approx(0.003)
+    figures = {name: value for name, value, _ in said["check"]["figures"]["rows"]}
+    assert float(figures["speed"].split()[0]) == pytest.approx(1e3 * max(abs(RUN["velocity"])), rel=0.01)

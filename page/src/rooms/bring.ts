@@ -1,12 +1,12 @@
 // Files are brought: dragged on the page or chosen; what each was understood to be, and which column is what.
 
 import { numberOf } from "../controls/field";
-import { look, whenPainted } from "../pictures/look";
+import { whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
-import { Picture } from "../pictures/picture";
 import { Report, tables, type Result, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
+import { Check, type Checked } from "./check";
 import { ColumnTable, type Column } from "./columns";
 
 interface Brought {
@@ -14,6 +14,7 @@ interface Brought {
   kind: string;
   axes: string[];
   wrong: string;
+  no_clock: boolean; // a sample time is all that it lacks
   responses: string[];
   tables: Table[];
 }
@@ -26,6 +27,11 @@ interface Words {
   start_from: string;
   offers_tour: boolean;
   columns?: Column[];
+  axes?: string[]; // of a log with several
+  axis?: string; // of which the columns are shown
+  check?: Checked;
+  remarks?: string[]; // on roles and units that the samples of the log contradict
+  left_out?: string[]; // columns that are no numbers
   made: (Result & { of: string; machine: boolean }) | null;
   ask_axis?: { name: string; axes: string[] };
   go?: string;
@@ -42,10 +48,9 @@ export class Bring implements Room {
   private readonly detail = make("section", { "aria-label": "The open file" });
   private readonly head = make("div");
   private readonly columns: ColumnTable;
-  private readonly check = make("div", { class: "check" });
+  private readonly check = new Check();
   private readonly fields = make("div");
   private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
-  private readonly picture = new Picture("Columns of the log");
   private readonly tour = make("p", {});
   private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
@@ -81,9 +86,10 @@ export class Bring implements Room {
       this.outcome,
     );
     this.columns = new ColumnTable(ask);
-    this.check.append(this.picture.element);
-    this.detail.append(this.head, make("div", { class: "import" }, this.columns.element, this.check), this.fields);
-    this.picture.element.id = "picture-columns";
+    this.detail.append(
+      this.head,
+      make("div", { class: "import" }, make("div", {}, this.columns.element, this.fields), this.check.element),
+    );
     whenPainted(() => this.draw());
   }
 
@@ -96,14 +102,14 @@ export class Bring implements Room {
     renew(this.list, [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue], () => this.listed(words));
     const file = files.find((each) => each.name === open);
     const shown = file && !file.wrong ? file : undefined;
-    renew(this.head, [file?.name, file?.kind, file?.wrong], () => (file ? headed(file) : []));
+    renew(this.head, [file?.name, file?.kind, file?.wrong, words.axes, words.axis], () => (file ? this.headed(file, words) : []));
     this.columns.show(
       open,
       shown ? words.columns : undefined,
       words.roles,
       files.map((each) => each.name),
     );
-    this.check.hidden = !shown || !words.columns;
+    this.check.show(open, shown ? words.check : undefined, words.remarks ?? [], words.left_out ?? []);
     renew(this.fields, [open, files, bundled, start_from, this.refusals], () => (shown ? this.shows(shown, words) : []));
     this.report.show(made);
     renew(this.outcome, [made, queue[0], open], () => this.result(words));
@@ -158,8 +164,7 @@ export class Bring implements Room {
 
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
-    const chart = this.last.said.charts.columns;
-    if (chart && this.picture.element.isConnected) this.picture.draw(chart, this.last.numbers, look());
+    this.check.draw(this.last);
     this.report.draw(this.last);
   }
 
@@ -320,6 +325,37 @@ export class Bring implements Room {
     ];
   }
 
+  private headed(file: Brought, { axes = [], axis = "" }: Words): HTMLElement[] {
+    const { name, kind, wrong, no_clock } = file;
+    const head = make("h2", {}, `${name}: ${kind}`);
+    if (wrong) return [head, make("p", { class: "bad" }, wrong), ...(no_clock ? [this.clock(name)] : [])];
+    if (axes.length < 2) return [head];
+    const change = (axis: string) => this.ask({ do: "bring.choose_axis", name, axis });
+    const among = choice(
+      `It has ${axes.length} axes. Show axis`,
+      axes.map((each): [string, string] => [each, each]),
+      change,
+    );
+    const select = among.querySelector("select")!;
+    select.id = "axis-of-log";
+    select.value = axis;
+    return [head, among];
+  }
+
+  private clock(name: string): HTMLElement {
+    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "bring-clock" });
+    const read = () => this.ask({ do: "bring.look", names: [name], sample_time: numberOf(field.value) });
+    field.addEventListener("keydown", (event) => event.key === "Enter" && read());
+    return make(
+      "p",
+      {},
+      make("label", { for: field.id }, "Time between two rows (s) "),
+      field,
+      " ",
+      button("Read it again", read),
+    );
+  }
+
   private result({ made, queue, open }: Words): HTMLElement[] {
     if (!made) return [];
     const take = made.machine
@@ -337,10 +373,6 @@ export class Bring implements Room {
       this.report.body,
     ];
   }
-}
-
-function headed(file: Brought): HTMLElement[] {
-  return [make("h2", {}, `${file.name}: ${file.kind}`), ...(file.wrong ? [make("p", { class: "bad" }, file.wrong)] : [])];
 }
 
 function waits(kind: string, place: number, many: number): string {

@@ -14,6 +14,7 @@ export interface Column {
   stated: string; // the unit that the file states
   why: string;
   missing: boolean; // its factor is still needed
+  doubted: boolean; // the samples contradict its role
   signal: string; // percent, A or V, if a rated value gives the factor; else empty
   scale: string; // what the rated value gave: "1 of 'load' is 8.5 N"
   entered: Entered; // of which it was computed
@@ -79,7 +80,7 @@ class Row {
       this.factor.fill(column.factor === null ? "" : String(column.factor));
     }
     if (this.why.textContent !== column.why) this.why.textContent = this.why.title = column.why;
-    this.element.classList.toggle("missing", column.missing);
+    this.element.classList.toggle("missing", column.missing || column.doubted);
     this.element.classList.toggle("unused", column.role === "");
     this.rated.show(column);
     this.factor.input.title = column.scale;

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,7 @@ from feeddrive.identification.plausibility import out_of_range, outside
 from feeddrive.language import units
 from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.over_time import preview_chart
@@ -40,6 +42,7 @@ from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 _ACTING = ("force", "torque", "current", "command")  # roles of which a unit may need a rated value
+_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None}
 _COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
 # what the page sends of a data sheet
 _ENTERED = (
@@ -64,7 +67,7 @@ class Bring(Room):
         self._sample_times: dict[Path, float] = {}  # s, of logs without a clock
         self._reading: dict[str, Path] = {}  # files that are being read
         self._used: set[str] = set()  # files whose columns were assigned and used
-        self._chosen: set[tuple[str, str]] = set()  # files and columns of which the user chose the role
+        self._told: set[tuple[str, str]] = set()  # files and columns of which the user chose the role
         self._checked: tuple[Understood, Check] | None = None  # what was shown last, with its file
         # factors from the data sheet, and what was entered for them, by file and column
         self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
@@ -185,7 +188,7 @@ class Bring(Room):
         assigned = Column(name=column, unit=asked.text_or_none("unit") or "", factor=asked.number_or_none("factor"))
         self._assign(file, guess, column, role, assigned, CHOSEN)
         self._scales.pop((file.name, column), None)
-        self._chosen.add((file.name, column))
+        self._told.add((file.name, column))
 
     @act
     def choose_axis(self, asked: Asked) -> None:
@@ -219,7 +222,7 @@ class Bring(Room):
         _, size = _signal(file.units.get(column, ""))
         factor = units.decimal(size * found.factor)
         # a role that the user chose stays chosen, whatever its samples show
-        why = CHOSEN if (file.name, column) in self._chosen else _computed(found)
+        why = CHOSEN if (file.name, column) in self._told else _computed(found)
         self._assign(file, guess, column, found.role, Column(name=column, factor=factor), why)
         entered = {key: value for key, value in asked.parameters.items() if key in _ENTERED}
         self._scales[file.name, column] = found, entered
@@ -365,6 +368,8 @@ class Bring(Room):
         paths = self._reading = dict(self.unread)
         first = next(iter(paths))
         what = f"read {first}" + (f" and {len(paths) - 1} more" if len(paths) > 1 else "")
+        # it takes a second, in which the files are read, and is needed for the first rated value that is entered
+        Thread(target=import_module, args=("scipy.signal",), daemon=True).start()
         work = partial(understand, [*paths.values()], sample_times=dict(self._sample_times))
 
         def then(contents: list[Understood]) -> None:
@@ -585,12 +590,12 @@ def _checked(content: Understood) -> Check:
     assert guess is not None
     log = _on_its_clock(content)
     if log is None:
-        return Check({"figures": None, "readings": None}, (), (), _preview(content))
+        return Check(_NO_FIGURES, (), (), _preview(content))
     try:
         read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
         preview = log_preview(log, guess.mapping, guess.needs)
     except FeeddriveError as error:
-        return Check({"figures": None, "readings": None}, (str(error),), (), _preview(content))
+        return Check(_NO_FIGURES, (str(error),), (), _preview(content))
     wrong = () if preview is None else outside(preview.frame, preview.sizes)
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
     sentences = [str(doubt.why) for doubt in read.contradictions]
@@ -599,8 +604,9 @@ def _checked(content: Understood) -> Check:
     elif wrong and preview is not None:
         sentences.append(f"{out_of_range(wrong, preview.sizes)}: check the unit")
     words = {
-        "figures": None if preview is None else tabled(preview.table()),
-        "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings),
+        "figures": None if preview is None else tabled(preview.table(), DRAWN),
+        "outside": [span.quantity for span in wrong],
+        "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings, DRAWN),
     }
     name = f"{log.name}: "
     return Check(
