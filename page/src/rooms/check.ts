@@ -55,7 +55,7 @@ function cards({ rows }: Table, outside: string[]): HTMLElement {
     ...rows.map(([name = "", value = "", usual = ""]) => {
       const [figure = "", other] = value.split(" (");
       const wrong = outside.includes(name);
-      const more = wrong ? `feed drives have ${usual}` : (other?.replace(")", "") ?? "");
+      const more = wrong ? `not ${usual}` : (other?.replace(")", "") ?? "");
       return make(
         "div",
         wrong ? { class: "bad" } : {},

@@ -14,6 +14,7 @@ export interface Column {
   stated: string; // the unit that the file states
   why: string;
   missing: boolean; // its factor is still needed
+  other_axis: boolean; // it has a role in the table of another axis
   doubted: boolean; // the samples contradict its role
   signal: string; // percent, A or V, if a rated value gives the factor; else empty
   scale: string; // what the rated value gave: "1 of 'load' is 8.5 N"
@@ -61,7 +62,7 @@ class Row {
       this.send();
     });
     this.element.append(
-      make("th", { scope: "row" }, name),
+      make("th", { scope: "row" }, make("div", {}, name)),
       make("td", {}, this.role, this.why),
       make("td", {}, this.unit.input, this.rated.element),
       make("td", {}, this.factor.input, this.rated.more),
@@ -83,6 +84,7 @@ class Row {
     this.element.classList.toggle("missing", column.missing || column.doubted);
     this.element.classList.toggle("unused", column.role === "");
     this.rated.show(column);
+    this.element.classList.toggle("other", column.other_axis);
     this.factor.input.title = column.scale;
     const points = column.course.map((y, i) => `${(84 * i) / (column.course.length - 1 || 1)},${46 - 0.44 * y}`).join(" ");
     if (this.line.getAttribute("points") !== points) this.line.setAttribute("points", points);
@@ -122,14 +124,20 @@ export class ColumnTable {
     ),
   );
   private readonly rows = new Map<string, Map<string, Row>>(); // by file and column
+  private readonly all = make("input", { type: "checkbox", id: "columns-of-all-axes" });
+  private readonly others = make("label", {}, this.all, " Show the columns of the other axes too");
 
-  constructor(private readonly ask: Ask) {}
+  constructor(private readonly ask: Ask) {
+    this.element.append(this.others);
+    this.all.addEventListener("change", () => this.body.classList.toggle("all", this.all.checked));
+  }
 
   // `files`: of which what was typed is kept
   show(file: string, columns: Column[] | undefined, roles: Record<string, string>, files: string[]): void {
     for (const known of this.rows.keys()) if (!files.includes(known)) this.rows.delete(known);
     this.element.hidden = columns === undefined;
     if (!columns) return;
+    this.others.hidden = !columns.some((each) => each.other_axis);
     const known = this.rows.get(file) ?? new Map<string, Row>();
     this.rows.set(file, known);
     const wanted = columns.map((each) => {

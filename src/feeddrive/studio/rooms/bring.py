@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,9 +21,9 @@ from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.files.mapping import Guess, Need, log_preview
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.role_checks import RoleDoubt
-from feeddrive.identification.plausibility import out_of_range, outside
+from feeddrive.identification.plausibility import outside
 from feeddrive.language import units
-from feeddrive.language.errors import FeeddriveError, ParameterError, nearest
+from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.text import Text, joined
@@ -43,6 +44,9 @@ from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 _ACTING = ("force", "torque", "current", "command")  # roles of which a unit may need a rated value
 _NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None}
+# how a command line corrects a role: on the page it is chosen in the row
+_WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
+_SAY_WHICH = " Say which with"  # from here on a doubt about units names options
 _COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
 # what the page sends of a data sheet
 _ENTERED = (
@@ -467,6 +471,15 @@ class Bring(Room):
         guess = content.guess
         roles = {column.name: (role, column) for role, column in guess.mapping.items()}
         needs = {need.column: (role, need.what) for role, need in guess.needs.items()}
+        others = {
+            name
+            for axis, other in content.guesses.items()
+            if axis != guess.mapping.axis
+            for name in (
+                *(column.name for column in other.mapping.values()),
+                *(need.column for need in other.needs.values()),
+            )
+        }
         doubted = {doubt.roles[0]: doubt for doubt in reversed(self._check(content).doubts)}
         shown = list[dict[str, Any]]()
         # the order must not depend on the roles: a row stays where it is while a role is chosen in it
@@ -480,6 +493,8 @@ class Bring(Room):
                 why = f"{role}: enter its rated value" if signal else f"needs a factor, {what}"
             elif why == CHOSEN:
                 why = "you chose it"
+            if role in doubted:
+                why = "the samples contradict this role"
             if role == "command" and not stated:
                 signal = "pid.output"  # what HAL sends has no unit
             scale, entered = self._scales.get((content.name, name), (None, {}))
@@ -493,6 +508,7 @@ class Bring(Room):
                     "why": why,
                     "missing": column is None and name in needs,
                     "doubted": role in doubted,
+                    "other_axis": not role and name in others,
                     "signal": entered.get("signal", signal) if role in _ACTING else "",
                     "scale": "" if scale is None else scale.table().title,
                     "entered": entered,
@@ -544,7 +560,8 @@ def _sketch(content: Understood, name: str, role: str, column: Column | None) ->
     ends = sorted((factor * low, factor * high))
     if factor < 0.0:
         course = 100.0 - course
-    shown = [str(Text(f"{Quantity(end, unit, form='3 SI', stays=True)}")) for end in ends]
+    unit = {"percent": "%", "permille": "‰"}.get(unit, unit)
+    shown = [str(Text(f"{Quantity(end):3} {unit}")).rstrip() for end in ends]
     return {"course": [int(value) for value in course], "low": shown[0], "high": shown[1]}
 
 
@@ -600,9 +617,9 @@ def _checked(content: Understood) -> Check:
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
     sentences = [str(doubt.why) for doubt in read.contradictions]
     if doubt is not None:
-        sentences.append(doubt.why)
-    elif wrong and preview is not None:
-        sentences.append(f"{out_of_range(wrong, preview.sizes)}: check the unit")
+        sentences.append(doubt.why.partition(_SAY_WHICH)[0])
+    if wrong or (doubt is not None and doubt.readings is not None):
+        sentences.append("Enter the unit in the row of the column")
     words = {
         "figures": None if preview is None else tabled(preview.table(), DRAWN),
         "outside": [span.quantity for span in wrong],
@@ -611,7 +628,7 @@ def _checked(content: Understood) -> Check:
     name = f"{log.name}: "
     return Check(
         words,
-        tuple(sentence.removeprefix(name) for sentence in sentences),
+        tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in sentences),
         read.contradictions,
         _preview(content) if preview is None else preview_chart(preview),
     )
