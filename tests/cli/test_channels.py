@@ -36,7 +36,7 @@ def test_a_guess_is_shown_before_it_is_used(tmp_path: Path) -> None:
     path = written(tmp_path, "t [ms],x_cmd_mm,x_fb_mm,fx [kN]", (1e-3, 1e-3, 1e-3, 1e3))
     done = runner.invoke(app, ["identify", str(path), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    assert "roles guessed by names and units" in done.output
+    assert "roles guessed by names, units and samples" in done.output
     assert "feeddrive channels" in done.output
     assert mass(tmp_path / "out") == pytest.approx(TRUTH["mass"], rel=3e-3)
 
@@ -101,7 +101,13 @@ def test_what_is_missing_is_said_with_what_to_do(tmp_path: Path) -> None:
     done = runner.invoke(app, ["identify", str(path), "--channels", str(tmp_path / "none.toml")])
     assert isinstance(done.exception, FileError)
     assert "feeddrive channels" in str(done.exception)
+    # the samples tell what a, b and c are, but not in which unit c is
     done = runner.invoke(app, ["identify", str(path)])
+    assert isinstance(done.exception, ParameterError)
+    assert "--force 'column:N'" in str(done.exception)
+    short = tmp_path / "short.csv"
+    short.write_text("t,a,b\n" + "".join(f"{k * 1e-3:g},{k % 7},{k % 5}\n" for k in range(50)), encoding="utf-8")
+    done = runner.invoke(app, ["identify", str(short)])
     assert isinstance(done.exception, LogError)
     assert "--position" in str(done.exception)
 

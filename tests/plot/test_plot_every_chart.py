@@ -272,6 +272,12 @@ def learned() -> Any:
 
 BANDED = Stand(x=F, quantiles=np.outer([1.0, 1.3, 1.6, 1.9, 2.4], 1e7 * (1.0 + F)), unit="N/m")
 CIRCLE = 0.02 * np.cos(3.0 * T), 0.02 * np.sin(3.0 * T)
+PREVIEW = Stand(
+    traces=[
+        Stand(name=name, role=role, unit=unit, time=T, values=S)
+        for name, role, unit in (("r", "setpoint_position", "mm"), ("x", "position_load", "mm"), ("f", "force", "N"))
+    ]
+)
 OF_PLOT: dict[str, Callable[[], Chart]] = {
     "curves:effort": lambda: plot.effort_chart(Stand(operations={"add": 12, "divide": 4}, total=16)),
     "identification:residuals": lambda: plot.residuals_chart(
@@ -324,6 +330,8 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "identification:steady_runs": lambda: plot.steady_runs_chart(steady()),
     "identification:identified_friction": lambda: plot.identified_friction_chart(friction_curve()),
     "over_time:log": lambda: plot.log_chart(Stand(channels={"force": S, "state": S}, units={"force": "N"}, time=T)),
+    "over_time:preview": lambda: plot.preview_chart(PREVIEW),
+    "over_time:guess": lambda: chart("over_time:guess")(Stand(preview=PREVIEW)),
 }
 OF_PLOT |= {
     "complex_plane:encirclement": lambda: chart("complex_plane:encirclement")(Stand(loop_gain=loop_gain(motor(), F))),
@@ -441,7 +449,7 @@ ELSEWHERE = {
     "path/test_plan_command.py": "planned plan_causes plan_profiles",
     "studio/test_studio_pictures.py": "moves snap",
 }
-REFUSED = {"guess_chart", "recipe_chart"}  # these results have no picture, and say so
+REFUSED = {"recipe_chart"}  # these results have no picture, and say so
 
 
 def test_every_chart_is_drawn_by_a_test() -> None:

@@ -12,7 +12,7 @@ make_lazy(
         "job": "Job read_job",
         "log": "Log write_log",
         "machine": "MachineFile read_machine",
-        "mapping": "Guess guess_roles write_roles Mapping",
+        "mapping": "Guess guess_roles log_preview role_doubts write_roles Mapping",
         "read_log": "read_arrays read_log read_request",
         "section": "to_toml",
     },

@@ -24,6 +24,8 @@ from feeddrive.files.machine import read_machine as read_machine
 from feeddrive.files.mapping import Guess as Guess
 from feeddrive.files.mapping import Mapping as Mapping
 from feeddrive.files.mapping import guess_roles as guess_roles
+from feeddrive.files.mapping import log_preview as log_preview
+from feeddrive.files.mapping import role_doubts as role_doubts
 from feeddrive.files.mapping import write_roles as write_roles
 from feeddrive.files.read_log import read_arrays as read_arrays
 from feeddrive.files.read_log import read_log as read_log

@@ -71,8 +71,9 @@ class Drive:
         scale = self._scale(log, role)
         if scale is None:
             raise ParameterError(
-                f"{path}: the {role} is in the drive's own unit: give the force per unit with --force-constant, the "
-                f"machine with --machine, or the torque per unit as --torque 'column*factor'"
+                f"{path}: the {role} is in the drive's own unit: give its unit, as --force 'column:N' or --torque "
+                f"'column:Nm', the force per unit with --force-constant, the values of the drive with --rated, "
+                f"--torque-constant or --at-full (feeddrive force explains them), or the machine with --machine"
             )
         return log[role] if scale[0] == 1.0 else scale[0] * log[role], scale[1]
 

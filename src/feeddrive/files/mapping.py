@@ -217,6 +217,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     axes = axes_in(log.channels, log.units)
     wanted = axis_called(log.name, axis, axes) if axis is not None else axes[0] if axes else ""
     taking = _Taking(log, {}, {}, {}, {})
+    twins: list[tuple[str, NameReading, str]] = []
     # exact names first, then clear ones, and last possible ones
     for name, reading in sorted(read.items(), key=lambda item: _order(item[0], item[1])):
         role = reading.exact or _role(reading)
@@ -225,9 +226,12 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
         elif not role:
             taking.unused[name] = reading.why or NAMELESS
         elif role in taking.mapping or role in taking.needs:
-            taking.again(name, reading, role)
+            twins.append((name, reading, role))
         else:
             taking.take(name, reading, role)
+    # once the force is known, which helps to tell them apart
+    for name, reading, role in twins:
+        taking.again(name, reading, role)
     taking.by_shape([name for name, why in taking.unused.items() if why == NAMELESS])
     lost: dict[str, tuple[str, str]] = {}
     for name, why in log.left_out.items():
@@ -351,9 +355,11 @@ class _Taking:
             )
             return
         setpoint = _SETPOINT_OF.get(role, "")
-        if long and setpoint and setpoint not in self.mapping and abs(like.lag) > shapes.CLEAR:
-            goal, actual = (taken, name) if like.lag > 0.0 else (name, taken)
-            self._as_setpoint(name, reading, role, setpoint, goal, actual, abs(like.lag))
+        force = next((self._signal(its) for its in _ACTING if its in self.mapping or its in self.needs), None)
+        first_is_goal = shapes.order(first, second, force, T) if long and abs(like.gain - 1.0) < _SCALED else 0.0
+        if setpoint and setpoint not in self.mapping and first_is_goal:
+            goal, actual = (taken, name) if first_is_goal > 0.0 else (name, taken)
+            self._as_setpoint(name, reading, role, setpoint, goal, actual)
             return
         motor, load = (other, role) if role.endswith("_load") else (role, other)
         # the first in the file is taken for the motor's, until the samples say otherwise
@@ -374,14 +380,11 @@ class _Taking:
                 self.reasons[motor] = "of two such channels the one that runs ahead while the axis accelerates"
                 self.reasons[load] = "of two such channels the one that trails while the axis accelerates"
 
-    def _as_setpoint(
-        self, name: str, reading: NameReading, role: str, setpoint: str, goal: str, actual: str, lag: float
-    ) -> None:
-        """Assign setpoint and position to two channels of which one trails the other."""
+    def _as_setpoint(self, name: str, reading: NameReading, role: str, setpoint: str, goal: str, actual: str) -> None:
+        """Assign setpoint and position to two channels of which one follows the other."""
         column = self.mapping.pop(role, None)
         need = self.needs.pop(role, None)
         self.reasons.pop(role, None)
-        by = Text(f"{Quantity(lag * self.log.sample_time, 's', form='3')}")
         for channel, its in ((goal, setpoint), (actual, role)):
             if channel == name:
                 self.take(name, reading, its)
@@ -390,8 +393,11 @@ class _Taking:
             elif need is not None:
                 self.needs[its] = need
             if its in self.mapping:
-                what = f"leads '{actual}' by" if channel == goal else f"trails '{goal}' by"
-                self.reasons[its] = f"of two such channels the one that {what} {by}"
+                what = f"leads '{actual}'" if channel == goal else f"follows '{goal}'"
+                self.reasons[its] = f"of two such channels the one that {what}, by its samples"
+
+    def _signal(self, role: str) -> np.ndarray:
+        return self.log[self.mapping[role].name if role in self.mapping else self.needs[role].column]
 
     def by_shape(self, nameless: abc.Collection[str]) -> None:
         """Find the roles that are missing among channels whose names say nothing."""
@@ -419,6 +425,7 @@ class _Taking:
 
 
 NAMELESS = "not like any known name"
+_SCALED = 0.5  # by which the motions of setpoint and position may differ: encoders in other units differ by more
 _PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
 _ACTING = ("force", "torque", "current", "command")
 _SETPOINT_OF = {

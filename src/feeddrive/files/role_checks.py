@@ -27,7 +27,7 @@ _SETPOINTS = ("setpoint_position", "setpoint_angle")
 _VELOCITIES = ("velocity_load", "velocity_motor", "speed_motor", "speed_load")
 _FORCES = ("force", "torque", "command", "current")
 
-SCALE = 0.2  # by which two channels of one motion may differ in size; wrong units differ by 2.5 or more
+SCALE = 2.0  # times that two channels of one motion may differ in size: a slow loop; units differ by 16 and more
 OTHER = 0.5  # share of a motion below which a channel is certainly of another axis or of another quantity
 COUNTED = 1e-4  # share by which the changes of s - x may differ from those of a logged difference
 MOST_ROWS = 100_000  # rows that are compared: the liveliest stretch of a longer log
@@ -147,22 +147,30 @@ class _Check:
         if unlike is not None:
             return [unlike]
         doubts: list[RoleDoubt | None] = [self.scale(role, position, like.gain)]
-        if like.lag < -shapes.CLEAR:
+        if like.lag < -shapes.CLEAR or self.acting is not None:
+            force = None if self.acting is None else self.channels[self.acting]
+            first = shapes.order(goal, actual, force, self.T)
             lag = Text(f"{number(-like.lag, 3)} samples ({Quantity(-like.lag * self.T, 's'):3})")
-            # a setpoint rests exactly between moves; a reading moves on, if only by a count
-            if shapes.rests(actual) > shapes.rests(goal):
+            trails = Text(f"'{a}' trails '{b}' by {lag}") if like.lag < -shapes.CLEAR else ""
+            if first < 0.0 and force is not None:
                 why = Text(
-                    f"set and actual position are exchanged: '{a}' trails '{b}' by {lag}, and '{b}' rests exactly "
-                    f"between the moves, as setpoints do: {self.exchange(role, position)}"
+                    f"set and actual position are exchanged: {trails + ', and ' if trails else ''}"
+                    f"'{self.name(self.acting or '')}' follows the acceleration and friction of '{a}' better than "
+                    f"those of '{b}': {self.exchange(role, position)}"
                 )
                 doubts.append(RoleDoubt((role, position), "swapped", why))
-            else:
+            elif trails:
                 why = Text(
-                    f"the set position '{a}' trails the position '{b}' by {lag}: it was recorded that much later, or "
+                    f"the set position {trails}: it was recorded that much later, feedforward makes the axis lead, or "
                     f"the two columns are exchanged ({self.exchange(role, position)})"
                 )
                 doubts.append(RoleDoubt((role, position), "late", why, certain=False))
         return doubts
+
+    @property
+    def acting(self) -> str | None:
+        """The role of the force, or of the signal that stands for it."""
+        return next((role for role in _FORCES if role in self.channels), None)
 
     def unlike(self, first: str, second: str, like: Likeness) -> RoleDoubt | None:
         """Return the doubt for two channels that should move alike and do not, or move against each other."""
@@ -186,7 +194,7 @@ class _Check:
 
     def scale(self, first: str, second: str, gain: float) -> RoleDoubt | None:
         """Return the doubt for two channels of one motion whose sizes differ as units do."""
-        if abs(gain - 1.0) <= SCALE or gain <= 0.0:
+        if not gain > 0.0 or 1.0 / SCALE <= gain <= SCALE:
             return None
         a, b = self.name(first), self.name(second)
         cures = self.units_by(first, 1.0 * gain) + self.units_by(second, 1.0 / gain)
@@ -199,7 +207,7 @@ class _Check:
         si, column = ROLES[role], self.columns[role]
         now = units.factor(column.unit, si) if column.unit else 1.0
         for unit, size in {si: 1.0, **_RATIOS.get(si, {})}.items():
-            if abs(size / (now * factor) - 1.0) <= SCALE and size != now:
+            if 1.0 / SCALE <= size / (now * factor) <= SCALE and size != now:
                 return [self.option(role, replace(column, unit=unit, factor=None))]
         return []
 
@@ -262,7 +270,7 @@ class _Check:
         if k < 0.0:
             why = Text(f"'{b}' has the sign opposite to the rate of change of '{a}': {self.turned(velocity)}")
             return RoleDoubt((velocity, position), "sign", why, certain=False)
-        if abs(k - 1.0) <= SCALE:
+        if 1.0 / SCALE <= k <= SCALE:
             return None
         cures = self.units_by(position, 1.0 / k) + self.units_by(velocity, k)
         cure = f": {' or '.join(cures)}" if cures else "; check the unit and the factor of both, and the clock"
@@ -273,7 +281,7 @@ class _Check:
 
     def force(self, position: str, others: Mapping[str, np.ndarray]) -> list[RoleDoubt | None]:
         """Compare the force, or what stands for it, with the motion."""
-        role = next((role for role in _FORCES if role in self.channels), None)
+        role = self.acting
         x = self.channels[position]
         if role is None or x.size < shapes.LEAST_ROWS or np.ptp(x) == 0.0 or np.ptp(self.channels[role]) == 0.0:
             return []
@@ -409,12 +417,17 @@ def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[
         roles["command"] = (force, f"a drive signal: {what}; its unit is not known")
     alike = _group(near, free, place, force, T)
     if not position:
-        roles |= _ordered(alike, T, has_setpoint=has_setpoint)
+        ordered, open_ = _ordered(alike, near[force], T, has_setpoint=has_setpoint)
+        roles |= ordered
+        unused |= open_
     else:
-        setpoint = [(name, like) for name, (_, like) in alike.items() if name != place]
-        ahead = [(name, like) for name, like in setpoint if like.lag < -shapes.CLEAR and like.gain > 0.0]
-        if ahead and not has_setpoint and its_role.startswith("position"):
-            name, like = min(ahead, key=lambda item: item[1].lag)
+        goals = [
+            (name, like)
+            for name, (values, like) in alike.items()
+            if like.gain > 0.0 and shapes.order(values, near[place], near[force], T) > 0.0
+        ]
+        if goals and not has_setpoint and its_role.startswith("position"):
+            name, like = min(goals, key=lambda item: item[1].lag)
             roles["setpoint_position"] = (name, _leads(place, -like.lag, T))
     taken = {name for name, _ in roles.values()}
     for name, values in free.items():
@@ -423,7 +436,7 @@ def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[
         explained, _ = shapes.integral_of(near[place], values, T)
         if explained >= shapes.INTEGRAL:
             unused[name] = f"a velocity of '{place}', by its samples: it is not needed beside the position"
-        elif name in alike:
+        elif name in alike and name not in unused:
             unused[name] = f"moves as '{place}', by its samples"
     return ByShape(roles, unused)
 
@@ -477,40 +490,48 @@ def _group(
 
 
 def _ordered(
-    alike: Mapping[str, tuple[np.ndarray, Likeness]], T: float, *, has_setpoint: bool
-) -> dict[str, tuple[str, str]]:
-    """Return the roles of channels that move alike: setpoint, motor and table, by which leads and which rests."""
+    alike: Mapping[str, tuple[np.ndarray, Likeness]], force: np.ndarray, T: float, *, has_setpoint: bool
+) -> tuple[dict[str, tuple[str, str]], dict[str, str]]:
+    """Return the roles of channels that move alike, setpoint, motor and table, and the reasons of those without one."""
     roles: dict[str, tuple[str, str]] = {}
+    unused: dict[str, str] = {}
     names = sorted(alike, key=lambda name: alike[name][1].lag)
     if len(names) > 1 and not has_setpoint:
-        first = names[0]
-        lead = alike[names[1]][1].lag - alike[first][1].lag
-        if lead > shapes.CLEAR:
-            roles["setpoint_position"] = (first, _leads(names[1], lead, T))
-            names = names[1:]
-        else:
-            # with feedforward the position does not trail: the setpoint is the channel that rests exactly
-            calm = max(names, key=lambda name: shapes.rests(alike[name][0]))
-            why = "a set position, by its samples: it moves as the position and rests exactly between moves"
-            others = [name for name in names if name != calm]
-            if all(shapes.rests(alike[calm][0]) > shapes.rests(alike[name][0]) for name in others):
-                roles["setpoint_position"] = (calm, why)
+        # the channel that is the setpoint of all others, if it can be told
+        for goal in names:
+            others = [name for name in names if name != goal]
+            if all(shapes.order(alike[goal][0], alike[name][0], force, T) > 0.0 for name in others):
+                lag = min(alike[name][1].lag for name in others) - alike[goal][1].lag
+                roles["setpoint_position"] = (goal, _leads(others[0], lag, T))
                 names = others
+                break
     what = "a position, by its samples: the drive signal follows its acceleration"
     if len(names) == 1:
         roles["position_load"] = (names[0], what)
-    elif len(names) > 1:
-        a, b = names[0], names[1]
-        first = shapes.ahead(alike[a][0], alike[b][0], T)
+        return roles, unused
+    a, b = names[0], names[1]
+    first = shapes.ahead(alike[a][0], alike[b][0], T)
+    if abs(first) > shapes.SURE and ("setpoint_position" in roles or has_setpoint or len(names) > 2):
         motor, table = (a, b) if first >= 0.0 else (b, a)
-        sure = abs(first) > shapes.SURE
-        how = "runs ahead while the axis accelerates" if sure else "the first of two, which cannot be told apart"
-        roles["position_motor"] = (motor, f"{what}; motor: {how}")
-        roles["position_load"] = (table, f"{what}; table: the other one")
-    return roles
+        roles["position_motor"] = (motor, f"{what}; motor: it runs ahead while the axis accelerates")
+        roles["position_load"] = (table, f"{what}; table: it trails the motor")
+    else:
+        best = max((a, b), key=lambda name: shapes.driven(alike[name][0], force, T).explained)
+        roles["position_load"] = (best, what)
+        other = b if best == a else a
+        unused[other] = (
+            f"moves as '{best}': its setpoint or a second encoder, which its samples do not tell apart; if it is the "
+            f"setpoint: {option_for('setpoint_position', Column(name=other))}"
+        )
+    return roles, unused
 
 
 def _leads(name: str, lag: float, T: float) -> Text:
-    """Return the reason for a setpoint that leads."""
+    """Return the reason for a setpoint."""
+    if lag <= shapes.CLEAR:
+        return Text(
+            f"a set position, by its samples: it moves as '{name}', whose acceleration and friction the drive signal "
+            "follows better"
+        )
     by = Text(f"{number(lag, 3)} samples ({Quantity(lag * T, 's'):3})")
     return Text(f"a set position, by its samples: it moves as '{name}', {by} earlier")

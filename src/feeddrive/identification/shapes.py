@@ -27,6 +27,7 @@ EXPLAINED = 0.6  # share of a force that acceleration and friction explain at le
 BETTER = 0.25  # unexplained share of one reading over that of another, from which on it is the right one
 PROPORTIONAL = 0.98  # share of a command that the velocity alone explains, from which on it commands a velocity
 CLEAR = 1.0  # sample by which one channel must lead another one: less may be the recorder's order
+FAR = 8.0  # times that one position explains more of the force than another, against the lead: 5 occur by counts
 SURE = 5.0  # standard errors of an effect that decides between motor and table
 
 
@@ -136,11 +137,6 @@ def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
     return Likeness(explained, float(gains[0]), lag)
 
 
-def rests(x: np.ndarray) -> float:
-    """Return the share of rows that equal the row before, bit for bit: setpoints rest exactly, readings hardly do."""
-    return float(np.mean(np.diff(x) == 0.0))
-
-
 @dataclass(frozen=True)
 class Driven:
     """How a force f follows a motion: f ≈ mass · a + friction · sign(v) + viscous · v + constant, where it moves.
@@ -148,7 +144,6 @@ class Driven:
     explained  share of the force about its mean
     mass       in N/(m/s²), negative for a reversed sign
     by_speed   share that the velocity alone explains
-    power      share that force times velocity would explain: a power follows |v|
     """
 
     explained: float
@@ -176,6 +171,29 @@ def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool
     explained, coefficients = share(f, a, np.sign(v), v, ones)
     by_speed, _ = share(f, v, ones)
     return Driven(explained, float(coefficients[0]), by_speed)
+
+
+def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: float) -> float:
+    """Return how surely the first of two positions is the setpoint: 1 surely, -1 surely not, 0 if it cannot be told.
+
+    A setpoint leads, and the force follows the acceleration and friction of the actual position better than those of
+    the setpoint.  Both may mislead: with strong feedforward the position leads, and a velocity gain makes a noise of
+    the counts of the force.  Where they contradict each other, the force decides if it is far more of one than of the
+    other, else the lead.
+    """
+    lag = likeness(goal, actual, T).lag
+    lead = 0.0 if abs(lag) <= CLEAR else float(np.sign(lag))
+    if force is None:
+        return lead
+    left = [max(1.0 - driven(x, force, T).explained, 1e-12) for x in (goal, actual)]
+    if min(left) > 1.0 - EXPLAINED:
+        return lead
+    ratio = left[0] / left[1]
+    side = 1.0 if ratio > 1.0 else -1.0
+    times = max(ratio, 1.0 / ratio)
+    if lead == 0.0:
+        return side if times > 1.0 / BETTER else 0.0
+    return lead if lead == side or times < FAR else side
 
 
 def _wide_rate(grid: Grid, x: np.ndarray) -> np.ndarray:

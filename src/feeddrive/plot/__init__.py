@@ -36,7 +36,7 @@ make_lazy(
         ),
         "over_time": (
             "comparison comparison_chart following_error following_error_chart force force_chart log log_chart "
-            "motion motion_chart replay replay_chart run run_chart"
+            "motion motion_chart preview preview_chart replay replay_chart run run_chart"
         ),
         "part_program": (
             "contour contour_chart contour_on_path contour_on_path_chart corner_zoom corner_zoom_chart "

@@ -84,6 +84,8 @@ from feeddrive.plot.over_time import log as log
 from feeddrive.plot.over_time import log_chart as log_chart
 from feeddrive.plot.over_time import motion as motion
 from feeddrive.plot.over_time import motion_chart as motion_chart
+from feeddrive.plot.over_time import preview as preview
+from feeddrive.plot.over_time import preview_chart as preview_chart
 from feeddrive.plot.over_time import replay as replay
 from feeddrive.plot.over_time import replay_chart as replay_chart
 from feeddrive.plot.over_time import run as run
