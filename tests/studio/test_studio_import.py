@@ -250,9 +250,9 @@ def test_the_peak_figures_are_those_of_the_log_in_its_units_and_follow_the_roles
     for column in ("actual", "target"):
         said = desk.ask("role", name="a.csv", column=column, role=row(said, column)["role"], unit="m")
     assert said["check"]["outside"][:1] == ["speed"]
-    assert said["remarks"] == ["Enter the unit in the row of the column."]
+    assert said["remarks"] == ["Check the units: no feed drive has such figures."]
     said = desk.ask("role", name="a.csv", column="actual", role="", unit="")
-    assert said["check"] == {"figures": None, "outside": [], "readings": None}
+    assert said["check"] == {"figures": None, "outside": [], "readings": None, "choices": []}
 
 
 def test_roles_that_the_samples_contradict_are_marked_in_their_row(tmp_path: Path) -> None:
@@ -293,3 +293,31 @@ def test_the_figures_of_a_long_log_are_those_of_all_of_its_rows(
     assert log.sample_time == pytest.approx(0.003)
     figures = {name: value for name, value, _ in said["check"]["figures"]["rows"]}
     assert float(figures["speed"].split()[0]) == pytest.approx(1e3 * max(abs(RUN["velocity"])), rel=0.01)
+
+
+def test_units_in_doubt_are_asked_for_with_the_likeliest_ones_to_choose(tmp_path: Path) -> None:
+    names = {
+        "t_s": RUN["time"],
+        "target": 1e3 * RUN["set"],
+        "actual": 1e3 * RUN["position"],
+        "torque": RUN["force"] / 100.0,
+    }
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"a.csv": write_columns(tmp_path / "a.csv", names)}
+    said = desk.look("a.csv")
+    first = said["check"]["choices"][0]
+    assert ["actual", "mm"] in first
+    assert said["check"]["readings"] is not None
+    for column, unit in first:
+        said = desk.ask("unit", name="a.csv", column=column, unit=unit)
+    assert said["check"]["outside"] == []
+    assert row(said, "target")["unit"] == "mm"  # which states none either
+    assert "no unit" not in row(said, "target")["why"]
+    with pytest.raises(FeeddriveError, match="'kg' does not measure"):
+        desk.bring.do("unit", Asked({"name": "a.csv", "column": "actual", "unit": "kg"}))
+    # percent that is entered and not stated by the file asks for the rated value too
+    said = desk.ask("role", name="a.csv", column="torque", role="torque", unit="%")
+    found = row(said, "torque")
+    assert (found["missing"], found["signal"], found["unit"]) == (True, "percent", "%")
+    said = desk.ask("scale", name="a.csv", column="torque", signal="percent", rated=10.0, rated_unit="N m")
+    assert (row(said, "torque")["factor"], row(said, "torque")["signal"]) == (0.1, "percent")

@@ -48,7 +48,7 @@ export class Bring implements Room {
   private readonly detail = make("section", { "aria-label": "The open file" });
   private readonly head = make("div");
   private readonly columns: ColumnTable;
-  private readonly check = new Check();
+  private readonly check = new Check((units) => this.choose(units));
   private readonly fields = make("div");
   private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
   private readonly tour = make("p", {});
@@ -323,6 +323,12 @@ export class Bring implements Room {
       ),
       make("div", { class: "fields" }, chosen, ...more),
     ];
+  }
+
+  // Units that were in doubt.
+  private choose(units: [string, string][]): void {
+    const { open } = this.last?.said as unknown as Words;
+    for (const [column, unit] of units) this.ask({ do: "bring.unit", name: open, column, unit });
   }
 
   private headed(file: Brought, { axes = [], axis = "" }: Words): HTMLElement[] {

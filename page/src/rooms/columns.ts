@@ -76,7 +76,7 @@ class Row {
     this.role.value = column.role;
     this.unit.input.placeholder = column.stated;
     // what was typed of a column that is not used stays until it is
-    if (column.role && !column.missing) {
+    if (column.role) {
       this.unit.fill(column.unit);
       this.factor.fill(column.factor === null ? "" : String(column.factor));
     }

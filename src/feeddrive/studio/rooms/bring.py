@@ -43,10 +43,10 @@ from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 _ACTING = ("force", "torque", "current", "command")  # roles of which a unit may need a rated value
-_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None}
+_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": []}
 # how a command line corrects a role: on the page it is chosen in the row
 _WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
-_SAY_WHICH = " Say which with"  # from here on a doubt about units names options
+_NO_UNIT = "; no unit is stated"  # from here on a reason says which unit was assumed
 _COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
 # what the page sends of a data sheet
 _ENTERED = (
@@ -72,6 +72,7 @@ class Bring(Room):
         self._reading: dict[str, Path] = {}  # files that are being read
         self._used: set[str] = set()  # files whose columns were assigned and used
         self._told: set[tuple[str, str]] = set()  # files and columns of which the user chose the role
+        self._typed: dict[tuple[str, str], str] = {}  # units that the user entered, by file and column
         self._checked: tuple[Understood, Check] | None = None  # what was shown last, with its file
         # factors from the data sheet, and what was entered for them, by file and column
         self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
@@ -193,6 +194,28 @@ class Bring(Room):
         self._assign(file, guess, column, role, assigned, CHOSEN)
         self._scales.pop((file.name, column), None)
         self._told.add((file.name, column))
+        self._typed[file.name, column] = assigned.unit
+
+    @act
+    def unit(self, asked: Asked) -> None:
+        """Set the unit of a column, and that of all other columns of its kind that state none either."""
+        file = self._known(asked)
+        guess, name = file.guess, asked.text("column")
+        role = next((role for role, column in guess.mapping.items() if column.name == name), "") if guess else ""
+        if guess is None or not role:
+            raise ParameterError(f"{file.name} has no column {name!r:.60} with a role")
+        alike = {
+            other: column
+            for other, column in guess.mapping.items()
+            if ROLES[other] == ROLES[role] and not column.factor and not self._unit(file, column.name)
+        }
+        for other, column in {**alike, role: guess.mapping[role]}.items():
+            # a guess stays one: only its unit was chosen
+            why, _, _ = guess.mapping.reasons.get(other, "").partition(_NO_UNIT)
+            now = self.files[file.name]
+            assert now.guess is not None
+            self._assign(now, now.guess, column.name, other, Column(name=column.name, unit=asked.text("unit")), why)
+            self._typed[file.name, column.name] = asked.text("unit")
 
     @act
     def choose_axis(self, asked: Asked) -> None:
@@ -223,7 +246,7 @@ class Bring(Room):
             inverted=asked.yes("inverted"),
         )
         found = force_scale(request)
-        _, size = _signal(file.units.get(column, ""))
+        _, size = _signal(self._unit(file, column))
         factor = units.decimal(size * found.factor)
         # a role that the user chose stays chosen, whatever its samples show
         why = CHOSEN if (file.name, column) in self._told else _computed(found)
@@ -245,6 +268,10 @@ class Bring(Room):
             columns[role], reasons[role] = assigned, why
         mapping = replace(guess.mapping, columns=columns, reasons=reasons)
         self._put_guess(file, replace(guess, mapping=mapping, needs=needs))
+
+    def _unit(self, file: Understood, column: str) -> str:
+        """Return the unit of the numbers of a column: as the user entered it, else as the file states it."""
+        return self._typed.get((file.name, column)) or file.units.get(column, "")
 
     def _put_guess(self, file: Understood, guess: Guess) -> None:
         guesses = {**file.guesses, guess.mapping.axis: guess} if file.guesses else file.guesses
@@ -487,22 +514,24 @@ class Bring(Room):
             role, column = roles.get(name, ("", None))
             why = guess.mapping.reasons.get(role, "") if role else guess.unused.get(name, "")
             stated = content.units.get(name, "")
-            signal, _ = _signal(stated)
+            signal, _ = _signal(self._unit(content, name))
             if name in needs and not role:
                 role, what = needs[name]
                 why = f"{role}: enter its rated value" if signal else f"needs a factor, {what}"
             elif why == CHOSEN:
                 why = "you chose it"
+            scale, entered = self._scales.get((content.name, name), (None, {}))
+            if scale is not None:
+                why = _computed(scale)
             if role in doubted:
                 why = "the samples contradict this role"
-            if role == "command" and not stated:
+            if role == "command" and not self._unit(content, name):
                 signal = "pid.output"  # what HAL sends has no unit
-            scale, entered = self._scales.get((content.name, name), (None, {}))
             shown.append(
                 {
                     "column": name,
                     "role": role,
-                    "unit": "" if column is None else column.unit,
+                    "unit": self._typed.get((content.name, name), "") if column is None else column.unit,
                     "factor": None if column is None else column.factor,
                     "stated": stated,
                     "why": why,
@@ -617,13 +646,14 @@ def _checked(content: Understood) -> Check:
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
     sentences = [str(doubt.why) for doubt in read.contradictions]
     if doubt is not None:
-        sentences.append(doubt.why.partition(_SAY_WHICH)[0])
-    if wrong or (doubt is not None and doubt.readings is not None):
-        sentences.append("Enter the unit in the row of the column")
+        sentences.append(doubt.cause or doubt.why)
+    elif wrong:
+        sentences.append("check the units: no feed drive has such figures")
     words = {
         "figures": None if preview is None else tabled(preview.table(), DRAWN),
         "outside": [span.quantity for span in wrong],
         "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings, DRAWN),
+        "choices": [] if doubt is None else doubt.choices,
     }
     name = f"{log.name}: "
     return Check(
