@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio import uploads
 from feeddrive.studio.desk import Asked
+from feeddrive.studio.rooms import bring
 from feeddrive.studio.rooms.bring import Bring
 from feeddrive.studio.server import Session
 from plain_drive import Cascade, PlainAxis, write_columns
@@ -321,3 +323,46 @@ def test_units_in_doubt_are_asked_for_with_the_likeliest_ones_to_choose(tmp_path
     assert (found["missing"], found["signal"], found["unit"]) == (True, "percent", "%")
     said = desk.ask("scale", name="a.csv", column="torque", signal="percent", rated=10.0, rated_unit="N m")
     assert (row(said, "torque")["factor"], row(said, "torque")["signal"]) == (0.1, "percent")
+
+
+def test_whatever_a_page_sends_of_a_data_sheet_is_refused_in_plain_words(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    desk.look("a.csv")
+    draw = random.Random(5)
+    odd = [
+        None,
+        "",
+        "x",
+        0,
+        -1,
+        1.0,
+        2.5,
+        1e308,
+        1e-320,
+        10**400,
+        True,
+        [],
+        {},
+        "N",
+        "N m",
+        "A",
+        "percent",
+        "V",
+        float("nan"),
+    ]
+    names = ["signal", *bring._ENTERED]
+    refused = 0
+    for _ in range(300):
+        sent = {name: draw.choice(odd) for name in draw.sample(names, draw.randrange(1, len(names)))}
+        for act in ("scale", "role", "unit", "choose_axis"):
+            answer = desk.session.answer({"number": 1, "do": f"bring.{act}", "name": "a.csv", "column": "load", **sent})
+            said = json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])
+            refused += "error" in said
+            assert "a fault in feeddrive" not in said.get("error", ""), (act, sent, said["error"])
+    assert refused > 300
+
+
+def test_a_result_calls_the_file_by_its_name_and_not_by_its_place(tmp_path: Path) -> None:
+    words = {"verdict": [f"{tmp_path}/a.csv: good"], "sections": ({"title": f"in {tmp_path}/a.csv", "rows": 3},)}
+    found = bring._renamed(words, {f"{tmp_path}/a.csv": "a.csv"})
+    assert found == {"verdict": ["a.csv: good"], "sections": [{"title": "in a.csv", "rows": 3}]}

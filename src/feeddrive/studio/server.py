@@ -207,6 +207,10 @@ FIELDS = {
     "--load": "Response of the table",
     "--motor": "Response of the motor's encoder",
     "--force-constant": "N per unit of the command",
+    "--rated": "Rated value",
+    "--at-full": "gives",
+    "--torque-constant": "constant",
+    "--motor-constant": "constant",
 }
 Push = Callable[[str, bytes], None]
 # zoomed ranges of x: labels come from the page, and without an end they would fill the memory

@@ -10,7 +10,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -437,7 +437,9 @@ class Bring(Room):
         def then(shown: Shown) -> None:
             self.desk.did(command, request)
             self._made_of = name
-            self._finished(shown)
+            # users know a file by its name, not by its place on the server
+            places = {str(path): known for known, path in self.desk.files.items()}
+            self._finished(replace(shown, words=_renamed(shown.words, places)))
 
         self.desk.start(self.name, what, partial(fitted, command, request), then)
 
@@ -607,6 +609,19 @@ def _or(value: float | None, usual: float) -> float:
 def _computed(found: ForceScale) -> str:
     """Return the data from which a factor was computed, as the reason for the role: `rated 850 N / 100`."""
     return Text(f"you gave {joined(', ', (step for step, _, _ in found.steps))}")
+
+
+def _renamed(words: Any, names: Mapping[str, str]) -> Any:
+    """Return JSON data with other names for files, wherever they are mentioned."""
+    if isinstance(words, str):
+        for place, name in names.items():
+            words = words.replace(place, name)
+        return words
+    if isinstance(words, Mapping):
+        return {key: _renamed(value, names) for key, value in cast("Mapping[str, Any]", words).items()}
+    if isinstance(words, (list, tuple)):
+        return [_renamed(value, names) for value in cast("Sequence[Any]", words)]
+    return words
 
 
 def _bundled() -> list[str]:
