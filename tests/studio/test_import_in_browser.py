@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from test_studio_import import RATED, written
+from test_studio_import import RATED, RUN, written
 
 from conftest import Studio
+from plain_drive import write_columns
 
 
 @pytest.fixture(scope="module")
@@ -124,4 +125,29 @@ def test_the_table_of_columns_has_no_serious_violation_of_accessibility(empty: A
         assert serious == [], look
         page.click("#dark")
     assert page.evaluate("document.documentElement.scrollWidth") <= 1280
+    opened.context.close()
+
+
+def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_path: Path) -> None:
+    names = {"t_s": RUN["time"]}
+    for axis, share in (("X1", 1.0), ("Y1", 0.4)):
+        names |= {f"{axis}_target": 1e3 * share * RUN["set"], f"{axis}_actual": 1e3 * share * RUN["position"]}
+    page = (opened := empty.open(1280, 800)).page
+    page.set_input_files("#files", str(write_columns(tmp_path / "two.csv", names)))
+    page.wait_for_selector("#check-question:has-text('Does this look like your machine?')")
+    opened.settled()
+    shown = page.locator("#columns-of-log tbody tr:visible th")
+    assert shown.all_inner_texts() == ["X1_target", "X1_actual"]
+    assert page.locator(".cards .bad dt").all_inner_texts() == ["travel", "speed", "acceleration"]  # in m
+    page.click("button:has-text('X1_actual is in mm')")
+    opened.settled()
+    assert page.locator(".cards .bad").count() == 0
+    assert page.locator(".cards strong").all_inner_texts()[0] == "150.1 mm"
+    assert page.get_by_label("Unit of X1_target", exact=True).input_value() == "mm"
+    page.select_option("#axis-of-log", "y1")
+    opened.settled()
+    assert shown.all_inner_texts() == ["Y1_target", "Y1_actual"]
+    page.check("#columns-of-all-axes")
+    assert shown.all_inner_texts() == ["X1_target", "X1_actual", "Y1_target", "Y1_actual"]
+    assert opened.said == []
     opened.context.close()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.files.log import Log
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio import uploads
@@ -196,6 +197,7 @@ def test_the_course_of_a_column_has_its_ends_in_the_unit_in_which_it_is_read(tmp
     found = row(desk.look("a.csv"), "target")
     assert (found["low"], found["high"]) == ("0 mm", "150 mm")
     assert (min(found["course"]), max(found["course"])) == (0, 100)
+    assert 70 <= len(found["course"]) <= 100  # a point for each pixel or a little less
     said = desk.ask("scale", name="a.csv", column="load", signal="percent", rated=RATED, rated_unit="N", inverted=True)
     most = max(abs(RUN["force"]))
     assert row(said, "load")["high"] == f"{most:.3g} N"
@@ -366,3 +368,14 @@ def test_a_result_calls_the_file_by_its_name_and_not_by_its_place(tmp_path: Path
     words = {"verdict": [f"{tmp_path}/a.csv: good"], "sections": ({"title": f"in {tmp_path}/a.csv", "rows": 3},)}
     found = bring._renamed(words, {f"{tmp_path}/a.csv": "a.csv"})
     assert found == {"verdict": ["a.csv: good"], "sections": [{"title": "in a.csv", "rows": 3}]}
+
+
+@pytest.mark.parametrize(("rows", "every"), [(1_000_000, 1), (1_200_000, 2)])
+def test_two_million_numbers_of_a_log_are_held(rows: int, every: int) -> None:
+    """Of two columns a million rows, 16 MB; of a longer log every second row."""
+    time = 1e-3 * np.arange(rows)
+    log = Log(name="long", time=time, channels={"x": time}, units={}, sample_time=1e-3)
+    held = uploads._thinned(log)
+    assert held.time.size == rows // every
+    assert held.sample_time == pytest.approx(every * 1e-3)
+    assert held["x"][1] == time[every]

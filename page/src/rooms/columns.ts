@@ -4,11 +4,10 @@
 import { Field, numberOf } from "../controls/field";
 import { make } from "../parts";
 import type { Ask } from "../room";
-import { Rated, type Entered } from "./rated";
+import { Rated, type Signal } from "./rated";
 
-export interface Column {
+export interface Column extends Signal {
   column: string;
-  role: string;
   unit: string;
   factor: number | null;
   stated: string; // the unit that the file states
@@ -16,9 +15,7 @@ export interface Column {
   missing: boolean; // its factor is still needed
   other_axis: boolean; // it has a role in the table of another axis
   doubted: boolean; // the samples contradict its role
-  signal: string; // percent, A or V, if a rated value gives the factor; else empty
   scale: string; // what the rated value gave: "1 of 'load' is 8.5 N"
-  entered: Entered; // of which it was computed
   course: number[]; // of the column over the log, 0 to 100
   low: string; // its ends, in the unit in which it is read
   high: string;

@@ -3,9 +3,14 @@
 import { Field, numberOf } from "../controls/field";
 import { make } from "../parts";
 import type { Ask } from "../room";
-import type { Column } from "./columns";
 
 export type Entered = Record<string, number | string | boolean | null>;
+// What a column says of its rated value.
+export interface Signal {
+  role: string;
+  signal: string; // percent, A or V, if a rated value gives the factor; else empty
+  entered: Entered; // of which the factor was computed
+}
 
 // Fields of the data sheet: the name in the request, label, unit, and when it is shown, by signal and unit of the rated value.
 interface Entry {
@@ -83,7 +88,7 @@ export class Rated {
     this.element.append(...[...this.fields.values()].map(({ line }) => line), this.constant.line);
   }
 
-  show({ role, signal, entered }: Column): void {
+  show({ role, signal, entered }: Signal): void {
     this.signal = signal;
     if (signal && !this.begun) {
       this.begun = true;
