@@ -97,3 +97,74 @@ def written(path: Path, columns: Mapping[str, np.ndarray], separator: str = ",",
     text = "\n".join(lines).replace(".", decimal) + "\n"
     path.write_text(f"{separator.join(columns)}\n{text}", encoding="utf-8")
     return path
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A file with drawn names, units and neighbors, and what is true of it.
+
+    roles    the column of each role: setpoint, position, force or torque or current
+    options  what a person adds to identify it: unit of nameless lengths, rated value
+    """
+
+    path: Path
+    motion: Motion
+    axis: str
+    roles: Mapping[str, str]
+    options: Mapping[str, object]
+    said: str
+
+
+# set, actual, force, each as a recorder or a person names it; {} is the axis
+STYLES: tuple[tuple[str, str, str], ...] = (
+    ("{}_target", "{}_actual", "{}_force"),
+    ("{}_cmd", "{}_fb", "{}_force"),
+    ("{}1_CommandPosition", "{}1_ActualPosition", "{}1_Force"),
+    ("{} Sollposition", "{} Istposition", "{} Kraft"),
+    ("{}_Lagesollwert", "{}_Lageistwert", "{}_Kraftistwert"),
+    ("Axis_{}.SetPos", "Axis_{}.ActPos", "Axis_{}.ActForce"),
+    ("axis {} position nominal", "axis {} position actual", "axis {} force"),
+)
+_LENGTHS = {"mm": 1e3, "um": 1e6, "in": 1.0 / 0.0254, "m": 1.0}
+
+
+def drawn(seed: int, folder: Path) -> Drawn:
+    """Draw a file: names, units, percent or kN, order of columns, separator, decimal mark, a second axis, neighbors."""
+    rng = np.random.default_rng(1000 + seed)
+    motions = [motion(2 * seed), motion(2 * seed + 1)]
+    axes = ["X", "Y"] if rng.random() < 0.5 else ["Y", "Z"]
+    style = STYLES[seed % len(STYLES)]
+    several = bool(rng.random() < 0.6)
+    length = str(rng.choice([*_LENGTHS]))
+    force_unit = str(rng.choice(["N", "kN", "%"]))
+    here = motions[0]
+    rows = here.table.size
+    columns: list[tuple[str, np.ndarray]] = []
+    roles: dict[str, str] = {}
+    for axis, its in zip(axes[: 1 + several], motions, strict=False):
+        # the second axis shares the clock of the first
+        signals = (its.set_position * _LENGTHS[length], its.table * _LENGTHS[length], its.force)
+        size = {"N": 1.0, "kN": 1e-3, "%": 100.0 / here.rated}[force_unit]
+        names = [name.format(axis) for name in style]
+        for role, name, values in zip(("set", "position", "force"), names, signals, strict=True):
+            unit = force_unit if role == "force" else length
+            scaled = values * size if role == "force" else values
+            # a shorter motion of the other axis ends at rest
+            whole = np.pad(scaled[:rows], (0, max(0, rows - scaled.size)), mode="edge")
+            columns.append((f"{name} [{unit}]", whole))
+            if its is here:
+                roles[role] = name
+        noise = np.random.default_rng(seed).normal(size=rows)
+        columns += [(f"{axis}_bus_voltage [V]", 600.0 + noise), (f"{axis}_temperature", 40.0 + 0.01 * noise)]
+        error = (signals[0] - signals[1])[:rows]
+        columns += [(f"{axis}_following_error [{length}]", np.pad(error, (0, rows - error.size), mode="edge"))]
+    order = rng.permutation(len(columns))
+    # the first axis of the file is the first that is named
+    table = {columns[k][0]: columns[k][1] for k in order}
+    separator, decimal = [(",", "."), (";", ","), ("\t", ".")][int(rng.integers(3))]
+    stamp = str(rng.choice(["ms", "s", "us"]))
+    clock = here.time[:rows] * {"ms": 1e3, "s": 1.0, "us": 1e6}[stamp]
+    path = written(folder / f"drawn_{seed}.csv", {f"time [{stamp}]": clock, **table}, separator, decimal)
+    options: dict[str, object] = {"rated": f"{here.rated:g}N"} if force_unit == "%" else {}
+    said = f"seed {seed}: {style[1]}, {length}, {force_unit}, {2 if several else 1} axes, {separator!r}, {stamp}"
+    return Drawn(path, here, axes[0].lower(), roles, options, said)

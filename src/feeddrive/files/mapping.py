@@ -187,7 +187,10 @@ def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[
     """Return the axes whose channels suggest a role, in the order of the columns; empty if no name has an axis."""
     axes = axes_of(names)
     read = [read_name(name, units_.get(name, ""), axes[name]) for name in names]
-    return tuple(dict.fromkeys(reading.axis for reading in read if reading.role_like and reading.axis))
+    all_ = dict.fromkeys(reading.axis for reading in read if reading.role_like and reading.axis)
+    moving = {reading.axis for reading in read if reading.quantity in _MOTION}
+    # a group without a motion, as that of a program, is no axis
+    return tuple(axis for axis in all_ if axis in moving) or tuple(all_)
 
 
 def axis_called(name: str, asked: str, axes: abc.Collection[str]) -> str:
@@ -357,7 +360,7 @@ class _Taking:
         setpoint = _SETPOINT_OF.get(role, "")
         force = next((self._signal(its) for its in _ACTING if its in self.mapping or its in self.needs), None)
         first_is_goal = shapes.order(first, second, force, T) if long and abs(like.gain - 1.0) < _SCALED else 0.0
-        if setpoint and setpoint not in self.mapping and first_is_goal:
+        if setpoint and setpoint not in self.mapping and abs(first_is_goal) == 1.0:
             goal, actual = (taken, name) if first_is_goal > 0.0 else (name, taken)
             self._as_setpoint(name, reading, role, setpoint, goal, actual)
             return
@@ -428,6 +431,7 @@ NAMELESS = "not like any known name"
 _SCALED = 0.5  # by which the motions of setpoint and position may differ: encoders in other units differ by more
 _PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
 _ACTING = ("force", "torque", "current", "command")
+_MOTION = ("position", "angle", "velocity", "speed")
 _SETPOINT_OF = {
     "position_load": "setpoint_position",
     "angle_motor": "setpoint_angle",

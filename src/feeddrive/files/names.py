@@ -94,6 +94,7 @@ _OTHERS: Mapping[str, frozenset[str]] = {
     "a constant of the drive": frozenset({"inertia", "limit", "grenze", "trägheit"}),
     "of one winding, not of the motor": frozenset({"coil", "phase", "winding"}),
     "a part of the controller's output": frozenset({"term", "anteil"}),
+    "a count of the program, no signal of the axis": frozenset({"number", "program", "sequence", "line", "satz"}),
 }
 _VOLTAGE = {"voltage", "spannung"}
 _WORDS = {
@@ -199,6 +200,9 @@ _AXIS = re.compile(r"(?:joint|axis|axes|achse|ax|j)[ ._\[-]*([0-9]{1,2}|[xyzabc]
 _UNIT_NUMBER = re.compile(r"\[u[0-9]+[;, ]+([0-9]{1,2})\]")  # of a SINUMERIK variable: [u1, 2] is axis 2
 _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 _LETTERS = frozenset("xyzabcuvws")
+# alone, these letters are an acceleration, a path, a velocity and a voltage more often than an axis: v_ist, s_soll
+_QUANTITIES = frozenset("asuv")
+_INTEGRAL = re.compile(r"I \(int")
 
 
 @dataclass(frozen=True)
@@ -240,9 +244,11 @@ def read_name(name: str, unit: str, axis: str | None = None) -> NameReading:
 
     axis  the axis of the channel, as `axes_of` finds it in all names; None: that in this name alone
     """
-    words = words_of(name)
+    words = words_of(_UNIT_NUMBER.sub("", name))
     unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
     axis = _axis(name, bare) if axis is None else axis
+    # Pos1 and Dev64 are Pos and Dev; enc1 and enc2 are the two encoders
+    spoken = {*bare, *(word.rstrip("0123456789") for word in bare)} - {""}
     if name in ROLES:
         return NameReading(exact=name, unit=unit, why="its name is a role")
     if name.lower() in _EXACT:
@@ -254,27 +260,34 @@ def read_name(name: str, unit: str, axis: str | None = None) -> NameReading:
         told = "" if unit else f"; in {documented.unit}, as {documented.maker}"
         return NameReading(kind, documented.is_set, documented.side, axis, unit or documented.unit, "", f"{why}{told}")
     # An error has the unit of a position, and would otherwise take its role.
-    if _ERROR & set(bare) or bare[-1:] == ["f", "error"]:
+    if _INTEGRAL.match(name):
+        return NameReading(axis=axis, unit=unit, why="the integral part of the current")
+    if _ERROR & spoken:
         return NameReading(axis=axis, unit=unit, why="a difference, which follows from others")
-    is_set = bool(_SET & set(bare))
-    other = next((why for why, known in _OTHERS.items() if known & set(bare)), "")
+    is_set = bool(_SET & spoken)
+    other = next((why for why, known in _OTHERS.items() if known & spoken), "")
     # the output of a current controller follows the force, the speed and the winding
-    if not other and _VOLTAGE & set(bare) and {"output", "motor"} & set(bare) and not is_set:
+    if not other and _VOLTAGE & spoken and {"output", "motor", "d", "q"} & set(bare) and not is_set:
         other = "the voltage at the motor, which holds the speed too"
+    if not other and "d" in bare and "current" in bare:
+        other = "the current that magnetizes, which makes no torque"
     if other:
         return NameReading(axis=axis, unit=unit, why=other)
     encoder = _ENCODER.search(name.replace("1stEnc", "enc1").replace("2ndEnc", "enc2"))
     side = "motor" if _MOTOR & set(bare) else "load" if _LOAD & set(bare) else ""
     if not side and encoder is not None:
         side = "motor" if encoder[1] == "1" else "load"
-    by_words = _by_words(name, bare)
+    by_words = _by_words(name, [*bare, *spoken])
+    # x1 and x2 are positions of one axis, where they are not axes
+    if not by_words and not axis and any(re.fullmatch("[xyz][0-9]", word) for word in bare):
+        by_words = "position"
     by_unit = _by_unit(unit)
     # A unit is the stronger statement; words are often abbreviated or generic.
     quantity = by_unit or by_words
     # A signal in V may stand for a scaled current or torque, which its name then states.
     if by_unit == "command" and by_words in ("current", "torque", "excitation"):
         quantity = by_words
-    named = is_set or bool(_MEASURED & set(bare))
+    named = is_set or bool(_MEASURED & spoken)
     if quantity in ("", "command") and axis and by_words != "command" and (named or bare == [axis]):
         # x, x_cmd and y_fb are positions of their axes.
         quantity = "position"
@@ -348,7 +361,7 @@ def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
         end = name[start:].replace(" ", "_")
         # A name cannot contain a slash: rad_s means rad/s.
         unit = unit_of(re.sub(r"^(u?m?m|rad|deg)_(s2?)$", r"\1/\2", end))
-        if unit and (len(end) > 1 or end == "%") and end != "in":
+        if unit and (len(end) > 1 or end == "%") and end != "in" and not end[0].isdigit():
             return unit, words_of(name[:start])
     return "", words
 
@@ -377,7 +390,7 @@ def axes_of(names: Iterable[str]) -> dict[str, str]:
     places: dict[str, set[str]] = {}
     for name, words in split.items():
         for token, rest in _tokens(words):
-            if not (_UNIT_NUMBER.search(name) or _AXIS.search(name)):
+            if not (_UNIT_NUMBER.search(name) or _AXIS.search(name) or _LETTERED.match(name)):
                 places.setdefault(rest, set()).add(token)
     found: set[str] = set()
     for tokens in places.values():
@@ -396,6 +409,11 @@ def axes_of(names: Iterable[str]) -> dict[str, str]:
             chosen = first
         if chosen and (not axes[name] or len(chosen) > 1 or axes[name] not in found):
             axes[name] = chosen
+    # LinuxCNC: with one joint and one pid component, both are of one axis
+    joints = {axis for name, axis in axes.items() if name.startswith("joint.")}
+    loops = {axis for name, axis in axes.items() if name.startswith("pid.")}
+    if len(joints) == 1 and len(loops) == 1:
+        axes |= {name: next(iter(joints)) for name, axis in axes.items() if axis in loops}
     return axes
 
 
@@ -408,7 +426,8 @@ def _tokens(words: list[str]) -> Iterable[tuple[str, str]]:
         return
     for k in (0, -1):
         word = words[k]
-        if word[0] in _LETTERS and (len(word) == 1 or (len(word) == 2 and word[1].isdigit())):
+        numbered = len(word) == 2 and word[1].isdigit()
+        if word[0] in _LETTERS and (numbered or (len(word) == 1 and word not in _QUANTITIES)):
             yield word, " ".join(words[1:] if k == 0 else words[:-1])
 
 

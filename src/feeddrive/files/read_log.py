@@ -34,6 +34,7 @@ from feeddrive.files.mapping import ChannelsSection, LogSection, Mapping
 from feeddrive.files.readers import mdf, text_files
 from feeddrive.files.readers.arrays import START as _NPY
 from feeddrive.files.readers.arrays import read_mat, read_mat73, read_npy
+from feeddrive.files.readers.text_files import COUNTER
 from feeddrive.files.readers.uff import STARTS as _UFF
 from feeddrive.files.readers.uff import read_uff
 from feeddrive.files.run_files import read_parquet
@@ -447,11 +448,20 @@ def _stamps(
     if sample_time is None:
         names = ", ".join(name[:40] for name in list(columns.values)[:12])
         raise LogError(
-            f"{path}: has no column of time among {names}{left}; "
-            "name it, as in  time = { column = 'x', unit = 'ms' }, or give the sample time"
-            f"{_as_frequencies(columns)}"
+            f"{path}: has no column of time among {names}{left}; {_clock_of(columns)}"
+            f"give the sample time in s, as --sample-time 0.001{_as_frequencies(columns)}"
         )
     return sample_time * np.arange(rows, dtype=np.float64)
+
+
+def _clock_of(columns: Columns) -> str:
+    """Return what a file without a clock says of it, as the middle of a sentence."""
+    if columns.format == "halsampler":
+        numbers = (
+            "" if COUNTER not in columns.values else "the numbers of the samples are there, but not their period: "
+        )
+        return f"halsampler writes no clock; {numbers}it is the period of the thread that the sampler runs in: "
+    return "name it, as in  time = { column = 'x', unit = 'ms' }, or "
 
 
 def _as_frequencies(columns: Columns) -> str:

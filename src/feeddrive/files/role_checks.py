@@ -152,7 +152,7 @@ class _Check:
             first = shapes.order(goal, actual, force, self.T)
             lag = Text(f"{number(-like.lag, 3)} samples ({Quantity(-like.lag * self.T, 's'):3})")
             trails = Text(f"'{a}' trails '{b}' by {lag}") if like.lag < -shapes.CLEAR else ""
-            if first < 0.0 and force is not None:
+            if first == -1.0:
                 why = Text(
                     f"set and actual position are exchanged: {trails + ', and ' if trails else ''}"
                     f"'{self.name(self.acting or '')}' follows the acceleration and friction of '{a}' better than "
@@ -424,7 +424,7 @@ def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[
         goals = [
             (name, like)
             for name, (values, like) in alike.items()
-            if like.gain > 0.0 and shapes.order(values, near[place], near[force], T) > 0.0
+            if like.gain > 0.0 and shapes.order(values, near[place], near[force], T) == 1.0
         ]
         if goals and not has_setpoint and its_role.startswith("position"):
             name, like = min(goals, key=lambda item: item[1].lag)
@@ -500,7 +500,7 @@ def _ordered(
         # the channel that is the setpoint of all others, if it can be told
         for goal in names:
             others = [name for name in names if name != goal]
-            if all(shapes.order(alike[goal][0], alike[name][0], force, T) > 0.0 for name in others):
+            if all(shapes.order(alike[goal][0], alike[name][0], force, T) == 1.0 for name in others):
                 lag = min(alike[name][1].lag for name in others) - alike[goal][1].lag
                 roles["setpoint_position"] = (goal, _leads(others[0], lag, T))
                 names = others
@@ -515,13 +515,13 @@ def _ordered(
         motor, table = (a, b) if first >= 0.0 else (b, a)
         roles["position_motor"] = (motor, f"{what}; motor: it runs ahead while the axis accelerates")
         roles["position_load"] = (table, f"{what}; table: it trails the motor")
-    else:
-        best = max((a, b), key=lambda name: shapes.driven(alike[name][0], force, T).explained)
-        roles["position_load"] = (best, what)
-        other = b if best == a else a
-        unused[other] = (
-            f"moves as '{best}': its setpoint or a second encoder, which its samples do not tell apart; if it is the "
-            f"setpoint: {option_for('setpoint_position', Column(name=other))}"
+        return roles, unused
+    # two encoders, or position and setpoint: a guess would be wrong every second time
+    for name, other in ((a, b), (b, a)):
+        unused[name] = (
+            f"moves as '{other}': position, setpoint or second encoder, which its samples do not tell apart; name "
+            f"them with {option_for('position_load', Column(name=name))} "
+            f"{option_for('setpoint_position', Column(name=other))}, or the other way round"
         )
     return roles, unused
 

@@ -27,6 +27,7 @@ EXPLAINED = 0.6  # share of a force that acceleration and friction explain at le
 BETTER = 0.25  # unexplained share of one reading over that of another, from which on it is the right one
 PROPORTIONAL = 0.98  # share of a command that the velocity alone explains, from which on it commands a velocity
 CLEAR = 1.0  # sample by which one channel must lead another one: less may be the recorder's order
+AGREES = 2.0  # times that one position explains more of the force than another, to confirm the lead: noise makes 1.2
 FAR = 8.0  # times that one position explains more of the force than another, against the lead: 5 occur by counts
 SURE = 5.0  # standard errors of an effect that decides between motor and table
 
@@ -123,11 +124,16 @@ def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
     size = 1 << int(np.ceil(np.log2(da.size + most + 1)))
     spectrum = np.fft.irfft(np.fft.rfft(db, size) * np.conj(np.fft.rfft(da, size)), size)
     lags = np.arange(-most, most + 1)
-    products = spectrum[lags]
-    k = int(np.argmax(np.abs(products)))
+    # over the energies of the overlap: a log that ends in the middle of a move would seem to have less of a lag
+    sums = [np.concatenate([[0.0], np.cumsum(d * d)]) for d in (da, db)]
+    late, early = np.maximum(lags, 0), np.maximum(-lags, 0)
+    n_ = da.size
+    energies = (sums[0][n_ - late] - sums[0][early]) * (sums[1][n_ - early] - sums[1][late])
+    products = np.abs(spectrum[lags]) / np.sqrt(np.maximum(energies, np.finfo(float).tiny))
+    k = int(np.argmax(products))
     lag = float(lags[k])
     if 0 < k < lags.size - 1:
-        before, here, after = np.abs(products[k - 1 : k + 2])
+        before, here, after = products[k - 1 : k + 2]
         bent = before - 2.0 * here + after
         lag += 0.5 * (before - after) / bent if bent < 0.0 else 0.0
     whole = int(lags[k])
@@ -174,26 +180,24 @@ def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool
 
 
 def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: float) -> float:
-    """Return how surely the first of two positions is the setpoint: 1 surely, -1 surely not, 0 if it cannot be told.
+    """Return whether the first of two positions is the setpoint: 1 surely, -1 surely not, ±0.5 likely, 0 undecided.
 
     A setpoint leads, and the force follows the acceleration and friction of the actual position better than those of
-    the setpoint.  Both may mislead: with strong feedforward the position leads, and a velocity gain makes a noise of
-    the counts of the force.  Where they contradict each other, the force decides if it is far more of one than of the
-    other, else the lead.
+    the setpoint.  Either may mislead: with strong feedforward the position leads, and through a velocity gain coarse
+    counts make a force that follows them.  It is sure if both agree, or if the force alone tells clearly.
     """
     lag = likeness(goal, actual, T).lag
     lead = 0.0 if abs(lag) <= CLEAR else float(np.sign(lag))
-    if force is None:
-        return lead
-    left = [max(1.0 - driven(x, force, T).explained, 1e-12) for x in (goal, actual)]
-    if min(left) > 1.0 - EXPLAINED:
-        return lead
-    ratio = left[0] / left[1]
-    side = 1.0 if ratio > 1.0 else -1.0
-    times = max(ratio, 1.0 / ratio)
+    left = [0.0, 0.0] if force is None else [max(1.0 - driven(x, force, T).explained, 1e-12) for x in (goal, actual)]
+    if force is None or min(left) > 1.0 - EXPLAINED:
+        return 0.5 * lead
+    side = 1.0 if left[0] > left[1] else -1.0
+    times = max(left) / min(left)
     if lead == 0.0:
         return side if times > 1.0 / BETTER else 0.0
-    return lead if lead == side or times < FAR else side
+    if lead == side:
+        return lead if times > AGREES else 0.5 * lead
+    return side if times > FAR else 0.5 * lead
 
 
 def _wide_rate(grid: Grid, x: np.ndarray) -> np.ndarray:

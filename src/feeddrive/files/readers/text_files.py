@@ -1,4 +1,4 @@
-"""Text files with columns: CSV, and files of EPOS Studio, LinuxCNC's halscope and halsampler, and TwinCAT Scope View.
+"""Text files with columns: CSV, EPOS Studio, LinuxCNC's halscope and halsampler, TwinCAT Scope View, Klipper and Duet.
 
 A CSV file may have any separator, a decimal point or comma, and optionally headers, units and a preamble.  The layout
 is detected from the first lines: most of them are rows of numbers, and the lines above are headers and preamble.  A
@@ -48,6 +48,12 @@ values:
 A time column may be shared by the channels that follow it.  Only channels with the same sample time are read, that of
 most requested channels; the others are left out, with their sample time as the reason.  As a float, a FILETIME is exact
 only to 3 us; the stated sample time compensates for this.
+
+Klipper's ACCELEROMETER_MEASURE writes accelerations in mm/s², and Duet's M569.5 the motion of a closed-loop stepper in
+full steps, with the time in ms:
+
+    #time,accel_x,accel_y,accel_z
+    Sample,Timestamp,Measured Motor Steps,Target Motor Steps,PID Control Signal
 """
 
 import csv
@@ -728,10 +734,43 @@ def _is_float(cell: str, decimal: str) -> bool:
     return True
 
 
+_KLIPPER = re.compile(rb"(?:##[^\n]*\n)?#time,accel_x,accel_y,accel_z[ \t]*\r?\n")
+_DUET = re.compile(rb"Sample,Timestamp(?:,[A-Za-z ]+)*,(?:Measured|Target) Motor Steps[,\r\n]")
+
+
+def is_klipper(content: bytes) -> bool:
+    """Return True for the samples that Klipper's ACCELEROMETER_MEASURE writes."""
+    return _KLIPPER.match(content) is not None
+
+
+def read_klipper(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """Read the accelerations of a Klipper log, which are in mm/s². Raise LogError with file and line."""
+    columns = read_csv(name, content, wanted)
+    units = {column: "s" if column == "time" else "mm/s2" for column in columns.values}
+    return replace(columns, format="Klipper accelerometer", units=units)
+
+
+def is_duet(content: bytes) -> bool:
+    """Return True for the samples of a closed-loop driver that Duet's M569.5 writes."""
+    return _DUET.match(content) is not None
+
+
+def read_duet(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
+    """Read the channels of a Duet driver: time in ms with two decimals, motion in full steps of the motor.
+
+    Raise LogError with file and line, also for the line that the firmware writes where samples were lost.
+    """
+    columns = read_csv(name, content, wanted)
+    steps = {column: "steps" for column in columns.values if column.endswith(" Motor Steps")}
+    return replace(columns, format="Duet closed loop", units={**columns.units, "Timestamp": "ms", **steps})
+
+
 RECORDERS: tuple[tuple[Callable[[bytes], bool], Reader], ...] = (
     (is_epos, read_epos),
     (is_twincat, read_twincat),
     (is_halscope, read_halscope),
     (is_halsampler, read_halsampler),
+    (is_klipper, read_klipper),
+    (is_duet, read_duet),
 )
 """Pairs of a test on the first bytes of a file and the reader of that format; the first match reads the file."""
