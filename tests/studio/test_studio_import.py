@@ -379,3 +379,26 @@ def test_two_million_numbers_of_a_log_are_held(rows: int, every: int) -> None:
     assert held.time.size == rows // every
     assert held.sample_time == pytest.approx(every * 1e-3)
     assert held["x"][1] == time[every]
+
+
+def test_a_unit_in_the_name_of_a_column_asks_for_the_rated_value_too(tmp_path: Path) -> None:
+    columns_ = {"t_s": RUN["time"], "x_mm": 1e3 * RUN["position"], "current_mA": RUN["force"]}
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"a.csv": write_columns(tmp_path / "a.csv", columns_)}
+    found = row(desk.look("a.csv"), "current_mA")
+    assert (found["role"], found["signal"]) == ("current", "A")
+    typed = {"signal": "A", "motor_constant": 35.0}
+    for _ in range(2):  # the unit is that of the numbers also once there is a factor
+        found = row(desk.ask("scale", name="a.csv", column="current_mA", **typed), "current_mA")
+        assert (found["role"], found["factor"], found["why"]) == ("force", 0.035, "you gave constant 35 N/A")
+    desk.session.desk.files = {"a.csv": written(tmp_path / "b.csv")}
+    assert row(desk.look("a.csv"), "load")["entered"] == {}  # another file of this name
+
+
+def test_a_column_that_cannot_be_judged_leaves_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    desk.look("a.csv")
+    monkeypatch.setattr(bring, "log_preview", lambda *_: 1 / 0)
+    said = desk.ask("role", name="a.csv", column="spare", role="excitation", unit="")
+    assert said["check"]["figures"] is None
+    assert "a fault in feeddrive, please report it: ZeroDivisionError" in said["remarks"][0]

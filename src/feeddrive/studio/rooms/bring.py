@@ -31,6 +31,7 @@ from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.plot.over_time import preview_chart
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
+from feeddrive.studio.jobs import fault
 from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
 from feeddrive.workflow.channels import CHOSEN, mapped
@@ -245,14 +246,15 @@ class Bring(Room):
             gear=_or(asked.number_or_none("gear"), 1.0),
             inverted=asked.yes("inverted"),
         )
-        found = force_scale(request)
-        _, size = _signal(self._unit(file, column))
-        factor = units.decimal(size * found.factor)
+        conversion, unit = force_scale(request), self._unit(file, column)
+        factor = units.decimal(_signal(unit)[1] * conversion.factor)
         # a role that the user chose stays chosen, whatever its samples show
-        why = CHOSEN if (file.name, column) in self._told else _computed(found)
-        self._assign(file, guess, column, found.role, Column(name=column, factor=factor), why)
+        why = CHOSEN if (file.name, column) in self._told else _computed(conversion)
+        self._assign(file, guess, column, conversion.role, Column(name=column, factor=factor), why)
         entered = {key: value for key, value in asked.parameters.items() if key in _ENTERED}
-        self._scales[file.name, column] = found, entered
+        self._scales[file.name, column] = conversion, entered
+        # the column has a factor now, but its numbers are still in this unit
+        self._typed[file.name, column] = unit
 
     def _assign(self, file: Understood, guess: Guess, column: str, role: str, assigned: Column, why: str) -> None:
         """Give a column a role or none; a role whose unit needs a rated value waits for it in `needs`."""
@@ -270,8 +272,12 @@ class Bring(Room):
         self._put_guess(file, replace(guess, mapping=mapping, needs=needs))
 
     def _unit(self, file: Understood, column: str) -> str:
-        """Return the unit of the numbers of a column: as the user entered it, else as the file states it."""
-        return self._typed.get((file.name, column)) or file.units.get(column, "")
+        """Return the unit of the numbers of a column: as the user entered it, or as file or name state it."""
+        assert file.guess is not None
+        named = [other.unit for other in file.guess.mapping.values() if other.name == column]
+        named += [need.signal for need in file.guess.needs.values() if need.column == column]
+        stated = (self._typed.get((file.name, column), ""), file.units.get(column, ""), *named)
+        return next(filter(None, stated), "")
 
     def _put_guess(self, file: Understood, guess: Guess) -> None:
         guesses = {**file.guesses, guess.mapping.axis: guess} if file.guesses else file.guesses
@@ -460,6 +466,10 @@ class Bring(Room):
         """List a file under a name, replacing an earlier one of that name."""
         self.files[name], self.desk.files[name] = replace(content, name=name), path
         self._used.discard(name)
+        # of an earlier file of this name
+        self._told = {key for key in self._told if key[0] != name}
+        self._typed = {key: unit for key, unit in self._typed.items() if key[0] != name}
+        self._scales = {key: scale for key, scale in self._scales.items() if key[0] != name}
         self.desk.programs.pop(name, None)
         if content.kind == PROGRAM:
             self.desk.programs[name] = path
@@ -606,9 +616,9 @@ def _or(value: float | None, usual: float) -> float:
     return usual if value is None else value
 
 
-def _computed(found: ForceScale) -> str:
-    """Return the data from which a factor was computed, as the reason for the role: `rated 850 N / 100`."""
-    return Text(f"you gave {joined(', ', (step for step, _, _ in found.steps))}")
+def _computed(conversion: ForceScale) -> str:
+    """Return the data from which a factor was computed, as the reason for the role: `you gave rated 850 N / 100`."""
+    return Text(f"you gave {joined(', ', (step for step, _, _ in conversion.steps))}")
 
 
 def _renamed(words: Any, names: Mapping[str, str]) -> Any:
@@ -657,6 +667,9 @@ def _checked(content: Understood) -> Check:
         preview = log_preview(log, guess.mapping, guess.needs)
     except FeeddriveError as error:
         return Check(_NO_FIGURES, (str(error),), (), _preview(content))
+    except Exception as error:
+        # the table must stay usable: the user may have chosen the wrong column
+        return Check(_NO_FIGURES, (fault(error),), (), _preview(content))
     wrong = () if preview is None else outside(preview.frame, preview.sizes)
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
     sentences = [str(doubt.why) for doubt in read.contradictions]
