@@ -16,7 +16,7 @@ import feeddrive as fd
 from feeddrive.files.log import Log
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
-from feeddrive.studio import uploads
+from feeddrive.studio import log_check, uploads
 from feeddrive.studio.desk import Asked
 from feeddrive.studio.rooms import bring
 from feeddrive.studio.rooms.bring import Bring
@@ -398,7 +398,7 @@ def test_a_unit_in_the_name_of_a_column_asks_for_the_rated_value_too(tmp_path: P
 def test_a_column_that_cannot_be_judged_leaves_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     desk = Desk(tmp_path, "a.csv")
     desk.look("a.csv")
-    monkeypatch.setattr(bring, "log_preview", lambda *_: 1 / 0)
+    monkeypatch.setattr(log_check, "log_preview", lambda *_: 1 / 0)
     said = desk.ask("role", name="a.csv", column="spare", role="excitation", unit="")
     assert said["check"]["figures"] is None
     assert "a fault in feeddrive, please report it: ZeroDivisionError" in said["remarks"][0]

@@ -23,7 +23,7 @@ interface Entry {
 const volts = (signal: string) => signal === "V" || signal === "pid.output";
 const shares = (signal: string) => signal === "percent" || signal === "per-mille";
 const ENTRIES: Entry[] = [
-  { key: "rated", label: "", unit: "", units: ["N", "N m", "A"], wanted: shares },
+  { key: "rated", label: "Rated value", unit: "", units: ["N", "N m", "A"], wanted: shares },
   { key: "full", label: "full command", unit: "", wanted: volts },
   { key: "at_full", label: "gives", unit: "", units: ["N", "N m", "A"], wanted: volts },
 ];
@@ -59,7 +59,7 @@ export class Rated {
       return select;
     };
     for (const entry of ENTRIES) {
-      const label = entry.key === "rated" ? `Rated value of ${column}` : `${entry.label} of ${column}`;
+      const label = `${entry.label} of ${column}`;
       const field = new Field(label, "6", changed, true);
       const unit = entry.units ? list(`Unit of ${label}`, entry.units) : null;
       const head = make("span", {}, entry.label);

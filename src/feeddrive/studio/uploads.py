@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from feeddrive.files.log import Log
     from feeddrive.files.mapping import Guess
     from feeddrive.files.read_log import OpenedFile
+    from feeddrive.studio.log_check import Check
 
 
 Preview: TypeAlias = tuple[np.ndarray, np.ndarray]  # time and values
@@ -49,6 +50,7 @@ class Understood:
     names       columns of a log that may have a role, in the order of the file
     log         the columns of a log as in the file; of a long log every n-th row
     clock       column of the time, and its unit, by which `log` was read; None: the usual one
+    check       peak figures of a log under its roles; None until they are needed
     no_clock    True for a log that can be read once its sample time is given
     columns     time and values of a log's preview, by column name
     units       units of the columns, as stated in the file
@@ -65,6 +67,7 @@ class Understood:
     names: tuple[str, ...] = ()
     log: Log | None = None
     clock: Column | None = None
+    check: Check | None = None
     no_clock: bool = False
     columns: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict[str, tuple[np.ndarray, np.ndarray]]
@@ -156,6 +159,7 @@ def _program(path: Path) -> Understood:
 
 def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) -> Understood:
     from feeddrive.plot.style import envelope
+    from feeddrive.studio.log_check import checked
     from feeddrive.workflow.channels import proposed, whole_log
 
     clock, step = guess.mapping.get("time"), guess.mapping.sample_time
@@ -170,7 +174,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
         tables = (*tables, Table("not read", ("column", "why"), rows, sentences=1))
     axes = guess.axes if len(guess.axes) > 1 else ()
     guesses = {axis: guess if axis == guess.mapping.axis else proposed(file, axis, clock, step) for axis in axes}
-    return Understood(
+    content = Understood(
         path.name,
         LOG,
         tables=tables,
@@ -182,6 +186,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
         columns=columns,
         units=dict(log.units),
     )
+    return replace(content, check=checked(content))
 
 
 def _thinned(log: Log) -> Log:

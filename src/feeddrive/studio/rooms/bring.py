@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -16,25 +15,20 @@ import numpy as np
 
 from feeddrive.files.columns import ROLES, Column, unit_of
 from feeddrive.files.frf import read_frfs, write_frf
-from feeddrive.files.log import Log
 from feeddrive.files.machine import BUNDLED, read_machine
-from feeddrive.files.mapping import Guess, Need, log_preview
-from feeddrive.files.read_log import OpenedFile
-from feeddrive.files.role_checks import RoleDoubt
-from feeddrive.identification.plausibility import outside
+from feeddrive.files.mapping import Guess, Need
 from feeddrive.language import units
-from feeddrive.language.errors import FeeddriveError, ParameterError, nearest, sentence
+from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import DRAWN, Quantity
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
-from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.plot.over_time import preview_chart
+from feeddrive.plot.chart import Chart
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
-from feeddrive.studio.jobs import fault
+from feeddrive.studio.log_check import Check, checked
 from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
-from feeddrive.workflow.channels import CHOSEN, mapped
+from feeddrive.workflow.channels import CHOSEN
 from feeddrive.workflow.force import SIGNALS, ForceRequest, ForceScale
 from feeddrive.workflow.force import scale as force_scale
 from feeddrive.workflow.frf import FrfRequest
@@ -44,9 +38,6 @@ from feeddrive.workflow.tour import TourRequest
 from feeddrive.workflow.tune_sources import LOAD, MOTOR
 
 _ACTING = ("force", "torque", "current", "command")  # roles of which a unit may need a rated value
-_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": []}
-# how a command line corrects a role: on the page it is chosen in the row
-_WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
 _NO_UNIT = "; no unit is stated"  # from here on a reason says which unit was assumed
 _COURSE = 100  # points of the small picture in the row of a column, which is 84 pixels wide
 # what the page sends of a data sheet
@@ -74,7 +65,6 @@ class Bring(Room):
         self._used: set[str] = set()  # files whose columns were assigned and used
         self._told: set[tuple[str, str]] = set()  # files and columns of which the user chose the role
         self._typed: dict[tuple[str, str], str] = {}  # units that the user entered, by file and column
-        self._checked: tuple[Understood, Check] | None = None  # what was shown last, with its file
         # factors from the data sheet, and what was entered for them, by file and column
         self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
         self.identified: Shown | None = None  # the last identification
@@ -281,7 +271,7 @@ class Bring(Room):
 
     def _put_guess(self, file: Understood, guess: Guess) -> None:
         guesses = {**file.guesses, guess.mapping.axis: guess} if file.guesses else file.guesses
-        self.files[file.name] = replace(file, guess=guess, guesses=guesses)
+        self.files[file.name] = replace(file, guess=guess, guesses=guesses, check=None)
         self._used.discard(file.name)
 
     @act
@@ -499,10 +489,10 @@ class Bring(Room):
         return self.desk.keep(f"roles_{stem_of(content.name)}.toml", text.encode(), _ROLES)
 
     def _check(self, content: Understood) -> Check:
-        # the room is shown again at each report of a job
-        if self._checked is None or self._checked[0] is not content:
-            self._checked = content, _checked(content)
-        return self._checked[1]
+        if content.check is None:
+            content = self.files[content.name] = replace(content, check=checked(content))
+        assert content.check is not None
+        return content.check
 
     def _columns(self, content: Understood) -> list[dict[str, Any]]:
         """Return each column with role, unit and reason, in the order of the file."""
@@ -637,80 +627,3 @@ def _renamed(words: Any, names: Mapping[str, str]) -> Any:
 def _bundled() -> list[str]:
     """Return the names of the bundled machines."""
     return sorted(path.stem for path in (BUNDLED / "machines").glob("*.toml"))
-
-
-@dataclass(frozen=True, eq=False)
-class Check:
-    """What the roles of a log make of it, before anything is fitted: does it look like the user's machine?
-
-    words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
-    sentences  what the samples have against roles and units
-    doubts     the roles that the samples contradict
-    chart      position, speed and force over time; without a position the columns as they are
-    """
-
-    words: Mapping[str, Any]
-    sentences: tuple[str, ...]
-    doubts: tuple[RoleDoubt, ...]
-    chart: Chart
-
-
-def _checked(content: Understood) -> Check:
-    """Compute the peak figures of a log under its roles, and what its samples have against them."""
-    guess = content.guess
-    assert guess is not None
-    log = _on_its_clock(content)
-    if log is None:
-        return Check(_NO_FIGURES, (), (), _preview(content))
-    try:
-        read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
-        preview = log_preview(log, guess.mapping, guess.needs)
-    except FeeddriveError as error:
-        return Check(_NO_FIGURES, (str(error),), (), _preview(content))
-    except Exception as error:
-        # the table must stay usable: the user may have chosen the wrong column
-        return Check(_NO_FIGURES, (fault(error),), (), _preview(content))
-    wrong = () if preview is None else outside(preview.frame, preview.sizes)
-    doubt = read.doubt if read.doubt.why and not read.doubt.told else None
-    sentences = [str(doubt.why) for doubt in read.contradictions]
-    if doubt is not None:
-        sentences.append(doubt.cause or doubt.why)
-    elif wrong:
-        sentences.append("check the units: no feed drive has such figures")
-    words = {
-        "figures": None if preview is None else tabled(preview.table(), DRAWN),
-        "outside": [span.quantity for span in wrong],
-        "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings, DRAWN),
-        "choices": [] if doubt is None else doubt.choices,
-    }
-    name = f"{log.name}: "
-    return Check(
-        words,
-        tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in sentences),
-        read.contradictions,
-        _preview(content) if preview is None else preview_chart(preview),
-    )
-
-
-def _on_its_clock(content: Understood) -> Log | None:
-    """Return the columns of a log with the time in the unit that it has now; None if its time is another column now."""
-    assert content.guess is not None
-    log, before, now = content.log, content.clock, content.guess.mapping.get("time")
-    if log is None or before == now:
-        return log
-    if before is None or now is None or before.name != now.name:
-        return None
-    ratio = (now.scale("time") or 1.0) / (before.scale("time") or 1.0)
-    return replace(log, time=ratio * log.time, sample_time=ratio * log.sample_time)
-
-
-def _preview(content: Understood) -> Chart:
-    """Plot up to six columns with a role over time, or the first four columns if none has a role."""
-    assert content.guess is not None
-    roles: Mapping[str, str] = {column.name: role for role, column in content.guess.mapping.items() if role != "time"}
-    names = [name for name in content.columns if name in roles][:6] or list(content.columns)[:4]
-    panels = tuple(
-        Panel(content.units.get(name) or "no unit", (Curve(*content.columns[name], name, i),))
-        for i, name in enumerate(names)
-    )
-    return Chart("time (s)", panels, height=1.4 * max(len(panels), 1))
