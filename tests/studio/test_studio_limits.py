@@ -235,7 +235,7 @@ def previews(folder: Path, count: int, values: np.ndarray) -> dict[str, tuple[np
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(import_module("feeddrive.workflow.channels"), "whole_log", lambda *_: log)
         patched.setattr(import_module("feeddrive.studio.log_check"), "checked", lambda _: None)
-        return dict(uploads._log(folder / "run.csv", file, guess, ()).columns)  # type: ignore[arg-type]
+        return dict(uploads._log(folder / "run.csv", file, guess).columns)  # type: ignore[arg-type]
 
 
 def test_a_file_of_256_MB_is_brought(tmp_path: Path) -> None:

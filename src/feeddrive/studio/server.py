@@ -376,7 +376,7 @@ class Session:
         }
         state = job or self.desk.job_state()
         if state is not None:
-            words["job"] = {**asdict(state), "error": self._plain(state.error)}
+            words["job"] = {**asdict(state), "step": self._plain(state.step), "error": self._plain(state.error)}
         if "error" in words:
             words["error"] = self._plain(str(words["error"]))
         if "remarks" in words:

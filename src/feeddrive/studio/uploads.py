@@ -44,7 +44,7 @@ class Understood:
 
     name, kind  name and kind of the file
     axes        axes of a machine
-    tables      summary of the content
+    tables      summary of the content, except of a log
     guess       roles of the columns of a log, for one of its axes: guessed, and then as the user has assigned them
     guesses     the same for each axis of a log with several, by its name
     names       columns of a log that may have a role, in the order of the file
@@ -131,7 +131,7 @@ def _understood(path: Path, progress: Progress, sample_time: float | None) -> Un
     file = OpenedFile(path)
     if names_frequency(file):
         return Understood(path.name, RESPONSES, tables=tables, responses=tuple(read_frfs(file)))
-    return _log(path, file, outcome.result, tables)
+    return _log(path, file, outcome.result)
 
 
 def _machine(path: Path) -> Understood:
@@ -157,7 +157,7 @@ def _program(path: Path) -> Understood:
     return Understood(path.name, PROGRAM, tables=(Table("part program", ("lines", ""), [(str(lines), "")]),))
 
 
-def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) -> Understood:
+def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
     from feeddrive.plot.style import envelope
     from feeddrive.studio.log_check import checked
     from feeddrive.workflow.channels import proposed, whole_log
@@ -169,15 +169,11 @@ def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) 
         y = np.asarray(values, np.float64)
         if y.ndim == 1 and y.size > 1 and np.all(np.isfinite(y)):
             columns[name] = envelope(np.asarray(log.time, np.float64), y, _POINTS)
-    if file.columns.left_out:
-        rows = [[name, why] for name, why in file.columns.left_out.items()]
-        tables = (*tables, Table("not read", ("column", "why"), rows, sentences=1))
     axes = guess.axes if len(guess.axes) > 1 else ()
     guesses = {axis: guess if axis == guess.mapping.axis else proposed(file, axis, clock, step) for axis in axes}
     content = Understood(
         path.name,
         LOG,
-        tables=tables,
         guess=guess,
         guesses=guesses,
         names=_names(file, (guess, *guesses.values()), columns),
