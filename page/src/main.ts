@@ -73,9 +73,14 @@ list.addEventListener("keydown", (event) => {
   tabs.get(next.name)!.tab.focus();
 });
 document.querySelector("header")!.append(list, button("Dark", dark, { id: "dark", "aria-pressed": "false" }));
-document
-  .querySelector("main")!
-  .append(lost, tour.element, job.element, job.spoken, error, ...[...tabs.values()].map(({ panel }) => panel));
+document.querySelector("main")!.append(
+  lost,
+  tour.element,
+  // over the lower edge of the window: what a person works at must not move when a job begins or a value is refused
+  make("div", { id: "notices" }, error, job.element),
+  job.spoken,
+  ...[...tabs.values()].map(({ panel }) => panel),
+);
 
 // Open a room and ask the server what it shows.
 export function go(name: string): void {

@@ -42,6 +42,35 @@ def test_a_search_takes_no_words_and_no_focus_away(studio: Any) -> None:
     assert " of " not in said  # counts are seen and not read aloud
 
 
+# where the button stands at each change of what is said beside it
+_BOXES = """
+() => {
+  window.boxes = [];
+  const job = document.querySelector("#job");
+  const seen = () => {
+    if (!/waiting|running/.test(job.dataset.state ?? "") || job.hidden) return;
+    const { x, y, width, height } = document.querySelector("#cancel").getBoundingClientRect();
+    window.boxes.push([[x, y, width, height].join(" "), job.innerText]);
+  };
+  new MutationObserver(seen).observe(job, { subtree: true, childList: true, characterData: true, attributes: true });
+}
+"""
+
+
+def test_the_cancel_button_stays_where_it_is_while_a_job_reports_its_steps(studio: Any) -> None:
+    """A click that is aimed at it must not miss: neither longer words nor more lines of them may move it."""
+    page = (opened := studio.open(700, 800)).page
+    opened.go("compare")
+    page.evaluate(_BOXES)
+    page.click("#compare-start")
+    page.wait_for_function("() => new Set(window.boxes.map(([, words]) => words)).size >= 5", timeout=60_000)
+    page.click("#cancel")
+    assert opened.ended() == "canceled"
+    boxes = {box for box, _ in page.evaluate("window.boxes")}
+    assert len(boxes) == 1, boxes
+    opened.context.close()
+
+
 def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
     page = (opened := studio.open()).page
     opened.go("compare")

@@ -229,11 +229,13 @@ def test_a_log_that_is_brought_shows_forty_columns_with_their_peaks(tmp_path: Pa
 def previews(folder: Path, count: int, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     channels = {f"c{i}": values for i in range(count)}
     log = Stand(channels=channels, time=1e-3 * np.arange(values.size), units={})
-    mapping = Stand(get=lambda _: None, sample_time=1e-3)
-    file = Stand(columns=Stand(left_out={}))
+    mapping = Stand(get=lambda _: None, sample_time=1e-3, values=lambda: ())
+    file = Stand(columns=Stand(left_out={}, values={}))
+    guess = Stand(mapping=mapping, axes=(), needs={})
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(import_module("feeddrive.workflow.channels"), "whole_log", lambda *_: log)
-        return dict(uploads._log(folder / "run.csv", file, Stand(mapping=mapping), ()).columns)  # type: ignore[arg-type]
+        patched.setattr(import_module("feeddrive.studio.log_check"), "checked", lambda _: None)
+        return dict(uploads._log(folder / "run.csv", file, guess).columns)  # type: ignore[arg-type]
 
 
 def test_a_file_of_256_MB_is_brought(tmp_path: Path) -> None:

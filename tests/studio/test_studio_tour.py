@@ -72,7 +72,7 @@ def test_the_tour_is_offered_on_an_empty_page_marks_what_is_next_and_stays_over_
     page.focus("#tour-back")
     page.click("#tour-show")
     assert page.evaluate("document.activeElement.id") == "identify"
-    assert page.input_value("select >> nth=0") == "ball_screw"
+    assert page.input_value("#bring-machine") == "ball_screw"
     page.reload()
     page.wait_for_selector("#tour:not([hidden])")
     assert "step 2 of" in page.inner_text("#tour")

@@ -1,46 +1,40 @@
 // Files are brought: dragged on the page or chosen; what each was understood to be, and which column is what.
 
-import { look, whenPainted } from "../pictures/look";
-import { button, choice, make, renew, table } from "../parts";
-import { Picture } from "../pictures/picture";
+import { numberOf } from "../controls/field";
+import { whenPainted } from "../pictures/look";
+import { button, choice, make, renew } from "../parts";
 import { Report, tables, type Result, type Table } from "../result";
 import { session, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
+import { Check, type Checked } from "./check";
+import { ColumnTable, type Column } from "./columns";
 
 interface Brought {
   name: string;
   kind: string;
   axes: string[];
   wrong: string;
+  no_clock: boolean; // a sample time is all that it lacks
   responses: string[];
   tables: Table[];
-}
-interface Column {
-  column: string;
-  role: string;
-  unit: string;
-  factor: number | null;
-  stated: string; // the unit that the file states
-  why: string;
 }
 interface Words {
   bundled: string[];
   files: Brought[];
   open: string;
+  queue: string[]; // of files that wait until the open one is done
   roles: Record<string, string>;
   start_from: string;
   offers_tour: boolean;
   columns?: Column[];
+  axes?: string[]; // of a log with several
+  axis?: string; // of which the columns are shown
+  check?: Checked;
+  remarks?: string[]; // on roles and units that the samples of the log contradict
+  left_out?: string[]; // columns that are no numbers
   made: (Result & { of: string; machine: boolean }) | null;
   ask_axis?: { name: string; axes: string[] };
   go?: string;
-}
-
-// What was typed, as a number; text that is none is sent as it is, so that the server refuses it by name.
-function numberOf(typed: string): number | string | null {
-  const text = typed.trim();
-  const value = Number(text.replace(",", "."));
-  return text === "" ? null : Number.isFinite(value) ? value : text;
 }
 
 export class Bring implements Room {
@@ -52,12 +46,17 @@ export class Bring implements Room {
   private readonly bundled = make("div", { class: "buttons" });
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
   private readonly detail = make("section", { "aria-label": "The open file" });
-  private readonly picture = new Picture("Columns of the log");
+  private readonly head = make("div");
+  private readonly columns: ColumnTable;
+  private readonly check = new Check((units) => this.choose(units));
+  private readonly fields = make("div");
+  private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
   private readonly tour = make("p", {});
   private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
   private refusals = 0;
+  private results = ""; // the result that is shown
 
   constructor(private readonly ask: Ask) {
     const chooser = make("input", { type: "file", multiple: "", id: "files" });
@@ -77,16 +76,20 @@ export class Bring implements Room {
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
     this.element.append(
-      this.place,
-      this.wrong,
-      this.tour,
-      make("h2", {}, "Or begin with a bundled machine"),
-      this.bundled,
-      make("h2", {}, "Files"),
-      this.list,
+      make(
+        "div",
+        { class: "begin" },
+        make("section", { "aria-label": "Files" }, this.place, this.wrong, this.list),
+        make("section", { "aria-label": "Example machines" }, make("h2", {}, "Example machines"), this.bundled, this.tour),
+      ),
       this.detail,
+      this.outcome,
     );
-    this.picture.element.id = "picture-columns";
+    this.columns = new ColumnTable(ask);
+    this.detail.append(
+      this.head,
+      make("div", { class: "import" }, make("div", {}, this.columns.element, this.fields), this.check.element),
+    );
     whenPainted(() => this.draw());
   }
 
@@ -95,17 +98,24 @@ export class Bring implements Room {
     this.last = received;
     this.tour.hidden = !words.offers_tour;
     renew(this.bundled, [words.bundled, words.ask_axis], () => this.begins(words));
-    renew(this.list, [words.files.map(({ name, kind, wrong }) => [name, kind, wrong]), words.open], () =>
-      words.files.map((file) => this.listed(file, file.name === words.open)),
+    const { made, files, bundled, open, queue, start_from } = words;
+    renew(this.list, [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue], () => this.listed(words));
+    const file = files.find((each) => each.name === open);
+    const shown = file && !file.wrong ? file : undefined;
+    renew(this.head, [file?.name, file?.kind, file?.wrong, words.axes, words.axis], () => (file ? this.headed(file, words) : []));
+    this.columns.show(
+      open,
+      shown ? words.columns : undefined,
+      words.roles,
+      files.map((each) => each.name),
     );
-    const open = words.files.find((file) => file.name === words.open);
-    const { made, files, bundled, roles, columns, start_from } = words;
-    const drawn = Object.keys(received.said.charts);
+    this.check.show(open, shown ? words.check : undefined, words.remarks ?? [], words.left_out ?? []);
+    renew(this.fields, [open, files, bundled, start_from, this.refusals], () => (shown ? this.shows(shown, words) : []));
     this.report.show(made);
-    renew(this.detail, [made, words.open, files, bundled, roles, columns, start_from, drawn, this.refusals], () => [
-      ...this.outcome(words),
-      ...(open ? this.shows(open, words) : []),
-    ]);
+    renew(this.outcome, [made, queue[0], open], () => this.result(words));
+    const result = JSON.stringify(made);
+    if (this.results !== result && this.results !== "" && made) this.outcome.scrollIntoView({ block: "start" });
+    this.results = result;
     if (words.go) document.dispatchEvent(new CustomEvent("go", { detail: words.go }));
     this.draw();
   }
@@ -134,20 +144,27 @@ export class Bring implements Room {
     ];
   }
 
-  private listed({ name, kind, wrong }: Brought, open: boolean): HTMLElement {
-    return make(
-      "li",
-      {},
-      button(name, () => this.ask({ do: "bring.pick", name }), { "aria-pressed": String(open) }),
-      ` ${wrong ? "cannot be used" : kind} `,
-      button("Remove", () => this.ask({ do: "bring.drop", name }), { "aria-label": `Remove ${name}` }),
-    );
+  private listed({ files, open, queue }: Words): HTMLElement[] {
+    const unread = queue.filter((name) => !files.some((each) => each.name === name));
+    const rows = [...files, ...unread.map((name) => ({ name, kind: "", wrong: "" }))];
+    return rows.map(({ name, kind, wrong }) => {
+      const place = queue.indexOf(name);
+      const said = wrong ? `cannot be used: ${wrong}` : place < 0 ? kind : waits(kind, place, queue.length);
+      const item = make("li", place < 0 ? {} : { class: "waits" });
+      item.append(
+        kind
+          ? button(name, () => this.ask({ do: "bring.pick", name }), { "aria-pressed": String(name === open) })
+          : make("span", {}, name),
+        make("span", wrong ? { class: "bad" } : {}, ` ${said} `),
+        button("Remove", () => this.ask({ do: "bring.drop", name }), { "aria-label": `Remove ${name}` }),
+      );
+      return item;
+    });
   }
 
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
-    const chart = this.last.said.charts.columns;
-    if (chart && this.picture.element.isConnected) this.picture.draw(chart, this.last.numbers, look());
+    this.check.draw(this.last);
     this.report.draw(this.last);
   }
 
@@ -176,8 +193,6 @@ export class Bring implements Room {
   }
 
   private shows(file: Brought, words: Words): HTMLElement[] {
-    const head = make("h2", {}, `${file.name}: ${file.kind}`);
-    if (file.wrong) return [head, make("p", { class: "bad" }, file.wrong)];
     const machines: [string, string][] = [
       ["", "none"],
       ...words.files.filter((each) => each.kind === "machine").map((each): [string, string] => [each.name, each.name]),
@@ -208,9 +223,9 @@ export class Bring implements Room {
       const acts = file.axes.map((axis) =>
         button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
       );
-      return [head, make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
+      return [make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
-    if (file.kind === "part program") return [head, make("p", {}, "It runs on the machine, under Prove.")];
+    if (file.kind === "part program") return [make("p", {}, "It runs on the machine, under Prove.")];
     // a choice that is kept, as long as it still is among them
     const one_of = (key: string, label: string, among: [string, string][], usual = "") => {
       const made = choice(label, among, (value) => keep(key, value));
@@ -256,7 +271,6 @@ export class Bring implements Room {
         field("delay", "Dead time that it does not hold (s)"),
       ];
       return [
-        head,
         make(
           "div",
           { class: "buttons" },
@@ -297,7 +311,6 @@ export class Bring implements Room {
       field("sample_time", "Sample time (s), without a clock"),
     ];
     return [
-      head,
       make(
         "div",
         { class: "buttons" },
@@ -309,66 +322,66 @@ export class Bring implements Room {
         ),
       ),
       make("div", { class: "fields" }, chosen, ...more),
-      this.columns(name, words),
-      this.picture.element,
     ];
   }
 
-  private columns(name: string, words: Words): HTMLElement {
-    const roles: [string, string][] = [
-      ["", "not used"],
-      ...Object.entries(words.roles).map(([role, unit]): [string, string] => [
-        role,
-        `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`,
-      ]),
-    ];
-    const rows = (words.columns ?? []).map((each) => {
-      const select = make(
-        "select",
-        { "aria-label": `Role of ${each.column}` },
-        ...roles.map(([value, text]) => make("option", { value }, text)),
-      );
-      const unit = make("input", { type: "text", size: "6", "aria-label": `Unit of ${each.column}` });
-      const factor = make("input", { type: "text", size: "8", inputmode: "decimal", "aria-label": `Factor of ${each.column}` });
-      const typed = (part: string) => `${name} ${part} of ${each.column}`; // kept while the column has no role
-      const keep = (unit: string, factor: string) => this.given.set(typed("unit"), unit).set(typed("factor"), factor);
-      if (each.role) keep(each.unit, each.factor === null ? "" : String(each.factor));
-      select.value = each.role;
-      unit.value = this.given.get(typed("unit")) ?? "";
-      unit.placeholder = each.stated;
-      factor.value = this.given.get(typed("factor")) ?? "";
-      select.addEventListener("change", () => {
-        if (!each.role || words.roles[each.role] === words.roles[select.value]) return;
-        unit.value = factor.value = ""; // they were those of another quantity
-      });
-      const set = () => {
-        keep(unit.value, factor.value);
-        this.ask({
-          do: "bring.role",
-          name,
-          column: each.column,
-          role: select.value,
-          unit: unit.value.trim(),
-          factor: numberOf(factor.value),
-        });
-      };
-      for (const part of [select, unit, factor]) part.addEventListener("change", set);
-      return [each.column, select, unit, factor, each.why];
-    });
+  // Units that were in doubt.
+  private choose(units: [string, string][]): void {
+    const { open } = this.last?.said as unknown as Words;
+    for (const [column, unit] of units) this.ask({ do: "bring.unit", name: open, column, unit });
+  }
+
+  private headed(file: Brought, { axes = [], axis = "" }: Words): HTMLElement[] {
+    const { name, kind, wrong, no_clock } = file;
+    const head = make("h2", {}, `${name}: ${kind}`);
+    if (wrong) return [head, make("p", { class: "bad" }, wrong), ...(no_clock ? [this.clock(name)] : [])];
+    if (axes.length < 2) return [head];
+    const change = (axis: string) => this.ask({ do: "bring.choose_axis", name, axis });
+    const among = choice(
+      `It has ${axes.length} axes. Show axis`,
+      axes.map((each): [string, string] => [each, each]),
+      change,
+    );
+    const select = among.querySelector("select")!;
+    select.id = "axis-of-log";
+    select.value = axis;
+    return [head, among];
+  }
+
+  private clock(name: string): HTMLElement {
+    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "bring-clock" });
+    const read = () => this.ask({ do: "bring.look", names: [name], sample_time: numberOf(field.value) });
+    field.addEventListener("keydown", (event) => event.key === "Enter" && read());
     return make(
-      "details",
-      { open: "", id: "columns-of-log" },
-      make("summary", {}, "Columns: what each is"),
-      table(["column", "role", "unit", "factor", "why"], rows),
+      "p",
+      {},
+      make("label", { for: field.id }, "Time between two rows (s) "),
+      field,
+      " ",
+      button("Read it again", read),
     );
   }
 
-  private outcome(words: Words): HTMLElement[] {
-    const { made } = words;
+  private result({ made, queue, open }: Words): HTMLElement[] {
     if (!made) return [];
     const take = made.machine
       ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })]
       : [];
-    return [make("h2", {}, `What was found in ${made.of}`), this.report.head, ...take, this.report.body];
+    const [name] = queue;
+    const next =
+      name && name !== open
+        ? [button(`Next file: ${name}`, () => this.ask({ do: "bring.pick", name }), { id: "next-file" })]
+        : [];
+    return [
+      make("h2", {}, `What was found in ${made.of}`),
+      this.report.head,
+      make("div", { class: "buttons" }, ...take, ...next),
+      this.report.body,
+    ];
   }
+}
+
+function waits(kind: string, place: number, many: number): string {
+  const turn = many === 1 ? "waits until the open file is done" : `waits, ${place + 1} of ${many}`;
+  return kind ? `${kind}, ${turn}` : "waits to be read";
 }

@@ -236,11 +236,8 @@ def preview_chart(preview: Preview) -> Chart:
     panels = list[Panel]()
     for unit, group in groupby(preview.traces, key=lambda trace: trace.unit):
         traces = list(group)
-        head = (
-            "position"
-            if traces[-1].role not in ("speed", "force", "torque", "command", "current")
-            else ("speed" if traces[-1].role == "speed" else "signal of the drive")
-        )
+        role = traces[-1].role
+        head = role if role in ("speed", "force", "torque", "command", "current") else "position"
         peak = max(traces, key=lambda trace: _peak(trace.values))
         k = int(np.argmax(np.abs(peak.values)))
         # the peak of a position depends on its origin: only those of speed and force mean something

@@ -133,6 +133,10 @@ class Room:
     def begin(self) -> None:
         """Discard the state of the previous source."""
 
+    def freed(self) -> bool:
+        """Go on with what waited for the end of a job; return True if the room then shows something else."""
+        return False
+
     def do(self, name: str, asked: Asked) -> Said:
         """Run an action, by name. Raises ParameterError for an unknown one."""
         # looked up in the class, since a property of the instance would be evaluated
@@ -213,6 +217,7 @@ class Desk:
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     closing   functions that are called at the end of the session
+    closed    True once the session has ended
     done      steps completed on the page, for all sources
     kept      files that are not outputs of the commands in `done`, with a description of each
     """
@@ -237,6 +242,7 @@ class Desk:
         self._begins = True  # whether the next change is a step of its own, and not one more of a drag
         self.changed: Callable[[], None] = lambda: None  # set by the session: another source
         self.closing: list[Callable[[], None]] = []
+        self.closed = False
         self.watched: Callable[[], bool] = lambda: True  # set by the session: whether a page is open
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
@@ -480,9 +486,14 @@ class Desk:
 
         return read_machine(self.machine_path())
 
+    @property
+    def is_free(self) -> bool:
+        """True unless a job runs."""
+        return self.job is None or not self.job.state.going
+
     def check_free(self) -> None:
         """Raise ParameterError while a job runs."""
-        if self.job is not None and self.job.state.going:
+        if self.job is not None and not self.is_free:
             raise ParameterError(f"{self.job.state.what} is running: wait for its end, or cancel it")
 
     def start(
@@ -511,7 +522,8 @@ class Desk:
         return None if self.job is None else self.job.state
 
     def close(self) -> None:
-        """Stop the running job, and stop following live sources."""
+        """Stop the running job, and stop following live sources. What waits for the end of the job is not started."""
+        self.closed = True
         # a job that cannot be ended must not keep the sources of the page open
         with suppress(Exception):
             if self.job is not None:

@@ -207,6 +207,10 @@ FIELDS = {
     "--load": "Response of the table",
     "--motor": "Response of the motor's encoder",
     "--force-constant": "N per unit of the command",
+    "--rated": "Rated value",
+    "--at-full": "gives",
+    "--torque-constant": "constant",
+    "--motor-constant": "constant",
 }
 Push = Callable[[str, bytes], None]
 # zoomed ranges of x: labels come from the page, and without an end they would fill the memory
@@ -335,6 +339,7 @@ class Session:
             self._send("job", self._message(0, "", Said(), state))
             if not state.going:
                 self.push(room)
+                self._freed()
 
         def met(report: Found) -> None:
             with self._lock:
@@ -351,6 +356,14 @@ class Session:
         job.start()
         return job
 
+    def _freed(self) -> None:
+        """Let the rooms go on with what waited for the end of a job."""
+        with self._lock:
+            going_on = not self.desk.closed
+            changed = [name for name, room in self.rooms.items() if going_on and self.desk.is_free and room.freed()]
+        for name in changed:
+            self.push(name)
+
     def _message(self, number: int, room: str, answer: Said, job: JobState | None = None) -> bytes:
         bench = self.desk.bench
         words: dict[str, Any] = {
@@ -363,7 +376,7 @@ class Session:
         }
         state = job or self.desk.job_state()
         if state is not None:
-            words["job"] = {**asdict(state), "error": self._plain(state.error)}
+            words["job"] = {**asdict(state), "step": self._plain(state.step), "error": self._plain(state.error)}
         if "error" in words:
             words["error"] = self._plain(str(words["error"]))
         if "remarks" in words:

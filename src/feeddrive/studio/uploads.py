@@ -6,7 +6,7 @@ They are read in a separate process, so that a file that crashes a reader does n
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
@@ -21,8 +21,11 @@ from feeddrive.language.table import Table
 from feeddrive.studio.jobs import fault
 
 if TYPE_CHECKING:
+    from feeddrive.files.columns import Column
+    from feeddrive.files.log import Log
     from feeddrive.files.mapping import Guess
     from feeddrive.files.read_log import OpenedFile
+    from feeddrive.studio.log_check import Check
 
 
 Preview: TypeAlias = tuple[np.ndarray, np.ndarray]  # time and values
@@ -30,6 +33,9 @@ MACHINE, PROGRAM, RESPONSES, LOG, UNKNOWN = "machine", "part program", "frequenc
 _PROGRAMS = (".ngc", ".nc", ".tap", ".cnc", ".gcode", ".mpf", ".iso")
 _COLUMNS = 40  # of a log that are previewed
 _POINTS = 400  # of a preview
+# numbers of a log that are kept in the server, 16 MB: peak figures need no more rows, and a page may have many logs
+_HELD = 2_000_000
+_ANY_STEP = 1e-3  # s, by which a log is read to see whether a sample time is all that it lacks
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +44,14 @@ class Understood:
 
     name, kind  name and kind of the file
     axes        axes of a machine
-    tables      summary of the content
-    guess       guessed roles of the columns of a log
+    tables      summary of the content, except of a log
+    guess       roles of the columns of a log, for one of its axes: guessed, and then as the user has assigned them
+    guesses     the same for each axis of a log with several, by its name
+    names       columns of a log that may have a role, in the order of the file
+    log         the columns of a log as in the file; of a long log every n-th row
+    clock       column of the time, and its unit, by which `log` was read; None: the usual one
+    check       peak figures of a log under its roles; None until they are needed
+    no_clock    True for a log that can be read once its sample time is given
     columns     time and values of a log's preview, by column name
     units       units of the columns, as stated in the file
     responses   names of the frequency responses
@@ -51,6 +63,12 @@ class Understood:
     axes: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     guess: Guess | None = None
+    guesses: Mapping[str, Guess] = field(default_factory=dict[str, "Guess"])
+    names: tuple[str, ...] = ()
+    log: Log | None = None
+    clock: Column | None = None
+    check: Check | None = None
+    no_clock: bool = False
     columns: Mapping[str, tuple[np.ndarray, np.ndarray]] = field(
         default_factory=dict[str, tuple[np.ndarray, np.ndarray]]
     )
@@ -59,22 +77,42 @@ class Understood:
     wrong: str = ""
 
 
-def understand(paths: Sequence[Path], progress: Progress) -> list[Understood]:
-    """Inspect files. An error is not raised, but stored in the result for its file."""
+def understand(
+    paths: Sequence[Path], progress: Progress, sample_times: Mapping[Path, float] | None = None
+) -> list[Understood]:
+    """Inspect files. An error is not raised, but stored in the result for its file.
+
+    sample_times  s, of logs without a clock
+    """
+    known = sample_times or {}
     contents = list[Understood]()
     for i, path in enumerate(paths):
         progress.step(f"reading {path.name}", i, len(paths))
         try:
-            contents.append(_understood(path, progress))
+            contents.append(_understood(path, progress, known.get(path)))
         except FeeddriveError as error:
             # users know the file by its name, not by its place on the server
-            contents.append(Understood(path.name, UNKNOWN, wrong=str(error).replace(str(path), path.name)))
+            wrong = str(error).replace(str(path), path.name)
+            contents.append(Understood(path.name, UNKNOWN, wrong=wrong, no_clock=_reads_with_a_clock(path)))
         except Exception as error:
             contents.append(Understood(path.name, UNKNOWN, wrong=fault(error)))
     return contents
 
 
-def _understood(path: Path, progress: Progress) -> Understood:
+def _reads_with_a_clock(path: Path) -> bool:
+    """Return True if all that a log lacks is its sample time."""
+    from feeddrive.files.read_log import read_log
+
+    if path.suffix.lower() in (".toml", *_PROGRAMS):
+        return False
+    try:
+        read_log(path, sample_time=_ANY_STEP)
+    except (FeeddriveError, ValueError, OSError):
+        return False
+    return True
+
+
+def _understood(path: Path, progress: Progress, sample_time: float | None) -> Understood:
     suffix = path.suffix.lower()
     if suffix == ".toml":
         return _machine(path)
@@ -84,7 +122,7 @@ def _understood(path: Path, progress: Progress) -> Understood:
     from feeddrive.files.read_log import OpenedFile
     from feeddrive.workflow.command import load
 
-    outcome = load("channels").run(load("channels").request(path), progress)
+    outcome = load("channels").run(load("channels").request(path, sample_time=sample_time), progress)
     tables = tuple(
         replace(table, title=table.title.replace(str(path), path.name))
         for table in outcome.tables
@@ -93,7 +131,7 @@ def _understood(path: Path, progress: Progress) -> Understood:
     file = OpenedFile(path)
     if names_frequency(file):
         return Understood(path.name, RESPONSES, tables=tables, responses=tuple(read_frfs(file)))
-    return _log(path, file, outcome.result, tables)
+    return _log(path, file, outcome.result)
 
 
 def _machine(path: Path) -> Understood:
@@ -119,21 +157,49 @@ def _program(path: Path) -> Understood:
     return Understood(path.name, PROGRAM, tables=(Table("part program", ("lines", ""), [(str(lines), "")]),))
 
 
-def _log(path: Path, file: OpenedFile, guess: Guess, tables: tuple[Table, ...]) -> Understood:
+def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
     from feeddrive.plot.style import envelope
-    from feeddrive.workflow.channels import whole_log
+    from feeddrive.studio.log_check import checked
+    from feeddrive.workflow.channels import proposed, whole_log
 
-    time = guess.mapping.get("time")
-    log = whole_log(file, time, guess.mapping.sample_time)
+    clock, step = guess.mapping.get("time"), guess.mapping.sample_time
+    log = whole_log(file, clock, step)
     columns = dict[str, Preview]()
     for name, values in list(log.channels.items())[:_COLUMNS]:
         y = np.asarray(values, np.float64)
         if y.ndim == 1 and y.size > 1 and np.all(np.isfinite(y)):
             columns[name] = envelope(np.asarray(log.time, np.float64), y, _POINTS)
-    if file.columns.left_out:
-        rows = [[name, why] for name, why in file.columns.left_out.items()]
-        tables = (*tables, Table("not read", ("column", "why"), rows, sentences=1))
-    return Understood(path.name, LOG, tables=tables, guess=guess, columns=columns, units=dict(log.units))
+    axes = guess.axes if len(guess.axes) > 1 else ()
+    guesses = {axis: guess if axis == guess.mapping.axis else proposed(file, axis, clock, step) for axis in axes}
+    content = Understood(
+        path.name,
+        LOG,
+        guess=guess,
+        guesses=guesses,
+        names=_names(file, (guess, *guesses.values()), columns),
+        log=_thinned(log),
+        clock=clock,
+        columns=columns,
+        units=dict(log.units),
+    )
+    return replace(content, check=checked(content))
+
+
+def _thinned(log: Log) -> Log:
+    """Return a log of at most `_HELD` numbers: every n-th row of a longer one."""
+    step = -(-log.time.size * (len(log.channels) + 1) // _HELD)
+    if step == 1:
+        return log
+    channels = {name: values[::step].copy() for name, values in log.channels.items()}
+    return replace(log, time=log.time[::step].copy(), channels=channels, sample_time=step * log.sample_time)
+
+
+def _names(file: OpenedFile, guesses: Collection[Guess], columns: Collection[str]) -> tuple[str, ...]:
+    """Return the columns that are previewed, have a role or need a factor, in the order of the file."""
+    shown = {*columns}
+    for guess in guesses:
+        shown |= {column.name for column in guess.mapping.values()} | {need.column for need in guess.needs.values()}
+    return tuple(name for name in dict.fromkeys([*file.columns.values, *columns]) if name in shown)
 
 
 LARGEST = 256_000_000  # bytes of one file

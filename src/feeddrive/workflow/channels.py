@@ -91,12 +91,16 @@ class Doubt:
     told      True if the user stated the units, so that the command continues; otherwise it must stop
     readings  the two likeliest interpretations side by side, if other units make the log plausible
     moves     True if a mass could be identified, so that the log is not pure noise
+    cause     the doubt without file and options, for a page where units are chosen; empty if there are no choices
+    choices   the likeliest interpretations, each as (column, unit) pairs
     """
 
     why: str = ""
     told: bool = True
     readings: Table | None = None
     moves: bool = False
+    cause: str = ""
+    choices: tuple[tuple[tuple[str, str], ...], ...] = ()
 
     def stop(self, progress: Progress) -> None:
         """Show the interpretations and raise LogError, unless the user stated the units."""
@@ -197,7 +201,13 @@ def doubt(
         return Doubt()
     readings = _readings(frame, measured, motion, force, is_hal)
     if silent and torque is not None and not wrong and not is_hal:
-        return Doubt(_silent_torque(file, torque, log, measured), told=False)
+        cause = f"'{torque.column}' states no unit, and drives log a torque in N m or in percent of the rated one"
+        return Doubt(
+            _silent_torque(file, torque, log, measured),
+            told=False,
+            cause=Text(cause),
+            choices=tuple(((torque.column, unit),) for unit in ("N m", "percent")),
+        )
     why = out_of_range(wrong, measured)
     open_ = [group for group in groups if group is not None and group.how != "told" and group in (motion, force)]
     if not open_:
@@ -225,6 +235,8 @@ def doubt(
         readings=_table(str(file), frame, best),
         # entry 4 is the mass (or inertia), which `sizes` omits where it cannot be identified
         moves=RANGES[frame][4].quantity in measured,
+        cause=Text(f"{who}: {asked}"),
+        choices=tuple(tuple((group.column, unit) for group, unit in reading.choices) for reading in best),
     )
 
 

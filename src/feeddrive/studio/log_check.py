@@ -1,0 +1,107 @@
+"""What the roles of a log make of it: peak figures, and what its samples have against roles and units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from feeddrive.files.columns import ROLES
+from feeddrive.files.mapping import log_preview
+from feeddrive.files.read_log import OpenedFile
+from feeddrive.identification.plausibility import outside
+from feeddrive.language.errors import FeeddriveError, sentence
+from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import DRAWN
+from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.plot.over_time import preview_chart
+from feeddrive.studio.desk import tabled
+from feeddrive.studio.jobs import fault
+from feeddrive.workflow.channels import mapped
+
+if TYPE_CHECKING:
+    from feeddrive.files.log import Log
+    from feeddrive.files.role_checks import RoleDoubt
+    from feeddrive.studio.uploads import Understood
+
+_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": []}
+# how a command line corrects a role: on the page it is chosen in the row
+_WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What the roles of a log make of it, before anything is fitted: does it look like the user's machine?
+
+    words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
+    sentences  what the samples have against roles and units
+    doubts     the roles that the samples contradict
+    chart      position, speed and force over time; without a position the columns as they are
+    """
+
+    words: Mapping[str, Any]
+    sentences: tuple[str, ...]
+    doubts: tuple[RoleDoubt, ...]
+    chart: Chart
+
+
+def checked(content: Understood) -> Check:
+    """Compute the peak figures of a log under its roles, and what its samples have against them."""
+    guess = content.guess
+    assert guess is not None
+    log = _on_its_clock(content)
+    if log is None:
+        return Check(_NO_FIGURES, (), (), _preview(content))
+    try:
+        read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
+        preview = log_preview(log, guess.mapping, guess.needs)
+    except FeeddriveError as error:
+        return Check(_NO_FIGURES, (str(error),), (), _preview(content))
+    except Exception as error:
+        # the table must stay usable: the user may have chosen the wrong column
+        return Check(_NO_FIGURES, (fault(error),), (), _preview(content))
+    wrong = () if preview is None else outside(preview.frame, preview.sizes)
+    doubt = read.doubt if read.doubt.why and not read.doubt.told else None
+    sentences = [str(doubt.why) for doubt in read.contradictions]
+    if doubt is not None:
+        sentences.append(doubt.cause or doubt.why)
+    elif wrong:
+        sentences.append("check the units: no feed drive has such figures")
+    words = {
+        "figures": None if preview is None else tabled(preview.table(), DRAWN),
+        "outside": [span.quantity for span in wrong],
+        "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings, DRAWN),
+        "choices": [] if doubt is None else doubt.choices,
+    }
+    name = f"{log.name}: "
+    return Check(
+        words,
+        tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in sentences),
+        read.contradictions,
+        _preview(content) if preview is None else preview_chart(preview),
+    )
+
+
+def _on_its_clock(content: Understood) -> Log | None:
+    """Return the columns of a log with the time in the unit that it has now; None if its time is another column now."""
+    assert content.guess is not None
+    log, before, now = content.log, content.clock, content.guess.mapping.get("time")
+    if log is None or before == now:
+        return log
+    if before is None or now is None or before.name != now.name:
+        return None
+    ratio = (now.scale("time") or 1.0) / (before.scale("time") or 1.0)
+    return replace(log, time=ratio * log.time, sample_time=ratio * log.sample_time)
+
+
+def _preview(content: Understood) -> Chart:
+    """Plot up to six columns with a role over time, or the first four columns if none has a role."""
+    assert content.guess is not None
+    roles: Mapping[str, str] = {column.name: role for role, column in content.guess.mapping.items() if role != "time"}
+    names = [name for name in content.columns if name in roles][:6] or list(content.columns)[:4]
+    panels = tuple(
+        Panel(content.units.get(name) or "no unit", (Curve(*content.columns[name], name, i),))
+        for i, name in enumerate(names)
+    )
+    return Chart("time (s)", panels, height=1.4 * max(len(panels), 1))
