@@ -1,0 +1,112 @@
+"""Friction at rest in a trial: an unknown force that holds the axis, and what it leaves of the error."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from feeddrive.loop.linearize import StateSpace
+
+# presliding of guideways and bearings ends within some 10 um of travel: nearer to a rest, friction has no level yet
+BREAKAWAY = 1e-5  # m (rad) of set travel before and after a rest
+SHORT = 0.01  # of the travel: largest part of a short move that counts as near a rest
+# the force at rest differs from the regressors by the whole friction, whose effect is some ten times the noise of
+# the error; a larger ratio would only pass more of the encoder's counts into the state
+UNKNOWN = 20.0  # effect of the unknown force over the noise of the error
+
+
+def force_unknown(position: np.ndarray, velocity: np.ndarray, dead_band: float) -> np.ndarray:
+    """Return a mask of the samples at which friction is not that of motion, from set position and velocity, (n,).
+
+    These are the samples at rest (|v| <= dead band), at a reversal, and within `BREAKAWAY` of travel around them.
+    """
+    n = position.size
+    rest = np.abs(velocity) <= dead_band
+    turns = np.flatnonzero(velocity[1:] * velocity[:-1] < 0.0)
+    rest[turns] = rest[turns + 1] = True
+    if not np.any(rest):
+        return rest
+    near = min(BREAKAWAY, SHORT * float(np.ptp(position)))
+    rows = np.arange(n)
+    before = np.maximum.accumulate(np.where(rest, rows, -1))
+    after = np.minimum.accumulate(np.where(rest, rows, n)[::-1])[::-1]
+    unknown = rest.copy()
+    for there, at in ((before >= 0, np.maximum(before, 0)), (after < n, np.minimum(after, n - 1))):
+        unknown |= there & (np.abs(position - position[at]) <= near)
+    return unknown
+
+
+def filtered_held(
+    samples: Sequence[StateSpace],
+    columns: np.ndarray,
+    error: np.ndarray,
+    unknown: np.ndarray,
+    *,
+    moving: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filter columns, shape (n, columns), through Ĝ_d while an unknown force acts in the samples of a mask, (n,).
+
+        e = Ψ Δθ + e_rest + level · u0
+
+    Returns Ψ, shape (n, columns), e - e_rest, shape (n,), and `level`, shape (n,): the response to a force of 1 N that
+    the feedback supplies at the first sample.  In the samples of the mask the force is white and large, and the state
+    of the model follows the measured error by the steady gain of its Kalman filter; elsewhere the model runs open.
+    The integral of the law thus goes on through a rest as it does in the drive, whatever force friction holds.
+
+    `samples` are the models of a period; with `moving` the columns had the values of row 0 before.
+    """
+    N, n, count = len(samples), samples[0].A.shape[0], columns.shape[1]
+    gains = _gains(samples)
+    # the periodic state that a constant force has reached
+    through, pushed = np.eye(n), np.zeros((n, 1))
+    for sample in samples:
+        through, pushed = sample.A @ through, sample.A @ pushed + sample.B[:, :1]
+    reached = np.linalg.solve(np.eye(n) - through, pushed)[:, 0] if n else np.zeros(0)
+    state = np.zeros((n, count + 2))
+    state[:, count + 1] = reached
+    if moving:
+        state[:, :count] = np.outer(reached, columns[0])
+    passed = [float(sample.D[0, 0]) for sample in samples]
+    pushes = [sample.B[:, 0] for sample in samples]
+    out = np.empty((error.size, count + 2))
+    for k in range(error.size):
+        i = k % N
+        row = samples[i].C[0] @ state
+        if unknown[k]:
+            out[k] = row
+            innovation = -row
+            innovation[count] += error[k]
+            state = samples[i].A @ state + gains[i][:, None] * innovation
+            continue
+        row[:count] += passed[i] * columns[k]
+        out[k] = row
+        state = samples[i].A @ state
+        state[:, :count] += pushes[i][:, None] * columns[k]
+    return out[:, :count], error - out[:, count], out[:, count + 1]
+
+
+_PULSE = 50  # samples over which the response to a pulse of force reaches its peak
+_SETTLES = 400  # periods until the gain of the filter is steady: dead times and filters are a few samples long
+
+
+def _gains(samples: Sequence[StateSpace]) -> list[np.ndarray]:
+    """Return the steady Kalman gain of each sample of a period for a white unknown force."""
+    N = len(samples)
+    size, state = abs(float(samples[0].D[0, 0])), samples[0].B[:, 0]
+    for k in range(1, _PULSE):
+        size = max(size, abs(float(samples[k % N].C[0] @ state)))
+        state = samples[k % N].A @ state
+    variance = (UNKNOWN / size) ** 2
+    P = np.zeros_like(samples[0].A)
+    gains = [np.full(P.shape[0], np.inf)] * N
+    for k in range(_SETTLES * N):
+        sample = samples[k % N]
+        b, c, d = sample.B[:, 0], sample.C[0], float(sample.D[0, 0])
+        spread = float(c @ P @ c) + d * d * variance + 1.0
+        gain = (sample.A @ P @ c + b * (d * variance)) / spread
+        P = sample.A @ P @ sample.A.T + variance * np.outer(b, b) - spread * np.outer(gain, gain)
+        P = 0.5 * (P + P.T)
+        steady = np.allclose(gain, gains[k % N], rtol=1e-9, atol=0.0)
+        gains[k % N] = gain
+        if steady and k >= 2 * N:
+            break
+    return gains
