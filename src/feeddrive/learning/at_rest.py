@@ -11,7 +11,8 @@ BREAKAWAY = 1e-5  # m (rad) of set travel before and after a rest
 SHORT = 0.01  # of the travel: largest part of a short move that counts as near a rest
 # the force at rest differs from the regressors by the whole friction, whose effect is some ten times the noise of
 # the error; a larger ratio would only pass more of the encoder's counts into the state
-UNKNOWN = 20.0  # effect of the unknown force over the noise of the error
+UNKNOWN = 5.0  # effect of the unknown force over the noise of the error
+WALK = 0.05  # of its white variance: variance of the random walk of the unknown force, per sample
 
 
 def force_unknown(position: np.ndarray, velocity: np.ndarray, dead_band: float) -> np.ndarray:
@@ -55,32 +56,37 @@ def filtered_held(
     `samples` are the models of a period; with `moving` the columns had the values of row 0 before.
     """
     N, n, count = len(samples), samples[0].A.shape[0], columns.shape[1]
-    gains = _gains(samples)
+    steps, sights = zip(*(_with_force(sample) for sample in samples), strict=True)
+    gains = _gains(samples, steps, sights)
     # the periodic state that a constant force has reached
     through, pushed = np.eye(n), np.zeros((n, 1))
     for sample in samples:
         through, pushed = sample.A @ through, sample.A @ pushed + sample.B[:, :1]
     reached = np.linalg.solve(np.eye(n) - through, pushed)[:, 0] if n else np.zeros(0)
-    state = np.zeros((n, count + 2))
-    state[:, count + 1] = reached
+    state = np.zeros((n + 1, count + 2))
+    state[:n, count + 1] = reached
     if moving:
-        state[:, :count] = np.outer(reached, columns[0])
+        state[:n, :count] = np.outer(reached, columns[0])
     passed = [float(sample.D[0, 0]) for sample in samples]
     pushes = [sample.B[:, 0] for sample in samples]
     out = np.empty((error.size, count + 2))
     for k in range(error.size):
         i = k % N
-        row = samples[i].C[0] @ state
+        row = sights[i] @ state
         if unknown[k]:
             out[k] = row
             innovation = -row
             innovation[count] += error[k]
-            state = samples[i].A @ state + gains[i][:, None] * innovation
+            state = steps[i] @ state + gains[i][:, None] * innovation
             continue
+        if state[n].any():
+            # in motion the regressors are the whole force
+            row = row - passed[i] * state[n]
+            state[n] = 0.0
         row[:count] += passed[i] * columns[k]
         out[k] = row
-        state = samples[i].A @ state
-        state[:, :count] += pushes[i][:, None] * columns[k]
+        state = steps[i] @ state
+        state[:n, :count] += pushes[i][:, None] * columns[k]
     return out[:, :count], error - out[:, count], out[:, count + 1]
 
 
@@ -88,22 +94,33 @@ _PULSE = 50  # samples over which the response to a pulse of force reaches its p
 _SETTLES = 400  # periods until the gain of the filter is steady: dead times and filters are a few samples long
 
 
-def _gains(samples: Sequence[StateSpace]) -> list[np.ndarray]:
-    """Return the steady Kalman gain of each sample of a period for a white unknown force."""
+def _with_force(sample: StateSpace) -> tuple[np.ndarray, np.ndarray]:
+    """Return the step and the output of a model with the unknown force as its last state."""
+    n = sample.A.shape[0]
+    step = np.eye(n + 1)
+    step[:n, :n], step[:n, n] = sample.A, sample.B[:, 0]
+    return step, np.append(sample.C[0], sample.D[0, 0])
+
+
+def _gains(
+    samples: Sequence[StateSpace], steps: Sequence[np.ndarray], sights: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """Return the steady Kalman gain of each sample of a period for an unknown force, white and a random walk."""
     N = len(samples)
     size, state = abs(float(samples[0].D[0, 0])), samples[0].B[:, 0]
     for k in range(1, _PULSE):
         size = max(size, abs(float(samples[k % N].C[0] @ state)))
         state = samples[k % N].A @ state
     variance = (UNKNOWN / size) ** 2
-    P = np.zeros_like(samples[0].A)
+    P = np.zeros_like(steps[0])
     gains = [np.full(P.shape[0], np.inf)] * N
     for k in range(_SETTLES * N):
-        sample = samples[k % N]
-        b, c, d = sample.B[:, 0], sample.C[0], float(sample.D[0, 0])
-        spread = float(c @ P @ c) + d * d * variance + 1.0
-        gain = (sample.A @ P @ c + b * (d * variance)) / spread
-        P = sample.A @ P @ sample.A.T + variance * np.outer(b, b) - spread * np.outer(gain, gain)
+        sample, step, sight = samples[k % N], steps[k % N], sights[k % N]
+        force, d = np.append(sample.B[:, 0], 0.0), float(sample.D[0, 0])
+        spread = float(sight @ P @ sight) + d * d * variance + 1.0
+        gain = (step @ P @ sight + force * (d * variance)) / spread
+        P = step @ P @ step.T + variance * np.outer(force, force) - spread * np.outer(gain, gain)
+        P[-1, -1] += WALK * variance
         P = 0.5 * (P + P.T)
         steady = np.allclose(gain, gains[k % N], rtol=1e-9, atol=0.0)
         gains[k % N] = gain

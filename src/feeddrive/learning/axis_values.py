@@ -101,8 +101,11 @@ def axis_values(names: Sequence[str], now: np.ndarray, first: Seen, better: Seen
     if not both:
         return AxisValues(now + step, half, False, _alike(names, better, shown))
     if not known:
+        rough = np.insert(rough, difference, 0.0)
         step, half = np.insert(step, difference, 0.0), np.insert(half, difference, np.inf)
+    # a constant force is the integral of the error over the whole trial: both models follow it equally well
     half[difference] = np.hypot(half[difference], NORMAL_90 * better.force_error)
+    half[difference] = np.hypot(half[difference], abs(float((step - rough)[difference])) if known else 0.0)
     asymmetric = bool(abs(step[difference]) > SIGNIFICANT * half[difference] / NORMAL_90)
     mean = float(np.mean([now[list(names).index(level)] for level in LEVELS])) + step[list(names).index(LEVELS[0])]
     remarks = _difference_remark(now, names, step[difference], half[difference], known, asymmetric)
@@ -135,9 +138,9 @@ def _difference_remark(
         return (
             Text(
                 "this trial does not show the difference of coulomb_positive and coulomb_negative, which stays at "
-                f"{kept}: while the axis moves it is a constant force, which the integral takes up, and at rest friction "
-                "holds any force; no further motion shows it, but a log that begins at rest and has the commanded force "
-                "does"
+                f"{kept}: while the axis moves it is a constant force, which the integral takes up, and at rest "
+                "friction holds any force; no further motion shows it, but a log that begins at rest and has the "
+                "commanded force does"
             ),
         )
     found = Quantity(plus - minus + 2.0 * step, "N", 2.0 * half / NORMAL_90)
