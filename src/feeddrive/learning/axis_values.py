@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.identification.regression import SIGNIFICANT, robust_covariance
+from feeddrive.identification.regression import robust_covariance
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
@@ -19,6 +19,7 @@ FORM = 0.2  # share of the change by the improved model that counts as error
 # presliding before a rest and after it leaves part of the level in the integral, which no column describes: 3 to 5 % on
 # foreign logs with presliding of 2 to 20 um (tests/foreign_trials.py)
 LEFT = 0.03  # standard deviation of the half difference of the levels, of their mean, that no trial reduces
+SHOWN = 2.0  # standard errors, `LEFT` included, beyond which a trial shows that the levels differ
 ALIKE = 0.9  # correlation of two estimates beyond which the trial shows their combination rather than each
 LEVELS = ("coulomb_positive", "coulomb_negative")
 
@@ -50,12 +51,15 @@ class Seen(NamedTuple):
             used.append(self.start[:, None])
         columns = np.column_stack(used)
         sizes = np.linalg.norm(columns, axis=0)
-        sizes[sizes == 0.0] = 1.0
+        # a column that the motion does not have, as a jerk at constant speed, has neither step nor error
+        there = sizes > 0.0
+        columns, sizes = columns[:, there], sizes[there]
         step = np.linalg.lstsq(columns / sizes, self.error, rcond=1e-12)[0] / sizes
         covariance = robust_covariance(columns / sizes, self.error - columns @ step, self.lags)
         count = basis.shape[1]
-        jerk = float(step[count]) if self.timing.shape[1] else 0.0
-        return step[:count], (np.sqrt(np.maximum(np.diag(covariance), 0.0)) / sizes)[:count], jerk
+        whole, sure = np.zeros(there.size), np.zeros(there.size)
+        whole[there], sure[there] = step, np.sqrt(np.maximum(np.diag(covariance), 0.0)) / sizes
+        return whole[:count], sure[:count], float(whole[count]) if self.timing.shape[1] else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +115,7 @@ def axis_values(names: Sequence[str], now: np.ndarray, first: Seen, better: Seen
     moved = abs(float((step - rough)[difference])) if known else 0.0
     least = NORMAL_90 * np.hypot(better.force_error, LEFT * max(mean, 0.0))
     half[difference] = float(np.linalg.norm([half[difference], moved, least]))
-    asymmetric = bool(abs(step[difference]) > SIGNIFICANT * half[difference] / NORMAL_90)
+    asymmetric = bool(abs(step[difference]) > SHOWN * half[difference] / NORMAL_90)
     remarks = _difference_remark(now, names, step[difference], half[difference], known, asymmetric)
     prior = NORMAL_90 * ASYMMETRY * max(mean, 0.0)
     # two normal errors: the weights are the inverse variances
@@ -151,7 +155,7 @@ def _difference_remark(
     return (
         Text(
             f"the difference of coulomb_positive and coulomb_negative, {found} in this trial, is within "
-            f"{Quantity(SIGNIFICANT):6} standard errors of what is fed forward and stays at {kept}: a second round "
+            f"{Quantity(SHOWN):6} standard errors of what is fed forward and stays at {kept}: a second round "
             "trip makes it more certain"
         ),
     )

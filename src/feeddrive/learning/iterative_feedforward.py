@@ -510,9 +510,13 @@ def next_iteration(
     now = np.array([float(block.parameters()[name]) for name in chosen])
     least = np.array([_least(block, name, least_mass) for name in chosen])
     used = seen[counted][:, active]
+    # a law without integral has forgotten its first force when the motion begins
+    first_force = start if start is not None and _matters(start[counted], used) else None
 
     def stepped(together: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _step(used, error[counted], mu, least - now, together, None if start is None else start[counted])
+        return _step(
+            used, error[counted], mu, least - now, together, None if first_force is None else first_force[counted]
+        )
 
     if at_rest == "held":
         step, held = stepped(_levels_together(chosen))
@@ -542,8 +546,10 @@ def next_iteration(
         # the loop colors the noise: its residual stays correlated as long as the slowest mode rings
         sigma, remarks = standard_errors(used, error[counted] - used @ step, 2 * decay(model)), ()
         intervals = {}
-    after = _changed(block, chosen, np.maximum(now + gamma * step, least))
-    taken = np.array([float(after.parameters()[name]) for name in chosen]) - now
+    # the bound again: a rounded step could end a little below it, which the constructor refuses
+    changed = {name: float(value) for name, value in zip(chosen, np.maximum(now + gamma * step, least), strict=True)}
+    after = dataclasses.replace(block, **changed)
+    taken = np.array(list(changed.values())) - now
     return Iteration(
         trial=trial,
         before=block,
@@ -591,8 +597,18 @@ def _step(
         columns, least = np.column_stack([columns, start]), np.append(least, -np.inf)
     step, held = solve(columns, error, mu, least, np.full(least.size, np.inf))
     count = together.shape[1]
-    step = together @ step[:count]
-    return step, (together @ held[:count] > 0.0) & (step <= room + 1e-12 * np.abs(room))
+    step, at_bound = together @ step[:count], together @ held[:count] > 0.0
+    # of the parameters that one column moves, only those at their own bound are held, and there exactly
+    at_bound &= step <= np.where(np.isfinite(room), (1.0 - 1e-12) * room + 1e-12, -np.inf)
+    return np.where(at_bound, room, step), at_bound
+
+
+_FADED = 0.01  # of the largest column: response to the first force below which it changes no parameter
+
+
+def _matters(start: np.ndarray, used: np.ndarray) -> bool:
+    """Return True if the response to a force at the first sample is large enough to matter beside the columns."""
+    return float(np.linalg.norm(start)) > _FADED * float(np.max(np.linalg.norm(used, axis=0)))
 
 
 def _likely_model(loop: Loop) -> StateSpace | Lifted | None:
