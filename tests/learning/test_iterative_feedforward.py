@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError, StructureError, UnstableError
+from feeddrive.learning import iterative_feedforward
 from feeddrive.learning.iterative_feedforward import (
     begin_compensation,
     compensated,
@@ -26,7 +28,6 @@ from feeddrive.learning.iterative_feedforward import (
     convergence,
     error_model,
     filtered,
-    next_iteration,
     not_excited,
     regressors,
     true_error_model,
@@ -46,6 +47,8 @@ from trials import (
     trial_with_friction,
 )
 
+# the law of the paper, on axes whose friction follows the set velocity and is 0 at rest
+next_iteration = partial(iterative_feedforward.next_iteration, at_rest="none")
 HOUSE = settings(max_examples=12, deadline=None)
 
 

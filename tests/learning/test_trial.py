@@ -51,7 +51,7 @@ def test_a_log_teaches_what_the_run_teaches() -> None:
     loop = linear_loop(START)
     trial = trial_with_friction(loop, MOVE)
     x = np.asarray(trial.setpoint.position)
-    log = measured_trial(loop, x, x - trial.following_error, sample_time=T)
+    log = measured_trial(loop, x, x - trial.following_error, sample_time=T, force=np.zeros(x.size))
     exact, found = (next_iteration(loop, each).after.parameters() for each in (trial, log))
     for name, value in exact.items():
         assert found[name] == pytest.approx(value, rel=2e-3), name

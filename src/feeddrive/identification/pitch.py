@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
+from feeddrive.identification.regression import SIGNIFICANT
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Result, Table
@@ -159,24 +160,64 @@ def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", sett
 def learned_from_circles(
     causes: CircleCauses, travel: Mapping[str, tuple[float, float]], *, reversal_distance: float = 1e-5
 ) -> dict[str, PitchCompensation]:
-    """Return compensations by axis for the scale errors and the backlash of a circle test: -scale x ± backlash/2."""
+    """Return compensations by axis for the scale errors and the backlash of a circle test: -scale x ± backlash/2.
+
+    A scale error or backlash within 3 standard errors of 0 is not compensated, and an axis with neither is left out.
+    Raises ParameterError if no axis has one, if the circles do not separate them, and for a travel beyond the positions
+    that the circles measured.
+    """
     names = [cause.name.removeprefix("backlash ") for cause in causes.causes if cause.name.startswith("backlash ")]
     for name in ("scale, mean", "scale, difference", *(f"backlash {axis}" for axis in names)):
         # a cause that the circles do not separate from others has an infinite error
         if not np.isfinite(causes[name].error):
             raise ParameterError(f"the circles do not separate '{name}': {causes[name].note}")
-    mean, half = causes["scale, mean"].value, causes["scale, difference"].value
+    mean, half = causes["scale, mean"], causes["scale, difference"]
     compensations: dict[str, PitchCompensation] = {}
-    for axis, scale in zip(names, (mean + half, mean - half), strict=True):
+    small: list[str] = []
+    for axis, sign in zip(names, (1.0, -1.0), strict=True):
         if axis not in travel or not travel[axis][0] < travel[axis][1]:
             raise ParameterError(f"travel: axis '{axis}' needs its two ends in m, the lower one first")
-        ends, gap = np.array(travel[axis], dtype=np.float64), causes[f"backlash {axis}"].value
+        _check_measured(axis, travel[axis], causes.measured.get(axis))
+        gap = causes[f"backlash {axis}"]
+        found = {
+            "scale error": (mean.value + sign * half.value, float(np.hypot(mean.error, half.error)), "", "ppm"),
+            "backlash": (gap.value, gap.error, "m", "um"),
+        }
+        sure = {name: value if abs(value) > SIGNIFICANT * error else 0.0 for name, (value, error, *_) in found.items()}
+        if not any(sure.values()):
+            small += [
+                Text(f"{name} {axis} {Quantity(value, unit, error, form=f'4 {shown}')}")
+                for name, (value, error, unit, shown) in found.items()
+            ]
+            continue
+        ends = np.array(travel[axis], dtype=np.float64)
         # a scale error is linear along the travel, so that two entries at its ends suffice
         compensations[axis] = PitchCompensation(
-            forward=-scale * ends + 0.5 * gap,
-            backward=-scale * ends - 0.5 * gap,
+            forward=-sure["scale error"] * ends + 0.5 * sure["backlash"],
+            backward=-sure["scale error"] * ends - 0.5 * sure["backlash"],
             table_start=float(ends[0]),
             spacing=float(ends[1] - ends[0]),
             reversal_distance=reversal_distance,
         )
+    if not compensations:
+        raise ParameterError(
+            f"nothing to compensate: {', '.join(small)} are within {Quantity(SIGNIFICANT):6} standard errors of 0: "
+            "measure with a slower feed or a larger radius"
+        )
     return compensations
+
+
+_BEYOND = 0.01  # of the measured positions: a compensated travel may exceed them by the errors of the circles
+
+
+def _check_measured(axis: str, travel: tuple[float, float], measured: tuple[float, float] | None) -> None:
+    """Raise ParameterError for a travel beyond the positions that the circles measured."""
+    if measured is None:
+        return
+    slack = _BEYOND * (measured[1] - measured[0])
+    if travel[0] < measured[0] - slack or travel[1] > measured[1] + slack:
+        low, high, from_, to = (Quantity(end, "m", form="6 mm") for end in (*travel, *measured))
+        raise ParameterError(
+            f"travel of '{axis}', {low} to {high}: the circles measured {from_} to {to} only: give this range, or "
+            "measure larger circles"
+        )

@@ -21,6 +21,8 @@ from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterE
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Column, Result, Table
 from feeddrive.language.text import Text, joined
+from feeddrive.learning.at_rest import filtered_held, force_unknown
+from feeddrive.learning.axis_values import LEVELS, NORMAL_90, Seen, axis_values
 from feeddrive.learning.trial import Trial, check_clock
 from feeddrive.loop.linearize import Lifted, StateSpace, linear_model
 from feeddrive.loop.loop import Loop
@@ -374,6 +376,7 @@ def _usual(loop: Loop) -> tuple[str, ...]:
 
 
 SATURATION = ("refused", "left_out")
+AT_REST = ("held", "none")
 # with fewer the standard errors rest on a handful of independent residuals
 _LEAST_ROWS = 20  # least number of rows per column
 
@@ -383,7 +386,9 @@ class Iteration(Result):
     """The result of one trial: the feedforward before and after, and the standard errors of its parameters.
 
     loop       the loop of the next trial
-    errors     standard error of each tuned parameter after a full step (gamma = 1), SI
+    errors     standard error of each tuned parameter after a full step (gamma = 1) as a value of the axis, SI, with the
+               misfit in it
+    intervals  90 % interval of the axis's own value of each tuned parameter, SI; empty for friction "none" at rest
     frozen     parameters that keep their value, and the reason for each
     held       parameters at their bound
     predicted  predicted following error of the next trial along the same reference, m, shape (n,)
@@ -402,6 +407,7 @@ class Iteration(Result):
     predicted: np.ndarray
     condition: float
     remarks: tuple[str, ...] = ()
+    intervals: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
 
     @property
     def predicted_rms(self) -> float:
@@ -416,14 +422,21 @@ class Iteration(Result):
             unit = tree.declaration(self.before, name).unit
             values = [None if v is None else Quantity(v, unit) for v in (value, now[name], self.errors.get(name))]
             remark = "frozen" if name in self.frozen else "at its bound" if name in self.held else ""
-            rows.append([name, UNIT, *values, remark])
+            interval = None if name not in self.intervals else _interval(self.intervals[name], unit)
+            rows.append([name, UNIT, *values, *([interval] if self.intervals else []), remark])
         title = Text(
             f"{self.trial.name}: error {Quantity(self.trial.rms, 'm')} RMS, next along the same reference "
             f"{Quantity(self.predicted_rms, 'm')} predicted; {self.form}, gamma {Quantity(self.gamma):6}, condition "
             f"{Quantity(self.condition):3}"
         )
         now_next = [Column(head, form="6 SI") for head in ("now", "next")]
-        return Table(title, ["parameter", "unit", *now_next, Column("standard error", form="2 SI"), ""], rows)
+        heads = [*now_next, Column("standard error", form="2 SI"), *(["axis, 90 %"] if self.intervals else [])]
+        return Table(title, ["parameter", "unit", *heads, ""], rows)
+
+
+def _interval(bounds: tuple[float, float], unit: str) -> Text:
+    low, high = (Quantity(bound, unit, form="4 SI", bare=True) for bound in bounds)
+    return Text(f"{low} .. {high}")
 
 
 def next_iteration(
@@ -438,6 +451,7 @@ def next_iteration(
     least_mass: float = 0.0,
     saturation: str = "refused",
     skip: int = 0,
+    at_rest: str = "held",
 ) -> Iteration:
     """Compute the feedforward parameters for the next trial from the following error of this one.
 
@@ -458,40 +472,84 @@ def next_iteration(
                 until their effect has decayed, are ignored
     skip        number of samples to ignore at the start, for a log that starts in motion
 
-    The standard errors treat the residual as noise with its estimated autocorrelation.  They do not include the bias
-    caused by a wrong Ĝ_d, which further trials remove.
+    at_rest     friction at rest. "held": an unknown force that holds the axis, so that the samples at rest only carry
+                the integral of the law on (`filtered_held`). "none", the law of the paper: 0, as the regressors are;
+                the error of stuck friction then goes into the parameters
+
+    With "held", the levels of the two directions change together unless the trial shows their difference: while the
+    axis moves, the difference is a constant force, which the integral takes up, and at rest friction holds any force.
+    Only the force with which the trial began (`Trial.force`) tells one from the other; the difference contains any
+    constant force, such as gravity.  `errors` and `intervals` then contain the misfit, see `axis_values`.
+    With "none", the standard errors treat the residual as noise with its own autocorrelation, and contain no bias.
     Raises LogError if the trial contains no information (saturated, too short, no column excited) or its sample time is
     not the controller's, ParameterError for values out of bounds, UnstableError if the model loop is not stable.
     Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The paper was available up to
-    eq. (10); Ĝ_d, the scaled and damped step, its bounds, frozen columns and standard errors are this library's.
+    eq. (10); Ĝ_d, the scaled and damped step, its bounds, friction at rest, frozen columns and errors are this
+    library's.
     """
-    _check(loop, trial, gamma, mu, saturation)
+    _check(loop, trial, gamma, mu, saturation, at_rest)
     block = compensator(loop)
     model = error_model(loop, form, plant=plant, least_mass=least_mass)
     names, phi, velocity = regressors(loop, block, trial.setpoint, columns)
-    seen = filtered(model, phi, moving=trial.starts_moving)
-    rows = _rows(trial, decay(model), saturation, skip)
+    trip = _Trip(loop, block, trial, velocity, at_rest)
+    nuisance = trip.nuisance() if at_rest == "held" else np.zeros((velocity.size, 0))
+    seen, error, start = trip.through(model, np.column_stack([phi, nuisance]))
+    counted = ~trip.unknown & _rows(trial, decay(model), saturation, skip)
     frozen = dict.fromkeys((name for name in block.parameters() if name not in names), "not asked for")
-    frozen |= not_excited(names, phi[rows], seen[rows], velocity[rows], float(block.dead_band))
+    frozen |= not_excited(names, phi[counted], seen[counted, : len(names)], velocity[counted], float(block.dead_band))
     active = [i for i, name in enumerate(names) if name not in frozen]
     if not active:
         raise NotIdentifiableError(f"{trial.name}: identifies no parameter. {reasons({n: frozen[n] for n in names})}")
-    left, needed = int(np.count_nonzero(rows)), _LEAST_ROWS * len(active)
+    left, needed = int(np.count_nonzero(counted)), _LEAST_ROWS * len(active)
     if left < needed:
         raise LogError(
             f"{trial.name}: {left} samples are left for {len(active)} parameters, {needed - left} too few; at least "
             f"{needed} are needed"
         )
-    now = np.array([float(block.parameters()[names[i]]) for i in active])
-    least = np.array([_least(block, names[i], least_mass) for i in active])
-    used, error = seen[rows][:, active], trial.following_error[rows]
-    step, held = solve(used, error, mu, least - now, np.full(now.size, np.inf))
-    # the loop colors the noise: its residual stays correlated as long as the slowest mode rings
-    sigma = standard_errors(used, error - used @ step, 2 * decay(model))
+    chosen = [names[i] for i in active]
+    now = np.array([float(block.parameters()[name]) for name in chosen])
+    least = np.array([_least(block, name, least_mass) for name in chosen])
+    used = seen[counted][:, active]
+    # a law without integral has forgotten its first force when the motion begins
+    first_force = start if start is not None and _matters(start[counted], used) else None
+
+    def stepped(together: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _step(
+            used, error[counted], mu, least - now, together, None if first_force is None else first_force[counted]
+        )
+
+    if at_rest == "held":
+        step, held = stepped(_levels_together(chosen))
+
+        def in_sight(model: StateSpace | Lifted, seen: np.ndarray, error: np.ndarray, start: np.ndarray | None) -> Seen:
+            timing, bump = seen[counted, len(names) : len(names) + 1], seen[counted, len(names) + 1 :]
+            timing = timing if "jerk_feedforward" not in chosen else timing[:, :0]
+            bump = bump if any(name in FRICTION for name in chosen) and "stribeck" not in chosen else bump[:, :0]
+            begun = None if start is None else start[counted]
+            return Seen(
+                seen[counted][:, active], timing, bump, error[counted], begun, 2 * decay(model), trial.force_error
+            )
+
+        first = better = in_sight(model, seen, error, start)
+        likely = compensated(loop, _changed(block, chosen, np.maximum(now + step, least)))
+        other = None if form == "axis_model" or plant is not None else _likely_model(likely)
+        if other is not None:
+            better = in_sight(other, *trip.through(other, np.column_stack([phi, nuisance])))
+        axis = axis_values(chosen, now, first, better)
+        if axis.asymmetric:
+            step, held = stepped(np.eye(len(active)))
+        sigma, remarks = np.hypot(axis.half / NORMAL_90, now + step - axis.value), axis.remarks
+        bounds = zip(chosen, np.maximum(axis.value - axis.half, least), axis.value + axis.half, strict=True)
+        intervals = {name: (float(low), float(max(low, high))) for name, low, high in bounds}
+    else:
+        step, held = stepped(np.eye(len(active)))
+        # the loop colors the noise: its residual stays correlated as long as the slowest mode rings
+        sigma, remarks = standard_errors(used, error[counted] - used @ step, 2 * decay(model)), ()
+        intervals = {}
     # the bound again: a rounded step could end a little below it, which the constructor refuses
-    changed = {names[i]: float(value) for i, value in zip(active, np.maximum(now + gamma * step, least), strict=True)}
+    changed = {name: float(value) for name, value in zip(chosen, np.maximum(now + gamma * step, least), strict=True)}
     after = dataclasses.replace(block, **changed)
-    taken = np.array([changed[names[i]] for i in active]) - now
+    taken = np.array(list(changed.values())) - now
     return Iteration(
         trial=trial,
         before=block,
@@ -499,13 +557,113 @@ def next_iteration(
         loop=compensated(loop, after),
         form=form,
         gamma=gamma,
-        errors={names[i]: float(s) for i, s in zip(active, sigma, strict=True)},
+        errors={name: float(s) for name, s in zip(chosen, sigma, strict=True)},
         frozen=frozen,
-        held=tuple(names[i] for i, is_held in zip(active, held, strict=True) if is_held),
-        predicted=trial.following_error - seen[:, active] @ taken,
+        held=tuple(name for name, is_held in zip(chosen, held, strict=True) if is_held),
+        predicted=trial.following_error - filtered(model, phi[:, active], moving=trial.starts_moving) @ taken,
         condition=condition(used),
-        remarks=(*trial.remarks, *_remarks(loop)),
+        remarks=(*trial.remarks, *_remarks(loop), *remarks),
+        intervals=intervals,
     )
+
+
+def _changed(block: DisturbanceCompensator, names: Sequence[str], values: np.ndarray) -> DisturbanceCompensator:
+    """Return the compensator with these values of the named parameters."""
+    return dataclasses.replace(block, **{name: float(value) for name, value in zip(names, values, strict=True)})
+
+
+def _levels_together(names: Sequence[str]) -> np.ndarray:
+    """Return the matrix of steps in which both levels, if there are both, change by the same amount."""
+    matrix = np.eye(len(names))
+    if not set(LEVELS) <= set(names):
+        return matrix
+    plus, minus = (list(names).index(level) for level in LEVELS)
+    matrix[minus, plus] = 1.0
+    return np.delete(matrix, minus, axis=1)
+
+
+def _step(
+    used: np.ndarray, error: np.ndarray, mu: float, room: np.ndarray, together: np.ndarray, start: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounded step of all parameters and the active bounds; `room` is the lowest step of each, <= 0.
+
+    A column of `together` moves one parameter or several; `start` is the response to an unknown force of the feedback
+    at the first sample, which is fitted as well.
+    """
+    columns = used @ together
+    # the lowest step of a column is that of the parameter which reaches its bound first
+    least = np.array([float(np.max(room[column != 0.0])) for column in together.T])
+    if start is not None and np.any(start):
+        columns, least = np.column_stack([columns, start]), np.append(least, -np.inf)
+    step, held = solve(columns, error, mu, least, np.full(least.size, np.inf))
+    count = together.shape[1]
+    step, at_bound = together @ step[:count], together @ held[:count] > 0.0
+    # of the parameters that one column moves, only those at their own bound are held, and there exactly
+    at_bound &= step <= np.where(np.isfinite(room), (1.0 - 1e-12) * room + 1e-12, -np.inf)
+    return np.where(at_bound, room, step), at_bound
+
+
+_FADED = 0.01  # of the largest column: response to the first force below which it changes no parameter
+
+
+def _matters(start: np.ndarray, used: np.ndarray) -> bool:
+    """Return True if the response to a force at the first sample is large enough to matter beside the columns."""
+    return float(np.linalg.norm(start)) > _FADED * float(np.max(np.linalg.norm(used, axis=0)))
+
+
+def _likely_model(loop: Loop) -> StateSpace | Lifted | None:
+    """Return Ĝ_d of a rigid axis with the mass and viscous friction that a loop feeds forward, or None."""
+    block = compensator(loop)
+    if not block.mass or loop.control.law.encoders > 1:
+        return None
+    try:
+        return _required(loop, Rigid(mass=block.mass, viscous=block.viscous or 0.0))
+    except UnstableError:
+        return None
+
+
+_SLOW = 0.02  # of the largest set speed: Stribeck friction of some mm/s at the usual 0.1 to 0.5 m/s
+
+
+class _Trip:
+    """A trial and the samples in which its friction is not that of motion; none with friction "none" at rest.
+
+    unknown  mask of these samples, shape (n,)
+    """
+
+    def __init__(
+        self, loop: Loop, block: DisturbanceCompensator, trial: Trial, velocity: np.ndarray, at_rest: str
+    ) -> None:
+        self.trial, self.velocity, self.holds = trial, velocity, at_rest == "held"
+        self.setpoint, self.T = _prefiltered(loop, trial.setpoint), float(loop.sample_time)
+        self.dead_band = float(block.dead_band)
+        self.unknown = np.zeros(velocity.size, dtype=bool)
+        if not self.holds:
+            return
+        self.unknown = force_unknown(np.asarray(self.setpoint.position), velocity, self.dead_band)
+        _, fed = block.step(block.start(self.setpoint), self.setpoint, self.T)
+        self.fed = float(np.broadcast_to(fed, velocity.shape)[0])
+
+    def nuisance(self) -> np.ndarray:
+        """Return the set jerk, and a friction that is 1 near standstill and 0 at speed, shape (n, 2)."""
+        jerk = np.broadcast_to(self.setpoint.shifted(0.5 * self.T).jerk, self.velocity.shape)
+        ratio = self.velocity / (_SLOW * float(np.max(np.abs(self.velocity), initial=self.dead_band)))
+        slow = np.where(np.abs(self.velocity) > self.dead_band, np.sign(self.velocity) * np.exp(-(ratio**2)), 0.0)
+        return np.column_stack([jerk, slow])
+
+    def through(
+        self, model: StateSpace | Lifted, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Return columns through Ĝ_d, the error that they explain, and the response to an unknown first force."""
+        trial = self.trial
+        if not self.holds:
+            return filtered(model, columns, moving=trial.starts_moving), trial.following_error, None
+        seen, error, level = filtered_held(
+            _samples(model), columns, trial.following_error, self.unknown, moving=trial.starts_moving
+        )
+        if trial.force is None:
+            return seen, error, level
+        return seen, error - (trial.force - self.fed) * level, None
 
 
 def regressors(
@@ -549,13 +707,15 @@ def _prefiltered(loop: Loop, setpoint: Setpoint) -> Setpoint:
     return Setpoint(*out.T)
 
 
-def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str) -> None:
+def _check(loop: Loop, trial: Trial, gamma: float, mu: float, saturation: str, at_rest: str) -> None:
     if not 0.0 < gamma <= 1.0:
         raise ParameterError(f"gamma = {number(gamma, 6)} must be > 0 and <= 1")
     if not 0.0 <= mu < np.inf:
         raise ParameterError(f"mu = {number(mu, 6)} must be a finite number >= 0")
     if saturation not in SATURATION:
         raise ParameterError(f"saturation = {saturation!r} must be one of {', '.join(SATURATION)}")
+    if at_rest not in AT_REST:
+        raise ParameterError(f"at_rest = {at_rest!r} must be one of {', '.join(AT_REST)}")
     check_clock(trial.name, trial.sample_time, float(loop.sample_time))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.identification.regression import robust_covariance
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column, Result, Table
@@ -81,6 +82,7 @@ CLOCK = 1e-3  # share of the sample time by which the clock of a log may differ 
 _NOISE = 0.02  # share of the acceleration's RMS that the rounding of a logged reference may make
 _WIDEST = 64  # samples on each side over which a rounded reference is smoothed at most
 _ENDS = 3  # rows that a third difference needs on each side
+_FIRST = 200  # rows at rest whose mean is the force at the first sample: a drive's noise of 5 % falls below 1 %
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +90,8 @@ class Trial(Result):
     """The data of one repetition: setpoint and following error (m), of shape (n,), at a sample time in s.
 
     `saturated` is True at samples at which the force was limited; None if unknown.  `remarks` describe how the
-    reference was processed.
+    reference was processed.  `force` is the commanded force at the first sample, N, with its standard error; None if it
+    is unknown or the trial starts in motion.
     """
 
     name: str
@@ -97,6 +100,8 @@ class Trial(Result):
     sample_time: float
     saturated: np.ndarray | None = None
     remarks: tuple[str, ...] = ()
+    force: float | None = None
+    force_error: float = 0.0
 
     @property
     def rms(self) -> float:
@@ -154,6 +159,7 @@ def simulated_trial(run: Run, reference: Reference) -> Trial:
         following_error=run["following_error"],
         sample_time=run.sample_time,
         saturated=run["requested"] != run["force"],
+        force=float(run["requested"][0]),
     )
 
 
@@ -182,7 +188,8 @@ def measured_trial(
 
     and the setpoint at kT is their Taylor extrapolation by minus half a sample, so that extrapolation by half a sample
     restores them.
-    A sample counts as saturated if |force| reaches the force limit of the controller.
+    A sample counts as saturated if |force| reaches the force limit of the controller.  The force at the first sample
+    is its mean over the rest before the motion, at most 200 samples.
     Raises LogError for a different sample time (with the difference and the tolerance), for arrays of different length,
     and for a log that is too short.
     """
@@ -204,6 +211,7 @@ def measured_trial(
     if force is not None and limit is not None:
         # a log rounds the force
         saturated = np.abs(force) >= (1.0 - 1e-6) * limit
+    first = _first_force(x, force)
     return Trial(
         name=name,
         setpoint=_differenced(_smoothed(x, width), T)._replace(position=x),  # type: ignore[arg-type]
@@ -211,7 +219,22 @@ def measured_trial(
         sample_time=T,
         saturated=saturated,
         remarks=remarks,
+        force=first[0],
+        force_error=first[1],
     )
+
+
+def _first_force(x: np.ndarray, force: np.ndarray | None) -> tuple[float | None, float]:
+    """Return the mean force over the rest with which a log begins and its standard error; None if it begins in motion.
+
+    The error is that of a mean of correlated noise.
+    """
+    rest = int(np.argmax(x != x[0])) if np.any(x != x[0]) else x.size
+    if force is None or rest < 2:
+        return None, 0.0
+    rows = np.asarray(force, dtype=np.float64)[: min(rest, _FIRST)]
+    mean = float(np.mean(rows))
+    return mean, float(np.sqrt(robust_covariance(np.ones((rows.size, 1)), rows - mean)[0, 0]))
 
 
 def check_clock(name: str, sample_time: float, T: float) -> None:

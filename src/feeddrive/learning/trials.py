@@ -113,6 +113,7 @@ def iterate_trials(
     plant: Plant | None = None,
     least_mass: float = 0.0,
     saturation: str = "refused",
+    at_rest: str = "none",
     believed: Loop | None = None,
     load: Callable[[int], Load] | Load | None = None,
     seed: int = 0,
@@ -121,6 +122,8 @@ def iterate_trials(
 
     references  one motion, or several that are used in turn from trial to trial
     trials      number of trials, >= 2
+    at_rest     friction at rest, "none" or "held", see `next_iteration`.  "none" takes more trials and ends with the
+                least error of this motion; "held" takes one or two and ends near the mass and friction of the axis
     believed    the loop with the gains that the tuner assumes, if they differ from the real ones
     load        force on the table, or a function that returns it for the index of a trial, from 0 on
     seed        seed of the noise; trial j has seed + j
@@ -157,6 +160,7 @@ def iterate_trials(
             plant=plant,
             least_mass=least_mass,
             saturation=saturation,
+            at_rest=at_rest,
         )
         learned.append(iteration)
         loop = iterative_feedforward.compensated(loop, iteration.after)
@@ -359,7 +363,7 @@ def iterate_machine(
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:
         trial = simulated_trial(run, reference)
         iteration = iterative_feedforward.next_iteration(
-            loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass
+            loop, trial, form=form, gamma=gamma, columns=columns, least_mass=least_mass, at_rest="none"
         )
         return iterative_feedforward.compensated(loop, iteration.after), iteration.after
 

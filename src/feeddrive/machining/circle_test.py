@@ -10,7 +10,7 @@ each circle.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -502,7 +502,13 @@ _DECAYS = (1e-3, 0.2)  # s: range of the decay of a spike
 _WINDOW = 0.25  # s after a reversal in which a spike may last
 _WIDEST = np.radians(50.0)
 _NARROWEST = np.radians(4.0)
-_CORRELATED = 36  # blocks of a circle within which residuals may be alike
+# friction settles with the slowest pole of the loop, Tn or 1/Kv, of 0.02 to 0.2 s: a tail of a half-way time constant
+_TAIL = 0.1  # s: decay of what is left of a spike beyond its range
+_BLOCKS = 8  # blocks of a circle within which residuals may be alike, 45 degrees each
+_PHASES = 9  # blocks of a quarter turn within which the residuals of all quarters at one feed may be alike
+# a loop lags with V² to first order; the next order is smaller by (ω/ω_c)², some hundredths at usual feeds
+_NEXT_ORDER = 0.1  # of the lag radius at the slowest feed, which may count as scale
+_LEFT_OF_SPIKE = 0.002  # of the highest spike: what friction that is not the same at each reversal leaves on the circle
 
 
 class Rows(NamedTuple):
@@ -667,28 +673,50 @@ class Solved:
                 continue
             for i, feed in enumerate(self.feeds):
                 here = abs(rows.V - feed) <= 0.02 * feed
-                for k, hat in enumerate(_hats(since[axis], window(feed / R))):
+                range_ = window(feed / R)
+                gone = (since[axis] - range_) / (rows.turning * _TAIL)
+                tail = np.where(gone > 0.0, np.exp(-np.maximum(gone, 0.0)), 0.0)
+                for k, hat in enumerate([*_hats(since[axis], range_), tail]):
                     columns[f"spike {axis} {i} {k}"] = ("m", hat * np.abs(part) if here else np.zeros_like(hat))
         self.units |= {name: unit for name, (unit, _) in columns.items()}
         return {name: column for name, (_, column) in columns.items()}
 
     @cached_property
-    def covariance(self) -> np.ndarray:
-        """The covariance of the fitted values, for residuals correlated within blocks: (A'A)⁻¹ Σ g g' (A'A)⁻¹."""
+    def variances(self) -> np.ndarray:
+        """The variance of each fitted value, (A'A)⁻¹ Σ g g' (A'A)⁻¹ with scores g summed over blocks: the larger of two.
+
+        The residuals of a block are of one sign.  The blocks are 45° of each circle, anywhere on it, or the same 10°
+        after the reversals of all quarters and circles at one feed, where friction leaves the same.  This is the
+        variance of a block bootstrap with random signs of the blocks, in closed form.
+        """
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
-        middle = np.zeros((len(self.kept), len(self.kept)))
-        begin = 0
-        for rows in self.data:
-            circle_scores = scores[begin : begin + len(rows.angle)]
-            begin += len(rows.angle)
-            width = max(1, len(circle_scores) // _CORRELATED)
+        apart = np.zeros((len(self.kept), len(self.kept)))
+        alike: dict[tuple[int, int], np.ndarray] = {}
+        for rows, own in zip(self.data, np.split(scores, self.ends), strict=True):
+            width = max(1, len(own) // _BLOCKS)
             # a circle is closed: the blocks at its end continue at its start
-            before = np.zeros((1, circle_scores.shape[1]))
-            around = np.cumsum(np.vstack([before, circle_scores, circle_scores[:width]]), axis=0)
-            blocks = around[width:][: len(circle_scores)] - around[: len(circle_scores)]
-            middle += blocks.T @ blocks / width
+            around = np.cumsum(np.vstack([np.zeros((1, own.shape[1])), own, own[:width]]), axis=0)
+            blocks = around[width:][: len(own)] - around[: len(own)]
+            apart += blocks.T @ blocks / width
+            feed = next(i for i, feed in enumerate(self.feeds) if abs(rows.V - feed) <= 0.02 * feed)
+            phase = np.floor(np.mod(rows.d * rows.angle, 0.5 * np.pi) * (_PHASES / (0.5 * np.pi))).astype(int)
+            for k in range(_PHASES):
+                alike[feed, k] = alike.get((feed, k), 0.0) + np.sum(own[phase == k], axis=0)
+        together = sum(np.outer(total, total) for total in alike.values())
         n, k = self.design.shape[0], len(self.kept)
-        return self._inverse @ middle @ self._inverse * (n / max(n - k, 1))
+        spread = [np.diag(self._inverse @ middle @ self._inverse) for middle in (apart, together)]
+        return np.maximum(*spread) * (n / max(n - k, 1))
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """The first row of each circle but the first."""
+        return np.cumsum([len(rows.angle) for rows in self.data])[:-1]
+
+    @cached_property
+    def _spike(self) -> float:
+        """The largest deviation of a reversal spike, m."""
+        spikes = [name for name in self.labels if name.startswith(("spike ", "reversal spike "))]
+        return max((float(np.max(np.abs(drawn))) for drawn in self.drawn(spikes)), default=0.0)
 
     def value(self, name: str) -> float:
         """Return the fitted value of a column, 0 if it was dropped."""
@@ -700,13 +728,27 @@ class Solved:
         if i in self.unseparable or i not in self.kept:
             return float("inf")
         k = int(np.flatnonzero(self.kept == i)[0])
-        return float(np.sqrt(max(self.covariance[k, k], 0.0))) / float(self.scale[i])
+        noise = float(np.sqrt(max(self.variances[k], 0.0))) / float(self.scale[i])
+        if name.startswith(("spike ", "reversal spike ", "set-up")):
+            return noise
+        left = _LEFT_OF_SPIKE * self._spike / float(np.max(np.abs(self.design[:, i])))
+        return float(np.linalg.norm([noise, left, self._unlike_scale(name)]))
+
+    def _unlike_scale(self, name: str) -> float:
+        """Return the part of a scale error that may be lag of the next order, from the lag of the slowest feed."""
+        if not name.startswith("scale, "):
+            return 0.0
+        lag, scale = (self.labels.index(f"{what}, {name.removeprefix('scale, ')}") for what in ("lag radius", "scale"))
+        slowest = int(np.argmin([rows.V for rows in self.data]))
+        rows = [0, *self.ends, len(self.design)][slowest : slowest + 2]
+        drawn = float(np.max(np.abs(self.design[slice(*rows), lag]))) * abs(float(self.solution[lag]))
+        return _NEXT_ORDER * drawn / float(np.max(np.abs(self.design[:, scale])))
 
     def drawn(self, names: Sequence[str]) -> list[np.ndarray]:
         """Return the deviation that the named columns together produce on each circle, m."""
         chosen = [self.labels.index(name) for name in names]
         whole = self.design[:, chosen] @ self.solution[chosen]
-        return np.split(whole, np.cumsum([len(rows.angle) for rows in self.data])[:-1])
+        return np.split(whole, self.ends)
 
 
 def _held(since: np.ndarray, R: float, gap: float) -> np.ndarray:
@@ -799,6 +841,7 @@ class CircleCauses(Result):
     decay     time constant of an exponential spike, s; None for a free shape
     passes    number of passes until the phases of the reversals converged
     left      residual over the points of each circle, m
+    measured  lowest and highest position of each axis on the circles, m
     """
 
     causes: tuple[Cause, ...]
@@ -808,6 +851,7 @@ class CircleCauses(Result):
     decay: float | None
     passes: int
     left: tuple[np.ndarray, ...]
+    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Cause:
         for cause in self.causes:
@@ -860,8 +904,11 @@ def circle_causes(
     The columns are the radial deviations in an ISO 230-4 test to first order, outward positive.  With R the radius, V
     the feed, d the direction and θ the polar angle, they are: scale error s: R s, squareness q: (R q/2) sin 2θ, lag
     -(V²/2R)(κ_mean + Δκ/2 cos 2θ), its mismatch d (V/2) Δτ sin 2θ, backlash ±B/2 along each axis, changing sign at the
-    reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Standard
-    errors are valid for residuals correlated over 10°.
+    reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Beyond its
+    range, a free spike has an exponential tail.
+
+    Standard errors are valid for residuals that are alike over 45° or at the same angle after all reversals; they
+    contain 0.2 % of the highest spike, as a deviation, and for a scale error a tenth of the lag at the slowest feed.
 
     Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
     to the first one.
@@ -888,9 +935,15 @@ def circle_causes(
         for c in placed
     ]
     fit = Fit(data, names, dict(pitch or {}), backlash == "stands")
+    measured = {
+        axis: (float(min(np.min(row) for row in rows)), float(max(np.max(row) for row in rows)))
+        for axis, rows in zip(names, ([c.x for c in circles], [c.y for c in circles]), strict=True)
+    }
     if spike == "free":
-        return _result(fit.settled(None), figures.largest.G)
-    return _result(fit.settled(fit.best_decay() if decay is None else decay), figures.largest.G)
+        found = _result(fit.settled(None), figures.largest.G)
+    else:
+        found = _result(fit.settled(fit.best_decay() if decay is None else decay), figures.largest.G)
+    return replace(found, measured=measured)
 
 
 def _result(solved: Solved, G: float) -> CircleCauses:
@@ -915,7 +968,7 @@ def _result(solved: Solved, G: float) -> CircleCauses:
         error = float(np.median([solved.error(name) for name in hats if solved.labels.index(name) in solved.kept]))
         cause = _cause(solved, f"reversal spike {axis}", hats, highest.peak, error, G, like=first)
         causes.append(cause._replace(effect=abs(highest.peak)))
-    left = np.split(solved.residual, np.cumsum([len(rows.angle) for rows in solved.data])[:-1])
+    left = np.split(solved.residual, solved.ends)
     rms = float(np.sqrt(np.mean(solved.residual**2)))
     return CircleCauses(tuple(causes), tuple(spikes), rms, solved.condition, decay, solved.passes, tuple(left))
 
@@ -956,7 +1009,7 @@ def _spike(solved: Solved, axis: str, place: int) -> Spike:
     first = axis == solved.names[0]
     feed = solved.feeds[place]
     hats = [name for name in solved.labels if name.startswith(f"spike {axis} ")]
-    drawn, left = solved.drawn(hats), np.split(solved.residual, np.cumsum([len(r.angle) for r in solved.data])[:-1])
+    drawn, left = solved.drawn(hats), np.split(solved.residual, solved.ends)
     places: list[np.ndarray] = []
     heights: list[np.ndarray] = []
     reach = window(feed / solved.data[0].R)

@@ -103,7 +103,7 @@ def _one_step() -> list[Claim]:
     trial = simulated_trial(ideal_run(loop, SAME), SAME)
     # mu = 0: a regularized step would be shorter than the exact one
     after = iterative_feedforward.next_iteration(
-        loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0
+        loop, trial, form="model_based", plant=loop.axis.plant, mu=0.0, at_rest="none"
     ).after.parameters()
     rule = "as before, one step with the exact model, gamma 1; what is left is the dead time of one sample"
     wanted = {
@@ -208,7 +208,9 @@ def _scatter() -> tuple[list[Claim], Table]:
     loop = ideal_axis(TRUE)
     estimates, reported = [], []
     for seed in range(SEEDS):
-        step = iterative_feedforward.next_iteration(loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME))
+        step = iterative_feedforward.next_iteration(
+            loop, simulated_trial(ideal_run(loop, SAME, STRONG, seed), SAME), at_rest="none"
+        )
         estimates.append(list(step.after.parameters().values()))
         reported.append([step.errors[name] for name in TRUE])
     # ddof 1: the mean is estimated from the same runs

@@ -129,7 +129,7 @@ def _step(loop: Loop, believed: Loop, theta: Mapping[str, float], gamma: float) 
     """Return the parameters after one trial of the loop, updated by a tuner that assumes the loop `believed`."""
     run = ideal_run(compensated(loop, DisturbanceCompensator(**theta)), SHORT)
     tuner = compensated(believed, DisturbanceCompensator(**theta))
-    after = next_iteration(tuner, simulated_trial(run, SHORT), gamma=gamma, mu=0.0).after
+    after = next_iteration(tuner, simulated_trial(run, SHORT), gamma=gamma, mu=0.0, at_rest="none").after
     return {name: float(value) for name, value in after.parameters().items()}
 
 
@@ -142,7 +142,9 @@ def update() -> list[Claim]:
     run = ideal_run(compensated(loop, DisturbanceCompensator(**start)), SHORT)
     trial = simulated_trial(run, SHORT)
     # gamma other than 1, so that it appears in the claim; mu = 0, since regularization shortens the step
-    after = next_iteration(compensated(loop, DisturbanceCompensator(**start)), trial, gamma=0.7, mu=0.0).after
+    after = next_iteration(
+        compensated(loop, DisturbanceCompensator(**start)), trial, gamma=0.7, mu=0.0, at_rest="none"
+    ).after
     at = SHORT.at(run.time + 0.5 * T)
     psi = lfilter(*inverse(), columns(np.asarray(at.velocity), np.asarray(at.acceleration)), axis=0)
     step = np.linalg.lstsq(psi, run["following_error"], rcond=None)[0]
