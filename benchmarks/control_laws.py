@@ -71,7 +71,9 @@ def compared(reading: LawReading, form: dict[str, float], T: float) -> tuple[lis
     # a setpoint one sample older, and half a sample of the planner's velocity, are shares of the feedforward
     if older and "velocity_feedforward" in wanted:
         wanted["velocity_feedforward"] += wanted["Kv"] * T
-    if abs(wanted.get("FF2", 0.0)) < 1e-9 or ("FF2" not in gains and abs(wanted.get("FF2", 0.0)) < WITHIN * wanted["D"] * T):
+    if abs(wanted.get("FF2", 0.0)) < 1e-9 or (
+        "FF2" not in gains and abs(wanted.get("FF2", 0.0)) < WITHIN * wanted["D"] * T
+    ):
         wanted.pop("FF2", None)
     for name in ("velocity_feedforward", "FF1", "FF2"):
         if name in wanted and name not in gains:

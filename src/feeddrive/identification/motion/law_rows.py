@@ -342,7 +342,6 @@ class Signals:
         held = there & (np.roll(there, 1) | np.roll(there, -1)) if limit is None else there
         return ~widened(held)
 
-
     def below_plateau(self) -> np.ndarray:
         """Return a mask of the samples away from the highest plateau of the command, within the noise of the log.
 
