@@ -89,8 +89,8 @@ def start_law(
         th = delay of the actuator + (n + 1) T/2,   wc = 0.25 / th,   Kp = m wc,   Kv = wc/4,   Tn = 4/wc
 
     n is the smallest number of samples with which a count of the encoder makes at most 5 % of `force`. With two masses
-    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for masses of 80, 100 and 120 %, and
-    until the axis with its friction comes to rest after a move.
+    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for masses of 80, 100 and 120 %,
+    and until the axis with its friction comes to rest after a move.
 
     count   m, of the encoder; 0 if it is fine
     force   N, largest force of the log
