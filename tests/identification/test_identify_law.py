@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ import pytest
 import foreign_axis as fa
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.identification.motion import law_search
 from feeddrive.identification.motion.control_law import check_law
-from feeddrive.identification.motion.identify_law import ControlFit, identify_control
+from feeddrive.identification.motion.identify_law import ControlFit, _judged, _known, identify_control
 from feeddrive.identification.motion.law_rows import Signals, steadied
+from feeddrive.identification.motion.law_structures import CASCADE as CASCADE_FAMILY
+from feeddrive.identification.motion.law_structures import Fitted, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language.errors import NotIdentifiableError
 
@@ -199,3 +203,54 @@ def test_a_command_at_its_limit_is_no_row_of_the_law() -> None:
     force = np.clip(signals.force, -200.0, 200.0)
     free = Signals(signals.x, signals.wanted, force, T).free(None)
     assert not np.any(free & (np.abs(force) >= 200.0))
+
+
+class Stand(SimpleNamespace):
+    """An object with the fields that a function reads."""
+
+
+def by_motion(*, ratio: float = 1.0, gain: float = 100.0, n: int = 1, d: int = 0) -> Any:
+    structure = Structure(CASCADE_FAMILY, True, n, d, compliance=1e-5)
+    fitted = Fitted(structure, np.array([3e5, 9e3, 1e4]), 20.0, 1.0)
+    return Stand(fitted=fitted, ratio=ratio, gain=gain, instruments=None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "known"),
+    [
+        ({}, 0.05, True),
+        ({}, 0.15, False),
+        ({"ratio": 1.5}, 0.05, True),
+        ({"ratio": 2.5}, 0.05, False),
+        ({"gain": 13.0}, 0.05, True),
+        ({"gain": 7.0}, 0.05, False),
+        ({"n": 4}, 0.05, True),
+        ({"d": 2}, 0.05, False),
+    ],
+)
+def test_a_law_by_instruments_is_known_within_bounds(
+    monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], error: float, known: bool
+) -> None:
+    found = by_motion(**changes)
+    covariance = np.diag((error * found.fitted.values) ** 2)
+    monkeypatch.setattr(law_search, "covariance_by", lambda *_: covariance)
+    assert _known(Stand(), found, 0.0) is known
+
+
+@pytest.mark.parametrize(
+    ("added", "extra", "law", "near_"),
+    [(0.1, 0.0, True, False), (0.2, 0.0, False, False), (0.0, 0.015, False, True), (0.0, 0.025, False, False)],
+)
+def test_a_law_adds_little_memory_and_little_force(
+    monkeypatch: pytest.MonkeyPatch, added: float, extra: float, law: bool, near_: bool
+) -> None:
+    """`extra`: of the force, beyond what the free law leaves; more than nothing misses something here."""
+    fitted = Stand(ssr=1.0 + 1e4 * extra**2)
+    floor = Stand(ssr=1.0, power=1e4, memory=0.5, price=10.0, misses=lambda _: extra > 0.0)
+    found: Any = Stand(best=Stand(fitted=fitted, criterion=5.0), floor=floor, rows=None, residual=lambda _: None)
+    monkeypatch.setattr(law_search, "correlation", lambda _: 0.5 + added)
+    monkeypatch.setattr(law_search, "nonlinear", lambda *_: -1.0)
+    monkeypatch.setattr(law_search, "instrumented", lambda _: None)
+    monkeypatch.setattr("feeddrive.identification.motion.identify_law._rows", lambda *_: None)
+    verdict = _judged(found)
+    assert (verdict.law, verdict.near) == (law, near_)
