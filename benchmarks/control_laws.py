@@ -1,8 +1,8 @@
-"""Make the table of the laws found in foreign logs (docs/identification.md): `python benchmarks/control_laws.py`.
+"""Make the table of the laws found in foreign logs (docs/identification.md): `PYTHONPATH=tests python benchmarks/control_laws.py`.
 
-Every log comes from `foreign_axis`, which shares no code with feeddrive. A law counts as right if one of the readings that
-are given is the law that ran: cascade or PID, with an integral or without, and each gain within 5 % or within two of
-its 95 % intervals.
+Every log comes from `foreign_axis`, which shares no code with feeddrive. A law counts as right if one of the readings
+that are given is the law that ran: cascade or PID, with an integral or without, and each gain within 5 % or within two
+of its 95 % intervals.
 """
 
 from __future__ import annotations
@@ -71,9 +71,8 @@ def compared(reading: LawReading, form: dict[str, float], T: float) -> tuple[lis
     # a setpoint one sample older, and half a sample of the planner's velocity, are shares of the feedforward
     if older and "velocity_feedforward" in wanted:
         wanted["velocity_feedforward"] += wanted["Kv"] * T
-    if abs(wanted.get("FF2", 0.0)) < 1e-9 or (
-        "FF2" not in gains and abs(wanted.get("FF2", 0.0)) < WITHIN * wanted["D"] * T
-    ):
+    fed = abs(wanted.get("FF2", 0.0))
+    if fed < 1e-9 or ("FF2" not in gains and fed < WITHIN * wanted["D"] * T):
         wanted.pop("FF2", None)
     for name in ("velocity_feedforward", "FF1", "FF2"):
         if name in wanted and name not in gains:
@@ -144,7 +143,8 @@ def main() -> None:
     options.add_argument("--detail", action="store_true")
     chosen = options.parse_args()
     print(
-        "| log | logs | law right | law wrong | near (right) | refused | gains off: median, 90 % | coverage | CPU s: median, worst |"
+        "| log | logs | law right | law wrong | near (right) | refused | gains off: median, 90 % "
+        "| coverage | CPU s: median, worst |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for kind in chosen.kinds:
@@ -172,7 +172,8 @@ def line(kind: str, made: list[Row]) -> None:
     cpu = f"{np.median(seconds):.1f}, {max(seconds):.1f}" if seconds else "-"
     near_right = f"{len(near)} ({sum(one.right for one in near)})"
     print(
-        f"| {kind} | {len(made)} | {len(right)} | {len(laws) - len(right)} | {near_right} | {refused} | {off} | {covered} | {cpu} |",
+        f"| {kind} | {len(made)} | {len(right)} | {len(laws) - len(right)} | {near_right} | {refused} | {off} "
+        f"| {covered} | {cpu} |",
         flush=True,
     )
 

@@ -773,8 +773,8 @@ def draw(
     """Draw everything that is not given, and run `count` axes of one structure (family, T, masses, kind of move).
 
     Gains are lowered (x 0.6) until a loop is calm; an axis that never is has `stable` False. `over`: fields of `Axes`
-    that are given; `change` replaces a law that was drawn for an axis. The logs end after `seconds` (at least one way there and back). One axis costs 1 to 5 s, 100 axes
-    twice that.
+    that are given; `change` replaces a law that was drawn for an axis. The logs end after `seconds` (at least one way
+    there and back). One axis costs 1 to 5 s, 100 axes twice that.
     """
     T = float(rng.choice((2.5e-4, 5e-4, 1e-3))) if T is None else T
     rotary = bool(rng.random() < 0.35) if rotary is None else rotary

@@ -32,7 +32,7 @@ _LOWER, _TIMES = 0.85, 24  # factor of wc while a check fails, and how often at 
 _RAGGED = 0.05  # of the largest force, that one count of the encoder may make through the velocity gain
 _MOST_SAMPLES = 8  # over which the velocity is differenced
 _RAMP = 0.03  # s to the full acceleration of the simulated move
-_REST = 0.6  # s after the simulated move
+_REST, _RESETS = 0.6, 12.0  # s and integral times after the simulated move, of which the longer one counts
 _LAST = 0.2  # s at its end, in which the axis must not hunt
 _SETTLED = 0.02  # of the largest following error, within which it then stays, or two counts
 
@@ -89,8 +89,8 @@ def start_law(
         th = delay of the actuator + (n + 1) T/2,   wc = 0.25 / th,   Kp = m wc,   Kv = wc/4,   Tn = 4/wc
 
     n is the smallest number of samples with which a count of the encoder makes at most 5 % of `force`. With two masses
-    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for masses of 80, 100 and 120 %, and
-    until the axis with its friction comes to rest after a move.
+    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for masses of 80, 100 and 120 %,
+    and until the axis with its friction comes to rest after a move.
 
     count   m, of the encoder; 0 if it is fine
     force   N, largest force of the log
@@ -111,7 +111,7 @@ def start_law(
         loop = Loop(control=control, axis=axis, sample_time=T)
         peaks = tuple(_peak(_heavier(loop, factor)) for factor in (1.0 - SPREAD, 1.0, 1.0 + SPREAD))
         if max(peaks) <= PEAK:
-            error, left = _moved(_counted(loop, count), motion)
+            error, left = _moved(_counted(loop, count), motion, max(_REST, _RESETS * RATIO / wc))
             if left <= max(_SETTLED * error, 2.0 * count):
                 return StartLaw(loop, law, (peaks[0], peaks[1], peaks[2]), error, left)
         wc *= _LOWER
@@ -157,7 +157,7 @@ def _counted(loop: Loop, count: float) -> Loop:
     return replace(loop, axis=replace(axis, encoder_load=Encoder(resolution=count)))
 
 
-def _moved(loop: Loop, motion: tuple[float, float, float]) -> tuple[float, float]:
+def _moved(loop: Loop, motion: tuple[float, float, float], wait: float) -> tuple[float, float]:
     """Return the largest following error of a simulated move, and what the reading moves by at its end, m."""
     distance, velocity, acceleration = motion
     move = JerkLimitedMove(
@@ -166,7 +166,7 @@ def _moved(loop: Loop, motion: tuple[float, float, float]) -> tuple[float, float
         acceleration=acceleration,
         jerk=acceleration / _RAMP,
         back=True,
-        dwell_after=_REST,
+        dwell_after=wait,
     )
     try:
         run = simulate(loop, move)

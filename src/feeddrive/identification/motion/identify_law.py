@@ -178,18 +178,13 @@ def identify_control(log: MotionLog) -> ControlFit:
 
 
 def _searched(log: MotionLog, signals: Signals) -> Search | None:
-    """Return the search with the set position as it is, or restored if it was rounded."""
+    """Return the search with the set position restored if it was rounded, or as it is."""
     count = count_of(signals.wanted)
-    plain = None
-    if count > _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
-        smooth = replace(signals, wanted=steadied(signals.wanted, count))
-        restored = law_search.search(smooth, log.force_limit)
-        if restored is None or not restored.floor.misses(restored.best):
-            return restored
-        plain = law_search.search(signals, log.force_limit)
-        # a law that computes with the rounded positions itself leaves less with them
-        return restored if plain is None or restored.best.fitted.ssr < plain.best.fitted.ssr else plain
-    return law_search.search(signals, log.force_limit)
+    if count <= _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
+        return law_search.search([signals], log.force_limit)
+    smooth = replace(signals, wanted=steadied(signals.wanted, count))
+    # a law that computes with the rounded positions itself leaves less with them
+    return law_search.search([smooth, signals], log.force_limit)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from feeddrive.identification.motion.law_rows import (
     Reduced,
     Signals,
     reduced,
-    widened,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
 from feeddrive.identification.regression import robust_covariance
@@ -35,8 +34,8 @@ _LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
 _ZOOMS = 4  # times that the grid of corners shrinks
 _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
-_FEWER = 5000  # rows with which models and low passes are searched
-_REFITTED = 4  # fits that are fitted to all rows then
+_FEWER = 6000  # rows with which models and low passes are searched
+_REFITTED = 2  # fits that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
@@ -177,31 +176,43 @@ class Search:
         return self.rows.force - gains @ found.values
 
 
-def search(signals: Signals, limit: float | None) -> Search | None:
-    """Return the structures that explain a log, or None if too few rows are away from the limit."""
-    keep = signals.free(limit)
-    found = _searched(signals, keep, deep=False)
-    if found is None:
+def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
+    """Return the structures that explain a log, or None if too few rows are away from the limit.
+
+    `choices` are ways to read the log, likeliest first. Cheap searches of all come first; only if each misses
+    something, models and low passes are tried, on the one that leaves least.
+    """
+    found = list[tuple[Search, np.ndarray]]()
+    for signals in choices:
+        keep = signals.free(limit)
+        first = _searched(signals, keep, deep=False)
+        if first is None:
+            continue
+        found.append((first, keep))
+        for trial in (keep, *_trials(signals, keep, first)):
+            one = first if trial is keep else _searched(signals, trial, deep=False)
+            if one is not None and not one.floor.misses(one.best):
+                return one
+            found += [] if one is None or one is first else [(one, trial)]
+    if not found:
         return None
-    if found.floor.misses(found.best):
-        # noise of the log hides that the command is held: all that is near to the highest plateau is left out
-        apart = keep & signals.below_plateau()
-        other = _searched(signals, apart, deep=False)
-        if other is not None and not other.floor.misses(other.best):
-            found, keep = other, apart
-        else:
-            found = _searched(signals, keep, deep=True) or found
+    best, keep = min(found, key=lambda pair: pair[0].floor.criterion(pair[0].best.fitted.ssr, 0))
+    return _searched(best.rows.raw, keep, deep=True) or best
+
+
+def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
+    """Yield masks of fewer rows: those without strays, and those below a noisy plateau of the command."""
     # single samples at a limit, where a feedforward spikes, and steps of the set position
-    rest = found.residual(found.best)
+    rest = first.residual(first.best)
     spread = 1.4826 * float(np.median(np.abs(rest)))
-    noise = ROUNDING * math.sqrt(found.floor.power / rest.size)
+    noise = ROUNDING * math.sqrt(first.floor.power / rest.size)
     far = np.abs(rest) > _STRAY * max(spread, noise)
     if 0 < np.sum(far) <= _FEW * far.size:
         strays = np.zeros(keep.size, bool)
-        strays[found.rows.places[far]] = True
-        again = _searched(signals, keep & ~widened(strays, 0, 0), deep=True)
-        found = again or found
-    return found
+        strays[first.rows.places[far]] = True
+        yield keep & ~strays
+    # noise of the log hides that the command is held
+    yield keep & signals.below_plateau()
 
 
 def _searched(signals: Signals, keep: np.ndarray, *, deep: bool) -> Search | None:
@@ -545,7 +556,7 @@ def _profile(rows: LawRows, at: Callable[[float], Fitted | None], grid: np.ndarr
         return None
     k = min(max(int(np.argmin(lefts)), 1), len(grid) - 2)
     bounds = math.log(grid[k - 1]), math.log(grid[k + 1])
-    minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINE, "maxiter": 25})
+    minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": _FINE, "maxiter": 12})
     return min(found.values(), key=lambda one: one.ssr)
 
 
