@@ -63,7 +63,7 @@ _LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
-_DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
+_DEVIATES = 0.0125  # chance of a class of speed: one in eighty is left out without a reason
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -536,18 +536,22 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
     """Return the rows without those near standstill if friction there deviates from Coulomb plus viscous friction.
 
     From `_SLOW[0]` of the largest speed downwards each class of speeds is predicted by a fit of the faster rows. The
-    signed residual is averaged over each passage through the class; the first class whose mean over the passages is
-    beyond `_DEVIATES` standard errors ends the search, and all rows slower than its upper bound are left out.
+    signed residual is averaged over each passage through the class; the first class whose mean over the passages has,
+    by Student's t, a chance below `_DEVIATES` ends the search, and all rows slower than its upper bound are left out.
     """
+    from scipy.special import stdtrit  # takes a second to import
+
     speed = np.abs(rows.velocity)
     top = float(np.max(np.abs(rows.filtered)))
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
     how, force = rows.how, None
-    for faster, slower in pairwise(_SLOW):
+    faster = _SLOW[0]
+    for slower in _SLOW[1:]:
         above = speed >= faster * top
         within = (speed >= slower * top) & ~above
-        if np.count_nonzero(above) < 4 * columns.shape[1] or np.count_nonzero(within) < 2 * _PASSAGES:
+        # few passages show no scatter: the class reaches further down
+        if np.count_nonzero(above) < 4 * columns.shape[1] or len(_runs(within)) < _PASSAGES:
             continue
         if force is None:
             force = _solve(log, rows, columns, how.delay, free=True, instruments=instruments).force
@@ -557,14 +561,15 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
         values = np.linalg.lstsq(used, force[above], rcond=None)[0]
         signed = np.sign(rows.velocity) * (force - columns @ values)
         passages = [signed[run].mean() for run in _runs(within)]
-        if len(passages) < _PASSAGES:
-            continue
-        error = float(np.std(passages, ddof=1)) / np.sqrt(len(passages))
-        if abs(float(np.mean(passages))) > _DEVIATES * error:
+        # four passages may agree by chance, but not by more than the residual of the faster rows lets them
+        usual = float(np.std(signed[above])) / np.sqrt(np.count_nonzero(within) / len(passages))
+        error = max(float(np.std(passages, ddof=1)), usual) / np.sqrt(len(passages))
+        if abs(float(np.mean(passages))) > float(stdtrit(len(passages) - 1, 1.0 - 0.5 * _DEVIATES)) * error:
             try:
                 return motion_log.prepare(log, replace(how, rest=faster))
             except NotIdentifiableError:
                 return rows
+        faster = slower
     return rows
 
 
