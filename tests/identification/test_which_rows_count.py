@@ -34,7 +34,7 @@ def logs_with(pulse: float = 0.0, setpoint: bool = True, **more: float) -> Motio
     """A log of 6 s, four ways, with what is asked for."""
     xs = fa.smooth_moves(T, (0.2, 0.0) * 2, 0.2, 2.0, 60.0, 0.2, 0.3)
     push = fa.pulses(xs.size, T, np.random.default_rng(4), 5, pulse, 0.1, "rectangle") if pulse else None
-    logs = fa.simulate(fa.Axes(**(USUAL | more)), LAW, xs, T, np.random.default_rng(1), disturbance=push)
+    logs = fa.simulate(fa.Axes(**{**USUAL, **more}), LAW, xs, T, np.random.default_rng(1), disturbance=push)
     log = logs.log(0)
     given = log["setpoint"] if setpoint else None
     return MotionLog(name="log", position=log["position"], force=log["force"], set_position=given, sample_time=T)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from feeddrive.identification import regression
 from feeddrive.identification.motion import motion_log
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
+from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table
@@ -63,7 +64,7 @@ _LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
-_DEVIATES = 0.0125  # chance of a class of speed: one in eighty is left out without a reason
+_DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,7 +138,7 @@ class RigidFit(Result):
         whole = max(count + sum(self.left_out.values()), 1)
         rows: list[list[Cell]] = [["used", count, count / whole, ""]]
         rows += [
-            [motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]]
+            list[Cell]([motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]])
             for cause, left in self.left_out.items()
             if left
         ]
@@ -219,7 +220,9 @@ class RigidFit(Result):
         places = np.linspace(begin, end, _MAP_ENTRIES)
         values = [self[name].value for name in place_names(self.periods)]
         row = -(place_columns(places, self.periods, 0.5 * (begin + end)) @ np.array(values))
-        return ForceMap(row=tuple(float(f) for f in row), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1))
+        return ForceMap(
+            row=cast(Number, tuple(float(f) for f in row)), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1)
+        )
 
 
 def identify_rigid(
@@ -371,9 +374,8 @@ def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, 
     for _ in range(_FINER):
         if orders.size == 0:
             return 0.0
-        waves = np.exp(2j * np.pi * position[:, None] * orders)
-        waves -= basis @ (basis.T @ waves)
-        sine, cosine = waves.imag, waves.real
+        angle = 2.0 * np.pi * position[:, None] * orders
+        sine, cosine = (wave - basis @ (basis.T @ wave) for wave in (np.sin(angle), np.cos(angle)))
         a, b = np.sum(sine**2, axis=0), np.sum(cosine**2, axis=0)
         c, u, v = np.sum(sine * cosine, axis=0), residual @ sine, residual @ cosine
         # the decrease of the sum of squares by both waves at once
@@ -502,6 +504,8 @@ def _solve(
 ) -> _Solved:
     """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
     begin, columns = delay, columns[used]
+    force, wide, projected, values = (np.zeros(0),) * 4
+    strong, doubt = True, 0.0
     instruments = None if instruments is None else instruments[used]
     for turn in range(_TURNS):
         shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
