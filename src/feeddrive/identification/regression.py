@@ -312,7 +312,13 @@ def inverse_gram(columns: np.ndarray) -> np.ndarray:
     # columns of unit size: a mass in kg and a friction in N differ by powers of ten
     sizes = np.linalg.norm(columns, axis=0)
     scaled = columns / sizes
-    return np.linalg.inv(scaled.T @ scaled) / np.outer(sizes, sizes)
+    gram = scaled.T @ scaled
+    try:
+        inverse = np.linalg.inv(gram)
+    # columns that depend on each other: the checks of the fit name them
+    except np.linalg.LinAlgError:
+        inverse = np.linalg.pinv(gram)
+    return inverse / np.outer(sizes, sizes)
 
 
 def information(residual: np.ndarray, parameters: int, stretches: Sequence[slice] | None = None) -> float:

@@ -175,8 +175,8 @@ class FRF(Result):
         elif self.coherence is not None:
             clear = np.asarray(self.coherence) > _PHASE_COHERENT
         else:
-            steps = np.exp(1j * np.diff(np.angle(self.response), prepend=np.angle(self.response[0])))
-            agree = [uniform_filter1d(part, _PHASE_LINES, mode="nearest") for part in (steps.real, steps.imag)]
+            steps = np.diff(np.angle(self.response), prepend=np.angle(self.response[0]))
+            agree = [uniform_filter1d(part, _PHASE_LINES, mode="nearest") for part in (np.cos(steps), np.sin(steps))]
             clear = np.hypot(*agree) > _PHASE_AGREES
         # a line of noise exceeds the bound by chance, but not most of its neighbors
         return clear & (uniform_filter1d(clear.astype(float), 3 * _PHASE_LINES, mode="nearest") > 0.5)

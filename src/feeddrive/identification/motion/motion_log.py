@@ -576,7 +576,7 @@ def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) 
     return velocity, acceleration
 
 
-def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float) -> tuple[slice, ...]:
+def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float = REST) -> tuple[slice, ...]:
     """Return the ranges of samples in motion, at least `reach` samples from each rest and long enough to filter."""
     moves = np.abs(velocity) > rest * np.max(np.abs(velocity))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moves, [False]]).astype(np.int8)))

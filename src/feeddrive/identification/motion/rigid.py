@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from feeddrive.identification import regression
 from feeddrive.identification.motion import motion_log
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
+from feeddrive.language.block import Number
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table
@@ -63,7 +64,7 @@ _LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
-_DEVIATES = 2.5  # standard errors of a class of speed: one class in eighty is left out without a reason
+_DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,7 +138,7 @@ class RigidFit(Result):
         whole = max(count + sum(self.left_out.values()), 1)
         rows: list[list[Cell]] = [["used", count, count / whole, ""]]
         rows += [
-            [motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]]
+            list[Cell]([motion_log.CAUSES[cause][0], left, left / whole, motion_log.CAUSES[cause][1]])
             for cause, left in self.left_out.items()
             if left
         ]
@@ -219,7 +220,9 @@ class RigidFit(Result):
         places = np.linspace(begin, end, _MAP_ENTRIES)
         values = [self[name].value for name in place_names(self.periods)]
         row = -(place_columns(places, self.periods, 0.5 * (begin + end)) @ np.array(values))
-        return ForceMap(row=tuple(float(f) for f in row), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1))
+        return ForceMap(
+            row=cast(Number, tuple(float(f) for f in row)), begin=begin, spacing=(end - begin) / (_MAP_ENTRIES - 1)
+        )
 
 
 def identify_rigid(
@@ -371,9 +374,8 @@ def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, 
     for _ in range(_FINER):
         if orders.size == 0:
             return 0.0
-        waves = np.exp(2j * np.pi * position[:, None] * orders)
-        waves -= basis @ (basis.T @ waves)
-        sine, cosine = waves.imag, waves.real
+        angle = 2.0 * np.pi * position[:, None] * orders
+        sine, cosine = (wave - basis @ (basis.T @ wave) for wave in (np.sin(angle), np.cos(angle)))
         a, b = np.sum(sine**2, axis=0), np.sum(cosine**2, axis=0)
         c, u, v = np.sum(sine * cosine, axis=0), residual @ sine, residual @ cosine
         # the decrease of the sum of squares by both waves at once
@@ -502,6 +504,8 @@ def _solve(
 ) -> _Solved:
     """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
     begin, columns = delay, columns[used]
+    force, wide, projected, values = (np.zeros(0),) * 4
+    strong, doubt = True, 0.0
     instruments = None if instruments is None else instruments[used]
     for turn in range(_TURNS):
         shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
@@ -536,18 +540,22 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
     """Return the rows without those near standstill if friction there deviates from Coulomb plus viscous friction.
 
     From `_SLOW[0]` of the largest speed downwards each class of speeds is predicted by a fit of the faster rows. The
-    signed residual is averaged over each passage through the class; the first class whose mean over the passages is
-    beyond `_DEVIATES` standard errors ends the search, and all rows slower than its upper bound are left out.
+    signed residual is averaged over each passage through the class; the first class whose mean over the passages has,
+    by Student's t, a chance below `_DEVIATES` ends the search, and all rows slower than its upper bound are left out.
     """
+    from scipy.special import stdtrit  # takes a second to import
+
     speed = np.abs(rows.velocity)
     top = float(np.max(np.abs(rows.filtered)))
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
     how, force = rows.how, None
-    for faster, slower in pairwise(_SLOW):
+    faster = _SLOW[0]
+    for slower in _SLOW[1:]:
         above = speed >= faster * top
         within = (speed >= slower * top) & ~above
-        if np.count_nonzero(above) < 4 * columns.shape[1] or np.count_nonzero(within) < 2 * _PASSAGES:
+        # few passages show no scatter: the class reaches further down
+        if np.count_nonzero(above) < 4 * columns.shape[1] or len(_runs(within)) < _PASSAGES:
             continue
         if force is None:
             force = _solve(log, rows, columns, how.delay, free=True, instruments=instruments).force
@@ -557,14 +565,15 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
         values = np.linalg.lstsq(used, force[above], rcond=None)[0]
         signed = np.sign(rows.velocity) * (force - columns @ values)
         passages = [signed[run].mean() for run in _runs(within)]
-        if len(passages) < _PASSAGES:
-            continue
-        error = float(np.std(passages, ddof=1)) / np.sqrt(len(passages))
-        if abs(float(np.mean(passages))) > _DEVIATES * error:
+        # four passages may agree by chance, but not by more than the residual of the faster rows lets them
+        usual = float(np.std(signed[above])) / np.sqrt(np.count_nonzero(within) / len(passages))
+        error = max(float(np.std(passages, ddof=1)), usual) / np.sqrt(len(passages))
+        if abs(float(np.mean(passages))) > float(stdtrit(len(passages) - 1, 1.0 - 0.5 * _DEVIATES)) * error:
             try:
                 return motion_log.prepare(log, replace(how, rest=faster))
             except NotIdentifiableError:
                 return rows
+        faster = slower
     return rows
 
 
