@@ -38,7 +38,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import check_response, units_first
 from feeddrive.workflow.command import CHANNELS, OUT, Outcome, Request, argument, called, frequencies, option
-from feeddrive.workflow.drive_logs import narrow, write_report, written
+from feeddrive.workflow.drive_logs import log_stem, narrow, write_report, written
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
 _DECIBEL = 8.686  # dB per unit of ln
@@ -418,7 +418,7 @@ class IdentifyRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
+        return Path("results") / f"identify_{log_stem(self.log)}"
 
     def named(self) -> dict[str, str | None]:
         """Return the column options by role; None for an omitted option."""
