@@ -119,11 +119,10 @@ def main() -> int:
                 half = np.array([[np.ptp(step.intervals[name]) / 2 for name in NAMES] for step in steps]) / size
                 sure = np.array([[step.errors[name] for name in NAMES] for step in steps])
                 off = np.abs(values(steps) - axes.truth)
-                print(
+                sys.stdout.write(
                     f"{move} x{trips}, force {with_force}, seed {seed}, trial {trial}: rms {rms:.2f} um, covered "
                     f"{covered(steps, axes.truth).mean(0).round(2)}, half {np.median(half, 0).round(3)}, within 1.64 s "
-                    f"{np.mean(off < 1.645 * sure, 0).round(2)}, off {np.median(off / size, 0).round(3)}",
-                    flush=True,
+                    f"{np.mean(off < 1.645 * sure, 0).round(2)}, off {np.median(off / size, 0).round(3)}\n"
                 )
                 theta = values(steps)
     return 0

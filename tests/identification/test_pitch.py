@@ -72,6 +72,9 @@ def test_what_a_run_teaches_takes_the_error_out():
         assert np.max(np.abs(row - wanted)[inside]) < 0.6e-6  # m: entries of 5 mm on corners of 25 mm
 
 
+TRAVEL = {"x": (-0.02, 0.02), "y": (-0.02, 0.02)}
+
+
 def circle(machine: Machine, feed: float) -> CirclePath:
     given: dict[str, Any] = {"radius": 0.02, "feed": feed, "turns": 1.5}
     paths = {"x": Circle(**given, phase=0), "y": Circle(**given, phase=90)}
@@ -89,18 +92,18 @@ def test_a_circle_test_teaches_scale_and_backlash():
 
     before = [circle(machine({}), feed) for feed in (0.02, 0.05)]
     causes = circle_causes(before)
-    learned = learned_from_circles(causes, {"x": (-0.1, 0.1), "y": (-0.1, 0.1)})
+    learned = learned_from_circles(causes, TRAVEL)
     for axis, gap, scale in (("x", 9e-6, 3e-5), ("y", 6e-6, -2e-5)):
         forward, backward = learned[axis].forward, learned[axis].backward
         assert np.mean(forward - backward) == pytest.approx(gap, rel=0.02)
-        assert (forward[1] - forward[0]) / 0.2 == pytest.approx(-scale, rel=0.05)
+        assert (forward[1] - forward[0]) / 0.04 == pytest.approx(-scale, rel=0.05)
     after = circle(machine({name: (block,) for name, block in learned.items()}), 0.05)
     figures = [circle_test([each]).figures[0] for each in (before[1], after)]
     assert figures[1].G < 0.65 * figures[0].G  # what is left are the spikes while the gap is crossed
     with pytest.raises(ParameterError, match="do not separate"):
-        learned_from_circles(circle_causes(before[:1]), {"x": (-0.1, 0.1), "y": (-0.1, 0.1)})
+        learned_from_circles(circle_causes(before[:1]), TRAVEL)
     with pytest.raises(ParameterError, match="axis 'y' needs its two ends"):
-        learned_from_circles(causes, {"x": (-0.1, 0.1)})
+        learned_from_circles(causes, {"x": (-0.02, 0.02)})
 
 
 def test_tables_made_from_themselves_come_back():

@@ -147,7 +147,7 @@ def test_the_golden_fit() -> None:
         assert value[name] / unit == pytest.approx(golden, abs=digit), name
     # each within 2 % of what was put in, and its standard error of the size of what is left
     assert value["backlash x"] == pytest.approx(4 * UM, rel=0.02)
-    assert all(0.0 < each.error < 1e-2 * max(abs(each.value), 1e-6) for each in found.causes if each.unit == "m")
+    assert all(0.0 < each.error < 2e-2 * max(abs(each.value), 1e-6) for each in found.causes if each.unit == "m")
     assert found.ranked[0].name == "lag radius, mean"
 
 
@@ -520,11 +520,11 @@ def test_feeds_too_close_to_each_other_do_not_separate_scale_and_lag(apart: floa
     assert np.isfinite(found["scale, mean"].error) == separable
 
 
-def test_standard_errors_hold_for_residuals_that_hang_together_over_10_degrees() -> None:
-    """What repeats every 10 degrees averages out within each of their blocks, what repeats every 20 does not."""
+def test_standard_errors_hold_for_residuals_that_are_alike_over_45_degrees_or_at_each_reversal() -> None:
+    """What repeats every 5 degrees averages out within blocks of 45 and 10 degrees, what repeats every 36 does not."""
     angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
     errors = []
-    for waves in (36, 18):
+    for waves in (72, 10):
         r = R + UM * np.cos(waves * angle)
         circles = [CirclePath(r * np.cos(angle), r * np.sin(angle), 1, V, R, (0.0, 0.0)) for V in (SLOW, FAST)]
         found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)

@@ -525,7 +525,7 @@ def next_iteration(
             timing, bump = seen[counted, len(names) : len(names) + 1], seen[counted, len(names) + 1 :]
             timing = timing if "jerk_feedforward" not in chosen else timing[:, :0]
             bump = bump if any(name in FRICTION for name in chosen) and "stribeck" not in chosen else bump[:, :0]
-            begun = None if start is None else start[counted]
+            begun = None if start is None or first_force is None else start[counted]
             return Seen(
                 seen[counted][:, active], timing, bump, error[counted], begun, 2 * decay(model), trial.force_error
             )

@@ -683,11 +683,11 @@ class Solved:
 
     @cached_property
     def variances(self) -> np.ndarray:
-        """The variance of each fitted value, (A'A)⁻¹ Σ g g' (A'A)⁻¹ with scores g summed over blocks: the larger of two.
+        """The variance of each fitted value, (A'A)⁻¹ Σ g g' (A'A)⁻¹ with scores g summed over blocks.
 
-        The residuals of a block are of one sign.  The blocks are 45° of each circle, anywhere on it, or the same 10°
-        after the reversals of all quarters and circles at one feed, where friction leaves the same.  This is the
-        variance of a block bootstrap with random signs of the blocks, in closed form.
+        It is the larger of two, in which the residuals of a block are of one sign.  The blocks are 45° of each circle,
+        anywhere on it, or the same 10° after the reversals of all quarters and circles at one feed, where friction
+        leaves the same.  This is the variance of a block bootstrap with random signs of the blocks, in closed form.
         """
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
         apart = np.zeros((len(self.kept), len(self.kept)))

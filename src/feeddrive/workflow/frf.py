@@ -43,6 +43,7 @@ from feeddrive.workflow.command import (
     frequencies,
     option,
 )
+from feeddrive.workflow.drive_logs import log_stem
 
 # usual column names of each role, in order of preference
 _INPUT = ("force", "torque", "current", "command", "iq")
@@ -83,7 +84,7 @@ class FrfRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"frf_{Path(called(self.logs[0])).name.split('.')[0]}"
+        return Path("results") / f"frf_{log_stem(self.logs[0])}"
 
 
 @command(FrfRequest)

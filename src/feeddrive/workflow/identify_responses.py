@@ -40,7 +40,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.channels import ALL, check_response, units_first
 from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, option
 from feeddrive.workflow.commissioning import drive_axis
-from feeddrive.workflow.drive_logs import narrow, write_report, written
+from feeddrive.workflow.drive_logs import log_stem, narrow, write_report, written
 from feeddrive.workflow.force import DriveValues
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
@@ -493,7 +493,7 @@ class IdentifyRequest(DriveValues):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"identify_{Path(called(self.log)).name.split('.')[0]}"
+        return Path("results") / f"identify_{log_stem(self.log)}"
 
     def named(self) -> dict[str, str | None]:
         """Return the column options by role; None for an omitted option."""
