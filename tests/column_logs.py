@@ -64,12 +64,12 @@ def motion(seed: int, *, seconds: float = 3.0, count: float = 1e-8, feedforward:
     coulomb, viscous = 0.15 * mass * ramp * rng.uniform(0.5, 2.0), 0.5 * mass * rng.uniform(0.5, 2.0)
     Kv, bandwidth = float(rng.uniform(15.0, 40.0)), float(rng.uniform(100.0, 200.0))
     Kp, Tn = bandwidth * mass, 0.03
-    goal = trapezoids(rng, T, [stroke, -stroke, 0.7 * stroke, -0.7 * stroke], speed, ramp)
-    goal = np.concatenate([goal, np.full(max(0, round(seconds / T) - goal.size), goal[-1])])
-    n, h = goal.size, T / SUBSTEPS
+    set_points = trapezoids(rng, T, [stroke, -stroke, 0.7 * stroke, -0.7 * stroke], speed, ramp)
+    set_points = np.pad(set_points, (0, max(0, round(seconds / T) - set_points.size)), mode="edge")
+    goal, rate = set_points.tolist(), np.gradient(set_points, T).tolist()
+    n, h = len(goal), T / SUBSTEPS
     x, v, total = 0.0, 0.0, 0.0
     position, speed_, force = np.empty(n), np.empty(n), np.empty(n)
-    rate = np.gradient(goal, T)
     for k in range(n):
         reading = count * round(x / count)
         wanted = Kv * (goal[k] - reading) + feedforward * rate[k]
@@ -81,13 +81,13 @@ def motion(seed: int, *, seconds: float = 3.0, count: float = 1e-8, feedforward:
             # implicit step: friction stops the mass within the step if it can
             free = v + h * (u - viscous * v) / mass
             slip = h * coulomb / mass
-            v = free - np.clip(free, -slip, slip)
+            v = free - min(max(free, -slip), slip)
             x += h * v
     acceleration = np.gradient(speed_, T)
     stiffness = mass * (2.0 * np.pi * 60.0) ** 2
     sag = (0.7 * mass * acceleration + 0.7 * coulomb * np.tanh(speed_ / 1e-3)) / stiffness
     rated = float(f"{1.3 * np.max(np.abs(force)):.2g}")
-    return Motion(T, mass, goal, position, position - sag, speed_, force, rated)
+    return Motion(T, mass, set_points, position, position - sag, speed_, force, rated)
 
 
 def written(path: Path, columns: Mapping[str, np.ndarray], separator: str = ",", decimal: str = ".") -> Path:

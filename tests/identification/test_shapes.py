@@ -174,8 +174,10 @@ def test_lead_and_force_tell_the_setpoint_together(lag: float, times: float, tol
     assert shapes.order(goal, actual, f, T) == told
 
 
-@pytest.mark.parametrize(("errors", "doubted"), [(3.5, False), (7.0, True)])
-def test_five_standard_errors_tell_motor_and_table_apart(errors: float, doubted: bool) -> None:
+@pytest.mark.parametrize(
+    ("errors", "kinds", "certain"), [(1.8, set(), False), (3.5, {"encoders"}, False), (7.0, {"encoders"}, True)]
+)
+def test_five_standard_errors_tell_motor_and_table_apart(errors: float, kinds: set[str], certain: bool) -> None:
     """The second encoder runs ahead by a compliance that is so many of its standard errors."""
     x = move()
     _, a = rates(x)
@@ -188,8 +190,9 @@ def test_five_standard_errors_tell_motor_and_table_apart(errors: float, doubted:
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if -ahead(middle) < errors else (low, middle)
-    found = doubts(position_motor=x, position_load=x + middle * a + noise)
-    assert ("encoders" in found) is doubted
+    found = doubts(position_motor=x, position_load=x + high * a + noise)
+    assert set(found) == kinds
+    assert all(doubt.certain is certain for doubt in found.values())
 
 
 @pytest.mark.parametrize(("gain", "doubted"), [(1.5, False), (3.0, True), (0.4, True), (1e-3, True)])
@@ -199,6 +202,13 @@ def test_units_differ_by_more_than_a_slow_loop(gain: float, doubted: bool) -> No
     assert ("unit" in found) is doubted
     if gain == 1e-3:
         assert "--set-position 'set:mm'" in found["unit"].why
+
+
+def test_a_power_is_no_force() -> None:
+    x = move()
+    found = doubts(position_load=x, force=force(x) * rates(x)[0])
+    assert "looks like a power" in found["force"].why
+    assert found["force"].certain
 
 
 def test_nothing_is_said_of_a_log_at_rest() -> None:

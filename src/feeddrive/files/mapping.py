@@ -219,7 +219,7 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
     read = {name: read_name(name, log.units.get(name, ""), named_axes[name]) for name in log.channels}
     axes = axes_in(log.channels, log.units)
     wanted = axis_called(log.name, axis, axes) if axis is not None else axes[0] if axes else ""
-    taking = _Taking(log, {}, {}, {}, {})
+    taking = _Taking(log, wanted, {}, {}, {}, {})
     twins: list[tuple[str, NameReading, str]] = []
     # exact names first, then clear ones, and last possible ones
     for name, reading in sorted(read.items(), key=lambda item: _order(item[0], item[1])):
@@ -318,6 +318,7 @@ class _Taking:
     """The roles of channels while they are assigned, from clear names to vague ones."""
 
     log: Log
+    axis: str
     mapping: dict[str, Column]
     reasons: dict[str, str]
     needs: dict[str, Need]
@@ -344,12 +345,14 @@ class _Taking:
         other = _OTHER.get(role, "")
         taken = self.mapping[role].name if role in self.mapping else self.needs[role].column
         # Only a second channel without a side can be the other encoder; a third one cannot be assigned.
-        if reading.side or not other or other in self.mapping or other in self.needs:
+        first, second, T = self.log[taken], self.log[name], self.log.sample_time
+        long = self.log.time.size >= shapes.LEAST_ROWS and np.ptp(first) > 0.0 and np.ptp(second) > 0.0
+        # Beside channels of an axis, one without an axis is of the same one only if its samples say so.
+        foreign = bool(self.axis) and not reading.axis and not long
+        if reading.side or not other or other in self.mapping or other in self.needs or foreign:
             self.unused[name] = f"like {role}, which is '{taken}'"
             return
-        first, second, T = self.log[taken], self.log[name], self.log.sample_time
         like = shapes.likeness(first, second, T)
-        long = self.log.time.size >= shapes.LEAST_ROWS and np.ptp(first) > 0.0 and np.ptp(second) > 0.0
         if long and like.explained < shapes.SAME:
             share = Quantity(like.explained, "share", form="2")
             self.unused[name] = Text(

@@ -16,11 +16,11 @@ from feeddrive.files.columns import OWN_UNIT, ROLES, Column
 from feeddrive.files.names import RELATIVE
 from feeddrive.identification.plausibility import RANGES, sizes, spoken
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
-from feeddrive.identification.shapes import EXPLAINED, Driven, driven
+from feeddrive.identification.shapes import EXPLAINED, WINDOW, Driven, driven
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Result, Table
+from feeddrive.language.table import Cell, Result, Table
 from feeddrive.language.text import Text, joined
 
 _PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
@@ -48,6 +48,7 @@ class Preview(Result):
     length        unit in which the user has lengths or angles: mm, in, deg
     sizes         travel, speed and acceleration by the names of `plausibility.RANGES`, in SI, as far as they are there
     acting        largest value of the force, or of the signal that stands for it, in `signal`
+    force         unit in which the user has the force: N, kN, Nm; empty for a signal
     mass          kg or kg m², or `signal` per m/s² or rad/s²; None if the force does not follow the acceleration
     traces        set and actual position, speed and force over time
     """
@@ -57,6 +58,7 @@ class Preview(Result):
     length: str
     sizes: Mapping[str, float]
     signal: str
+    force: str
     acting: float | None
     mass: float | None
     traces: tuple[Trace, ...]
@@ -74,13 +76,14 @@ class Preview(Result):
     def table(self) -> Table:
         """Tabulate the figures beside those of feed drives."""
         travel, speed, acceleration, force, mass, over = RANGES[self.frame]
-        rows = [
+        rows: list[list[Cell]] = [
             [span.quantity, self._own(self.sizes[span.quantity], span.unit), span.bounds()]
             for span in (travel, speed, acceleration)
             if span.quantity in self.sizes
         ]
         if self.acting is not None and self.is_force:
-            rows.append([f"largest {force.quantity}", spoken(self.acting, force.unit), force.bounds()])
+            largest = Quantity(self.acting, self.signal, form=f"4 {self.force}")
+            rows.append([f"largest {force.quantity}", largest, force.bounds()])
             if self.mass is not None:
                 rows.append([f"{mass.quantity}, roughly", spoken(abs(self.mass), mass.unit), mass.bounds()])
                 rows.append([over.quantity, spoken(abs(self.per_mass or 0.0), over.unit), over.bounds()])
@@ -140,12 +143,13 @@ def preview_of(
     x = channels[place]
     acting = next((role for role in _ACTING if role in channels), None)
     figures = {key: value for key, value in sizes(frame, T, x, None).items() if np.isfinite(value)}
-    signal, largest, how = "", None, Driven(0.0, 0.0, 0.0)
+    signal, force, largest, how = "", "", None, Driven(0.0, 0.0, 0.0)
     if acting is not None:
         column = columns[acting]
         stated = lengths.get(column.name, "")
         own = column.unit or ("" if column.factor is not None else stated)
         signal = own if acting in OWN_UNIT or own in RELATIVE else ROLES[acting]
+        force = _unit_of(column, lengths, signal) or signal if signal in ("N", "N m") else ""
         largest = float(np.max(np.abs(channels[acting]), initial=0.0))
         how = driven(x, channels[acting], T)
     length = _length(columns[place], lengths, ROLES[place])
@@ -158,22 +162,24 @@ def preview_of(
     if acting is not None:
         traces.append(_trace(columns[acting].name, acting, signal, channels[acting], T))
     mass = how.mass if how.explained >= EXPLAINED else None
-    return Preview(name, frame, length, figures, signal, largest, mass, tuple(traces))
-
-
-WINDOW = 5e-3  # s over which the speed of the picture is averaged, as that of the figures
+    return Preview(name, frame, length, figures, signal, force, largest, mass, tuple(traces))
 
 
 def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
     """Return the unit in which the user has this length or angle: that of the column, of the file, or the usual one."""
-    for unit in (column.unit, lengths.get(column.name, "")):
+    return _unit_of(column, lengths, si) or ("mm" if si == "m" else "rad")
+
+
+def _unit_of(column: Column, stated: Mapping[str, str], si: str) -> str:
+    """Return the unit of a column, or of the file, if it measures the quantity of an SI unit; else an empty string."""
+    for unit in (column.unit, "" if column.factor is not None else stated.get(column.name, "")):
         try:
             if unit:
                 units.factor(unit, si)
                 return unit
         except ParameterError:
             continue
-    return "mm" if si == "m" else "rad"
+    return ""
 
 
 def _size(unit: str, si: str) -> float:

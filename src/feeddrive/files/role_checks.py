@@ -19,7 +19,7 @@ from feeddrive.identification import shapes
 from feeddrive.identification.shapes import Driven, Likeness, driven, likeness
 from feeddrive.language import units
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 
 POSITIONS = ("position_load", "position_motor", "angle_load", "angle_motor")
 _ENCODERS = (("position_motor", "position_load"), ("angle_motor", "angle_load"))
@@ -159,6 +159,13 @@ class _Check:
                     f"those of '{b}': {self.exchange(role, position)}"
                 )
                 doubts.append(RoleDoubt((role, position), "swapped", why))
+            elif first < 0.0 and like.lag > shapes.CLEAR:
+                why = Text(
+                    f"'{self.name(self.acting or '')}' follows '{a}' better than '{b}', although '{a}' leads, as a set "
+                    f"position does: strong feedforward, or the two columns are exchanged "
+                    f"({self.exchange(role, position)})"
+                )
+                doubts.append(RoleDoubt((role, position), "late", why, certain=False))
             elif trails:
                 why = Text(
                     f"the set position {trails}: it was recorded that much later, feedforward makes the axis lead, or "
@@ -226,14 +233,15 @@ class _Check:
                 return [scale]
             # the small difference of two encoders is not to be read off if their scales are off by more than a percent
             first = shapes.ahead(x1, x2 / like.gain if like.gain else x2, self.T)
-            if first < -shapes.SURE:
+            if first < -shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
+                seem = "are" if first < -shapes.SURE else "may be"
                 why = Text(
-                    f"motor and table are exchanged: '{b}' runs ahead of '{a}' while the axis accelerates, as a motor "
-                    f"does through a spring ({number(-first, 2)} standard errors): give them the other way round in a "
-                    f"file for --channels, {motor} = '{b}' and {table} = '{a}'"
+                    f"motor and table {seem} exchanged: '{b}' runs ahead of '{a}' while the axis accelerates, as a "
+                    f"motor does through a spring ({number(-first, 2)} standard errors): give them the other way round "
+                    f"in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
                 )
-                return [RoleDoubt((motor, table), "encoders", why)]
+                return [RoleDoubt((motor, table), "encoders", why, certain=first < -shapes.SURE)]
         return []
 
     def velocities(self, position: str) -> list[RoleDoubt | None]:
@@ -290,13 +298,21 @@ class _Check:
         as_position, as_velocity = driven(x, f, self.T), driven(x, f, self.T, is_velocity=True)
         if as_position == Driven(0.0, 0.0, 0.0):
             return []
-        if _better(as_velocity, as_position):
+        likely = 1.0 - as_position.explained > shapes.AGREES * (1.0 - as_velocity.explained)
+        if _better(as_velocity, as_position) or (likely and as_velocity.explained >= shapes.EXPLAINED):
             why = Text(
                 f"'{a}' looks like a velocity, not like a position: '{b}' follows its first derivative, as a force "
                 f"follows acceleration ({_shares(as_velocity, as_position)}); name the position with "
                 f"{self.option(position, Column(name='COLUMN'))}, or integrate it before"
             )
-            return [RoleDoubt((position, role), "velocity", why)]
+            return [RoleDoubt((position, role), "velocity", why, certain=_better(as_velocity, as_position))]
+        if 1.0 - as_position.as_power < shapes.BETTER * (1.0 - as_position.explained):
+            why = Text(
+                f"'{b}' looks like a power, not like a force: force times velocity of '{a}' explains "
+                f"{Quantity(as_position.as_power, 'share'):3} of it, a force "
+                f"{Quantity(as_position.explained, 'share'):3}; name the force with {self.option(role, Column(name='COLUMN'))}"
+            )
+            return [RoleDoubt((role, position), "force", why)]
         reversed_roles = driven(f, x, self.T)
         if _better(reversed_roles, as_position):
             why = Text(
@@ -500,7 +516,8 @@ def _ordered(
         # the channel that is the setpoint of all others, if it can be told
         for goal in names:
             others = [name for name in names if name != goal]
-            if all(shapes.order(alike[goal][0], alike[name][0], force, T) == 1.0 for name in others):
+            told = [shapes.order(alike[goal][0], alike[name][0], force, T) for name in others]
+            if min(told) > 0.0 and max(told) == 1.0:
                 lag = min(alike[name][1].lag for name in others) - alike[goal][1].lag
                 roles["setpoint_position"] = (goal, _leads(others[0], lag, T))
                 names = others
@@ -509,19 +526,18 @@ def _ordered(
     if len(names) == 1:
         roles["position_load"] = (names[0], what)
         return roles, unused
-    a, b = names[0], names[1]
-    first = shapes.ahead(alike[a][0], alike[b][0], T)
-    if abs(first) > shapes.SURE and ("setpoint_position" in roles or has_setpoint or len(names) > 2):
-        motor, table = (a, b) if first >= 0.0 else (b, a)
+    first = shapes.ahead(alike[names[0]][0], alike[names[1]][0], T)
+    if len(names) == 2 and abs(first) > shapes.SURE and ("setpoint_position" in roles or has_setpoint):
+        motor, table = names if first >= 0.0 else names[::-1]
         roles["position_motor"] = (motor, f"{what}; motor: it runs ahead while the axis accelerates")
         roles["position_load"] = (table, f"{what}; table: it trails the motor")
         return roles, unused
-    # two encoders, or position and setpoint: a guess would be wrong every second time
-    for name, other in ((a, b), (b, a)):
-        unused[name] = (
-            f"moves as '{other}': position, setpoint or second encoder, which its samples do not tell apart; name "
-            f"them with {option_for('position_load', Column(name=name))} "
-            f"{option_for('setpoint_position', Column(name=other))}, or the other way round"
+    # encoders, or position and setpoint: a guess would be wrong every second time
+    for name in names:
+        others = joined(" and ", (f"'{other}'" for other in names if other != name))
+        unused[name] = Text(
+            f"moves as {others}: position, setpoint or second encoder, which the samples do not tell apart; name "
+            f"them with {FLAGS['position_load']} and {FLAGS['setpoint_position']}"
         )
     return roles, unused
 

@@ -29,6 +29,7 @@ PROPORTIONAL = 0.98  # share of a command that the velocity alone explains, from
 CLEAR = 1.0  # sample by which one channel must lead another one: less may be the recorder's order
 AGREES = 2.0  # times that one position explains more of the force than another, to confirm the lead: noise makes 1.2
 FAR = 8.0  # times that one position explains more of the force than another, against the lead: 5 occur by counts
+LIKELY = 2.5  # standard errors from which on that effect is worth a remark
 SURE = 5.0  # standard errors of an effect that decides between motor and table
 
 
@@ -37,14 +38,14 @@ def share(y: np.ndarray, *basis: np.ndarray) -> tuple[float, np.ndarray]:
 
     A mean counts as unexplained unless the basis holds ones; for y = 0 the share is 0.
     """
-    X = np.column_stack(basis)
-    size = np.linalg.norm(X, axis=0)
-    X = X / np.where(size > 0.0, size, 1.0)
-    coefficients, *_ = np.linalg.lstsq(X, y, rcond=1e-9)
+    columns = np.column_stack(basis)
+    size = np.linalg.norm(columns, axis=0)
+    columns /= np.where(size > 0.0, size, 1.0)
+    coefficients, *_ = np.linalg.lstsq(columns, y, rcond=1e-9)
     power = float(y @ y)
     if power == 0.0:
         return 0.0, coefficients
-    left = y - X @ coefficients
+    left = y - columns @ coefficients
     return max(0.0, 1.0 - float(left @ left) / power), coefficients / np.where(size > 0.0, size, 1.0)
 
 
@@ -150,11 +151,13 @@ class Driven:
     explained  share of the force about its mean
     mass       in N/(m/s²), negative for a reversed sign
     by_speed   share that the velocity alone explains
+    as_power   share that mass · a v + friction · |v| + viscous · v² explains, if it is a power and no force
     """
 
     explained: float
     mass: float
     by_speed: float
+    as_power: float = 0.0
 
 
 def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool = False) -> Driven:
@@ -176,7 +179,8 @@ def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool
     ones = np.ones(v.size)
     explained, coefficients = share(f, a, np.sign(v), v, ones)
     by_speed, _ = share(f, v, ones)
-    return Driven(explained, float(coefficients[0]), by_speed)
+    as_power, _ = share(f, a * v, np.abs(v), v * v, ones)
+    return Driven(explained, float(coefficients[0]), by_speed, as_power)
 
 
 def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: float) -> float:
@@ -232,12 +236,12 @@ def ahead(motor: np.ndarray, table: np.ndarray, T: float) -> float:
     if np.count_nonzero(moving) < LEAST_ROWS // 8:
         return 0.0
     d = grid.mean(motor - table, triangle=True)[moving]
-    X = np.column_stack([a[moving], np.sign(v[moving]), x[grid.rows][moving], v[moving], np.ones(d.size)])
-    scale = np.linalg.norm(X, axis=0)
-    X = X / np.where(scale > 0.0, scale, 1.0)
-    coefficients, *_ = np.linalg.lstsq(X, d, rcond=1e-9)
-    left = d - X @ coefficients
-    inverse = np.linalg.pinv(X.T @ X)
+    basis = np.column_stack([a[moving], np.sign(v[moving]), x[grid.rows][moving], v[moving], np.ones(d.size)])
+    scale = np.linalg.norm(basis, axis=0)
+    basis /= np.where(scale > 0.0, scale, 1.0)
+    coefficients, *_ = np.linalg.lstsq(basis, d, rcond=1e-9)
+    left = d - basis @ coefficients
+    inverse = np.linalg.pinv(basis.T @ basis)
     # residuals of neighbouring rows are alike: as in `regression`, their sum over lags widens the errors
     memory = _memory(left)
     errors = np.sqrt(np.maximum(np.diag(inverse), 0.0) * float(left @ left) / d.size * memory)
