@@ -133,7 +133,6 @@ def bring(browser: Any, folder: Path) -> None:
     with studio(browser, folder, "tour/tour.csv") as page:
         page.page.wait_for_selector("#columns-of-log", timeout=_PATIENCE)
         page.settle()
-        page.see("h2:has-text('Files')")
         page.take("studio_bring")
 
 

@@ -227,6 +227,7 @@ def test_what_is_typed_of_a_column_is_what_it_is_read_by(served: Callable[..., A
     assert field("Factor", "load").input_value() == "12"  # the table was drawn anew meanwhile
     field("Role", "load").select_option("force")
     opened.settled()
+    typed("Factor", "load", "12")  # that of another quantity, as which it was guessed, is gone
     typed("Factor", "load", "1.200,5")
     assert "factor must be a number, not '1.200,5'" in page.inner_text("body")
     assert field("Factor", "load").input_value() == "12"  # by which it is read

@@ -234,7 +234,7 @@ def previews(folder: Path, count: int, values: np.ndarray) -> dict[str, tuple[np
     guess = Stand(mapping=mapping, axes=(), needs={})
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(import_module("feeddrive.workflow.channels"), "whole_log", lambda *_: log)
-        patched.setattr(import_module("feeddrive.studio.log_check"), "checked", lambda _: None)
+        patched.setattr(import_module("feeddrive.studio.log_check"), "checked", lambda *_: None)
         return dict(uploads._log(folder / "run.csv", file, guess).columns)  # type: ignore[arg-type]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.files.columns import ROLES
@@ -21,9 +22,12 @@ from feeddrive.studio.jobs import fault
 from feeddrive.workflow.channels import mapped
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from feeddrive.files.columns import Column
     from feeddrive.files.log import Log
+    from feeddrive.files.mapping import Guess
     from feeddrive.files.role_checks import RoleDoubt
-    from feeddrive.studio.uploads import Understood
 
 _NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": []}
 # how a command line corrects a role: on the page it is chosen in the row
@@ -46,21 +50,32 @@ class Check:
     chart: Chart
 
 
-def checked(content: Understood) -> Check:
-    """Compute the peak figures of a log under its roles, and what its samples have against them."""
-    guess = content.guess
-    assert guess is not None
-    log = _on_its_clock(content)
+def checked(
+    guess: Guess,
+    log: Log | None,
+    clock: Column | None,
+    columns: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    units: Mapping[str, str],
+) -> Check:
+    """Compute the peak figures of a log under its roles, and what its samples have against them.
+
+    guess    roles of the columns
+    log      columns as in the file, with the time by `clock`, the column of the time and its unit
+    columns  time and values of each column for a picture
+    units    units of the columns, as stated in the file
+    """
+    plain = partial(_preview, guess, columns, units)
+    log = _on_its_clock(log, clock, guess.mapping.get("time"))
     if log is None:
-        return Check(_NO_FIGURES, (), (), _preview(content))
+        return Check(_NO_FIGURES, (), (), plain())
     try:
         read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
         preview = log_preview(log, guess.mapping, guess.needs)
     except FeeddriveError as error:
-        return Check(_NO_FIGURES, (str(error),), (), _preview(content))
+        return Check(_NO_FIGURES, (str(error),), (), plain())
     except Exception as error:
         # the table must stay usable: the user may have chosen the wrong column
-        return Check(_NO_FIGURES, (fault(error),), (), _preview(content))
+        return Check(_NO_FIGURES, (fault(error),), (), plain())
     wrong = () if preview is None else outside(preview.frame, preview.sizes)
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
     sentences = [str(doubt.why) for doubt in read.contradictions]
@@ -79,14 +94,12 @@ def checked(content: Understood) -> Check:
         words,
         tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in sentences),
         read.contradictions,
-        _preview(content) if preview is None else preview_chart(preview),
+        plain() if preview is None else preview_chart(preview),
     )
 
 
-def _on_its_clock(content: Understood) -> Log | None:
+def _on_its_clock(log: Log | None, before: Column | None, now: Column | None) -> Log | None:
     """Return the columns of a log with the time in the unit that it has now; None if its time is another column now."""
-    assert content.guess is not None
-    log, before, now = content.log, content.clock, content.guess.mapping.get("time")
     if log is None or before == now:
         return log
     if before is None or now is None or before.name != now.name:
@@ -95,13 +108,11 @@ def _on_its_clock(content: Understood) -> Log | None:
     return replace(log, time=ratio * log.time, sample_time=ratio * log.sample_time)
 
 
-def _preview(content: Understood) -> Chart:
+def _preview(guess: Guess, columns: Mapping[str, tuple[np.ndarray, np.ndarray]], units: Mapping[str, str]) -> Chart:
     """Plot up to six columns with a role over time, or the first four columns if none has a role."""
-    assert content.guess is not None
-    roles: Mapping[str, str] = {column.name: role for role, column in content.guess.mapping.items() if role != "time"}
-    names = [name for name in content.columns if name in roles][:6] or list(content.columns)[:4]
+    roles: Mapping[str, str] = {column.name: role for role, column in guess.mapping.items() if role != "time"}
+    names = [name for name in columns if name in roles][:6] or list(columns)[:4]
     panels = tuple(
-        Panel(content.units.get(name) or "no unit", (Curve(*content.columns[name], name, i),))
-        for i, name in enumerate(names)
+        Panel(units.get(name) or "no unit", (Curve(*columns[name], name, i),)) for i, name in enumerate(names)
     )
     return Chart("time (s)", panels, height=1.4 * max(len(panels), 1))

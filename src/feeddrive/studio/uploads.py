@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Self, TypeAlias
 
 import numpy as np
 
@@ -75,6 +75,13 @@ class Understood:
     units: Mapping[str, str] = field(default_factory=dict[str, str])
     responses: tuple[str, ...] = ()
     wrong: str = ""
+
+    def checked(self) -> Self:
+        """Return the content of a log with its peak figures."""
+        from feeddrive.studio.log_check import checked
+
+        assert self.guess is not None
+        return replace(self, check=checked(self.guess, self.log, self.clock, self.columns, self.units))
 
 
 def understand(
@@ -159,7 +166,6 @@ def _program(path: Path) -> Understood:
 
 def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
     from feeddrive.plot.style import envelope
-    from feeddrive.studio.log_check import checked
     from feeddrive.workflow.channels import proposed, whole_log
 
     clock, step = guess.mapping.get("time"), guess.mapping.sample_time
@@ -182,7 +188,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
         columns=columns,
         units=dict(log.units),
     )
-    return replace(content, check=checked(content))
+    return content.checked()
 
 
 def _thinned(log: Log) -> Log:

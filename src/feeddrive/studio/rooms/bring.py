@@ -25,7 +25,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.plot.chart import Chart
 from feeddrive.studio.bench import bench_of, bench_of_responses
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name, tabled
-from feeddrive.studio.log_check import Check, checked
+from feeddrive.studio.log_check import Check
 from feeddrive.studio.uploads import LOG, MACHINE, PROGRAM, RESPONSES, Understood, safe_name, stem_of, understand
 from feeddrive.studio.works import Shown, fitted, toured
 from feeddrive.workflow.channels import CHOSEN
@@ -490,7 +490,7 @@ class Bring(Room):
 
     def _check(self, content: Understood) -> Check:
         if content.check is None:
-            content = self.files[content.name] = replace(content, check=checked(content))
+            content = self.files[content.name] = content.checked()
         assert content.check is not None
         return content.check
 
