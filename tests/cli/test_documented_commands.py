@@ -187,7 +187,7 @@ FOUND: dict[str, Callable[[Path, str], None]] = {
     "feeddrive tune axis/machine.toml": writes("tuned/machine.toml"),
     "feeddrive export tuned/machine.toml --axis x --target linuxcnc-pid": writes("to_pid/axis-x.ini"),
     "feeddrive export tuned/machine.toml --axis x --target linuxcnc ": writes("to_component/README.md"),
-    "feeddrive channels X1.xml": says("speed_plant_1_plant", "(rad/s)/(N m)", "m_Kp", "4.5", "m_Tn", "0.016"),
+    "feeddrive channels X1.xml": says("speed_plant_1_plant", "(rad/s)/(N m)", "today", "4.5", "16"),
     "feeddrive identify X1.xml": mass("model/machine.toml", mass_motor=MOTOR, mass_load=TABLE),
     "feeddrive identify speed_plant.txt": mass(
         "results/identify_speed_plant/machine.toml", mass_motor=MOTOR, mass_load=TABLE

@@ -140,10 +140,10 @@ def test_the_xml_of_a_tuning_tool_may_have_a_thousand_responses(count: int, is_r
 @pytest.mark.parametrize(("count", "refusal"), [(180_000, "without a measured response"), (220_000, "more than 50")])
 def test_xml_may_have_two_hundred_thousand_elements(count: int, refusal: str, monkeypatch: pytest.MonkeyPatch):
     """One element stands for all, which would take seconds."""
-    element = ast_xml._Element("", {})
+    element = ast_xml.Element("", {})
     element.children = SimpleNamespace(append=lambda _: None)
     element.walk = lambda: iter(())
-    monkeypatch.setattr(ast_xml, "_Element", lambda *_: element)
+    monkeypatch.setattr(ast_xml, "Element", lambda *_: element)
     with pytest.raises(LogError, match=refusal):
         list(ast_tables("a", b"<a>" + b"<b/>" * count + b"</a>"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -176,7 +177,7 @@ def test_two_masses_are_two_masses(folder: Path) -> None:
 def test_the_loop_of_the_file_is_the_measured_one(folder: Path) -> None:
     """The loop gain by measured point and by model, beside that of the true axis with both clocks, at its crossover."""
     axis = usual(folder)
-    loop = axis.loop
+    loop = axis.today
     law = loop.control.law
     assert isinstance(law, CascadePPI)
     assert (law.Kp, law.Tn, law.position_every) == (pytest.approx(USUAL.gains[0]), pytest.approx(USUAL.gains[1]), 16)
@@ -204,7 +205,7 @@ def test_a_linear_axis_has_its_screw(folder: Path) -> None:
     axis = usual(folder)
     r = 0.01 / (2.0 * math.pi)
     file = replace(axis.file, rotary=False, per_motor=r)
-    loop, _ = commissioning._today(file, axis.result.fit, axis.loop.axis.actuator)
+    loop, _ = commissioning._today(file, axis.result.fit, axis.today.axis.actuator)
     plant, law = loop.axis.plant, loop.control.law
     assert isinstance(plant, ScrewTwoMass)
     assert isinstance(law, CascadePPI)
@@ -218,7 +219,7 @@ def test_a_linear_axis_has_its_screw(folder: Path) -> None:
 
 
 def test_an_axis_that_turns_comes_out_in_the_drives_names(folder: Path) -> None:
-    table = parameters_table(SINUMERIK, usual(folder).loop)
+    table = parameters_table(SINUMERIK, usual(folder).today)
     rows = {row[0]: (float(str(row[1])), row[2]) for row in table.rows}
     assert rows["p1460[0]"] == (pytest.approx(USUAL.gains[0], rel=1e-5), "Nms/rad")
     assert rows["p1462[0]"] == (pytest.approx(1e3 * USUAL.gains[1], rel=1e-5), "ms")
@@ -260,7 +261,7 @@ def test_a_file_without_an_axis_is_refused_with_what_there_is(folder: Path) -> N
 def test_what_the_file_does_not_say_is_said(folder: Path) -> None:
     axis = usual(folder)
     bare = replace(axis.file, rotary=None, per_motor=None, controllers=(), Kv=None, second_encoder=True)
-    loop, said = commissioning._today(bare, axis.result.fit, axis.loop.axis.actuator)
+    loop, said = commissioning._today(bare, axis.result.fit, axis.today.axis.actuator)
     text = " ".join(map(str, said))
     for words in ("no speed controller", "no position gain", "give --lead for a screw", "a direct encoder"):
         assert words in text
@@ -268,6 +269,19 @@ def test_what_the_file_does_not_say_is_said(folder: Path) -> None:
     _, words = commissioning._actuator(bare, None, axis.result.fit)
     assert "no response of the current loop" in str(words[0])
     assert [axis_key(name) for name in ("AX7", "X-1", "1A", "")] == ["ax7", "x_1", "x", "x"]
+
+
+def test_a_file_without_a_clock_gives_a_model_and_asks_for_it(folder: Path) -> None:
+    axis = replace(usual(folder), loop=None)
+    with pytest.raises(LogError, match=r"states no sample time of the speed loop .*: give it with --sample-time"):
+        axis.point()
+    bare = read(
+        folder,
+        USUAL,
+        plain=True,
+        edit=lambda text: re.sub(r'<float name="m_d\w*UpdateTime\w*">[^<]*</float>', "", text),
+    )
+    assert bare.clock is None
 
 
 def test_channels_of_a_commissioning_file_is_a_page(folder: Path) -> None:

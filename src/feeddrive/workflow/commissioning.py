@@ -54,6 +54,7 @@ _FASTEST = 0.6
 _RATE = 4.0  # the position gain of a file without one is the velocity loop's rate over this, as in `recipes`
 _LATE = math.pi / 2.0  # phase lag up to which the lag and the dead time of a current loop are fitted
 _FEW = 8  # lines of a current loop
+NO_CLOCK = "states no sample time of the speed loop (m_dProcessUpdateTime): give it with --sample-time"
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class DriveAxis:
     current   torque over its setpoint on the lines of the plant; None if the file has none
     band      the band of the model; None if the user gave it
     result    the structures that were fitted, in kg m2 (kg of a linear motor) at the motor
-    loop      today's loop: the fitted axis and the file's controller
+    loop      today's loop: the fitted axis and the file's controller; None if no sample time is known
     """
 
     file: Commissioning
@@ -72,13 +73,20 @@ class DriveAxis:
     current: FRF | None
     band: ModelBand | None
     result: AxisFits
-    loop: Loop
+    loop: Loop | None
     remarks: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """The axis name for a machine file."""
         return axis_key(self.file.axis)
+
+    @property
+    def today(self) -> Loop:
+        """Today's loop. Raises LogError if no sample time is known."""
+        if self.loop is None:
+            raise LogError(f"{self.file.name}: {NO_CLOCK}")
+        return self.loop
 
     def machine(self) -> MachineFile:
         """Return the machine file of the axis."""
@@ -87,7 +95,7 @@ class DriveAxis:
     def text(self) -> str:
         """Return the text of the machine file, with standard errors as comments."""
         text = machine_toml(
-            Machine.of({self.name: self.loop}),
+            Machine.of({self.name: self.today}),
             f"axis {self.file.axis or self.name} from a commissioning file",
             f"feeddrive identify {_plain(self.file.name)}",
             "Plant, current loop and controllers as in the file; limits, friction and counts of the encoder are not in "
@@ -95,7 +103,7 @@ class DriveAxis:
         )
         edit = TomlEdit(text, "machine.toml")
         place = ("axis", self.name, "plant")
-        if isinstance(self.loop.axis.plant, TwoMass | Rigid):
+        if isinstance(self.today.axis.plant, TwoMass | Rigid):
             for estimate in self.result.fit.estimates:
                 if edit.has((*place, estimate.name)):
                     error = Quantity(estimate.error, estimate.unit, form="2 SI")
@@ -108,7 +116,8 @@ class DriveAxis:
         The position is the one whose difference over a sample is the measured speed, so that the velocity loop is
         exactly the measured one.  The current loop is the measured one.
         """
-        T = float(self.loop.sample_time)
+        loop = self.today
+        T = float(loop.sample_time)
         f = self.plant.frequency
         inside = f < 0.5 / T
         plant = on_lines(self.plant, inside)
@@ -117,14 +126,14 @@ class DriveAxis:
         if self.current is not None:
             whole = whole * self.current.response[inside]
         else:
-            whole = whole * np.exp(-2j * np.pi * f * _delay_of(self.loop.axis.actuator))
+            whole = whole * np.exp(-2j * np.pi * f * _delay_of(loop.axis.actuator))
         # at the table of a linear axis
-        r = 1.0 if self.loop.axis.rotary or self.file.linear_motor else _travel(self.file)
+        r = 1.0 if loop.axis.rotary or self.file.linear_motor else _travel(self.file)
         size = whole * r * r
         variance = None if plant.variance is None else np.abs(size) ** 2 * plant.variance
         load = replace(plant, response=size * plant.response, variance=variance, unit="m/N")
         point = measured_point(load, sample_time=T, name=self.name)
-        point, words = with_table_force(point, self.loop, "the fitted plant")
+        point, words = with_table_force(point, loop, "the fitted plant")
         return point, [words] if words else []
 
 
@@ -158,6 +167,7 @@ def drive_axis(
     rotary: bool = False,
     lead: float | None = None,
     gear: float = 1.0,
+    sample_time: float | None = None,
     model: str = "auto",
     modes: int | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -166,7 +176,8 @@ def drive_axis(
 
     motor         name of the plant, if it is not the one measured last
     band          Hz, in place of the one that the tool calls usable and that two masses explain
-    rotary, lead, gear   what the file does not say: that the axis turns, or the lead of its screw
+    rotary, lead, gear, sample_time   what the file does not say: that the axis turns, or the lead of its screw, and the
+                  sample time of the speed loop
     model, modes, fixed  as for `fit_axis`
 
     Raises LogError if the file holds no plant, ParameterError if no structure can be fitted or a name is unknown.
@@ -175,6 +186,7 @@ def drive_axis(
         file = replace(file, rotary=False, per_motor=lever(lead, gear))
     elif rotary:
         file = replace(file, rotary=True)
+    file = replace(file, clock=file.clock or sample_time)
     name = require_plant(file) if motor is None else motor
     if name not in file.responses:
         raise ParameterError(
@@ -197,7 +209,7 @@ def drive_axis(
     current = _current_loop(file, plant)
     actuator, words = _actuator(file, current, result.fit)
     remarks += words
-    loop, words = _today(file, result.fit, actuator)
+    loop, words = (None, []) if file.clock is None else _today(file, result.fit, actuator)
     remarks += words
     remarks += _compared(file)
     return DriveAxis(file, plant, current, chosen, result, loop, tuple(remarks))
@@ -396,8 +408,7 @@ def _today(file: Commissioning, fit: PlantFit, actuator: Actuator) -> tuple[Loop
     remarks: list[str] = []
     inertia = float(fit.plant.rigid_mass())
     T = file.clock
-    if T is None:
-        raise LogError(f"{file.name}: states no sample time of the speed loop (m_dProcessUpdateTime)")
+    assert T is not None
     controller = file.today
     if controller is None:
         delay = float(actuator.delay()) + T

@@ -38,7 +38,6 @@ from feeddrive.workflow.command import (
     Outcome,
     Request,
     argument,
-    called,
     command,
     frequencies,
     option,

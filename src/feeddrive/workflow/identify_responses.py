@@ -39,7 +39,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import ALL, check_response, units_first
 from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, option
-from feeddrive.workflow.commissioning import drive_axis
+from feeddrive.workflow.commissioning import NO_CLOCK, drive_axis
 from feeddrive.workflow.drive_logs import log_stem, narrow, write_report, written
 from feeddrive.workflow.force import DriveValues
 
@@ -95,12 +95,13 @@ def identify_commissioned(request: IdentifyRequest, file: Commissioning, progres
         rotary=request.rotary,
         lead=request.lead,
         gear=request.gear,
+        sample_time=request.sample_time,
         model=request.model or ("modal" if request.modes else "auto"),
         modes=request.modes,
         fixed=_fixed(request.fix, None),
     )
     fit, path = axis.result.fit, Path(called(request.log))
-    reason = told_by(fit, turns=True)
+    reason = told_by(fit, turns=True) or (f"the file {NO_CLOCK}" if axis.loop is None else "")
     text = None if reason else axis.text()
     frf = axis.plant
     known = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -268,7 +267,7 @@ def _tuned(
     request: TuneRequest, progress: Progress
 ) -> tuple[Tuned, Story, str | None, str, Certificate | None, list[Table]]:
     """Tune; return also the text of the machine file, the axis name, and the new control in a maker's parameters."""
-    drive = _commissioned(request.source, request.motor, progress)
+    drive = _commissioned(request.source, request, progress)
     if drive is not None:
         request = _at_its_margins(request, drive)
     machine = machine_of(request.source) if drive is None else drive.machine()
@@ -286,14 +285,14 @@ def _tuned(
     sources = request.sources()
     said: list[str] = []
     if drive is not None:
-        if loop is not None and loop.axis.rotary != drive.loop.axis.rotary:
-            kinds = ("turns", "is linear") if drive.loop.axis.rotary else ("is linear", "turns")
+        if loop is not None and loop.axis.rotary != drive.today.axis.rotary:
+            kinds = ("turns", "is linear") if drive.today.axis.rotary else ("is linear", "turns")
             raise ParameterError(
                 f"{drive.file.name}: its axis {kinds[0]} and that of --baseline {kinds[1]}: leave --baseline out, or "
                 "identify the machine file with --lead"
             )
         point, words = drive.point()
-        places = [_commissioned(place, (), progress) for place in sources.at]
+        places = [_commissioned(place, request, progress) for place in sources.at]
         at = tuple(
             place if other is None else other.point()[0] for place, other in zip(sources.at, places, strict=True)
         )
@@ -365,20 +364,20 @@ def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
     """Return the new control in the parameters of the drive that a commissioning file is of."""
     if drive is None or not tuned.holds or tuned.control.law.kind != "cascade_ppi":
         return []
-    return [parameters_table(SINUMERIK, replace(drive.loop, control=tuned.control))]
+    return [parameters_table(SINUMERIK, replace(drive.today, control=tuned.control))]
 
 
-def _commissioned(source: object, motors: Sequence[str], progress: Progress) -> DriveAxis | None:
+def _commissioned(source: object, request: TuneRequest, progress: Progress) -> DriveAxis | None:
     """Return the axis of a commissioning file; None for any other source.
 
-    motors  the names given with --motor: with that of another file the source is one of responses like any other
+    With a motor's response that is not in it the source is one of responses like any other.
     """
     if not isinstance(source, str | Path) or not Path(source).is_file():
         return None
     file = read_commissioning(source)
-    if file is None or not file.plants or any(motor not in file.plants for motor in motors):
+    if file is None or not file.plants or any(motor not in file.plants for motor in request.motor):
         return None
-    return drive_axis(file, progress, motor=next(iter(motors), None))
+    return drive_axis(file, progress, motor=next(iter(request.motor), None), sample_time=request.sample_time)
 
 
 # limits of the request that a commissioning file states, in the order in which it does
