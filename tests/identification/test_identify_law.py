@@ -150,6 +150,7 @@ def test_a_rounded_set_position_is_restored() -> None:
     near(fit, Kv=30.0, Kp=9000.0, Tn=0.05)
 
 
+@pytest.mark.slow(reason="all structures are tried before the instruments, on a log of two masses")
 def test_a_load_encoder_is_seen_and_the_gains_of_the_motors_loop_are_found() -> None:
     """Antiresonance at 40 Hz: the motor is 16 um per m/s2 ahead of the load, whose encoder is logged."""
     axes = fa.Axes(

@@ -232,7 +232,13 @@ def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     """Return the laws that explain the log as well as the best one."""
-    alike = [one for one in found.scored if one.criterion < found.best.criterion + ALIKE]
+    best = found.best
+    # a law with one more gain that is 0 within its error is the same law
+    alike = [
+        one
+        for one in found.scored
+        if one.criterion < best.criterion + ALIKE and one.structure.parameters <= best.structure.parameters
+    ]
     readings: dict[str, LawReading] = {}
     for one in alike:
         for reading in _readings(log, found, one, alike):
