@@ -37,7 +37,6 @@ from feeddrive.workflow.command import (
     Outcome,
     Request,
     argument,
-    called,
     command,
     frequencies,
     option,
