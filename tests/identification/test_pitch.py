@@ -106,6 +106,45 @@ def test_a_circle_test_teaches_scale_and_backlash():
         learned_from_circles(causes, {"x": (-0.02, 0.02)})
 
 
+def drawn(scale: float, gap: float, ripple: float) -> list[CirclePath]:
+    """Circles of 20 mm with a scale error, a backlash of x, and a residual of three waves, m."""
+    angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
+    circles: list[CirclePath] = []
+    for feed in (0.01, 0.05):
+        for d in (1, -1):
+            r = (
+                0.02 * (1.0 + scale)
+                + 0.5 * d * gap * np.sign(np.sin(angle)) * np.cos(angle)
+                + ripple * np.cos(3 * angle)
+            )
+            circles.append(CirclePath(r * np.cos(angle), r * np.sin(angle), d, feed, 0.02, (0.0, 0.0)))
+    return circles
+
+
+def test_causes_within_three_standard_errors_are_not_compensated():
+    causes = circle_causes(drawn(1e-6, 0.0, 3e-6), spike="exponential", backlash="step", decay=0.01)
+    with pytest.raises(ParameterError, match=r"nothing to compensate: .*backlash y .* within 3 standard errors"):
+        learned_from_circles(causes, TRAVEL)
+    found = circle_causes(drawn(1e-6, 9e-6, 3e-6), spike="exponential", backlash="step", decay=0.01)
+    (axis,) = learned_from_circles(found, TRAVEL).items()
+    assert axis[0] == "x"
+    # the backlash alone: the same at both ends
+    assert axis[1].forward == pytest.approx(np.full(2, 0.5 * found["backlash x"].value))
+    assert axis[1].backward == pytest.approx(-axis[1].forward)
+
+
+@pytest.mark.parametrize(("beyond", "refused"), [(0.0002, False), (0.0006, True)])
+def test_a_travel_beyond_the_circles_is_refused(beyond, refused):
+    """A hundredth of 40 mm is admitted."""
+    causes = circle_causes(drawn(1e-4, 9e-6, 0.0), spike="exponential", backlash="step", decay=0.01)
+    travel = {**TRAVEL, "x": (-0.02, 0.02 + beyond)}
+    if not refused:
+        assert "x" in learned_from_circles(causes, travel)
+        return
+    with pytest.raises(ParameterError, match=r"travel of 'x', -20 mm to 20.6 mm: the circles measured"):
+        learned_from_circles(causes, travel)
+
+
 def test_tables_made_from_themselves_come_back():
     """Positions with exactly the error of two tables, at random places: the tables, to rounding."""
     random = np.random.default_rng(3)

@@ -11,7 +11,7 @@ import foreign_axis as fa
 from feeddrive.language.errors import ParameterError
 from feeddrive.learning.at_rest import filtered_held, force_unknown
 from feeddrive.learning.axis_values import ASYMMETRY, LEFT, NORMAL_90, Seen, axis_values
-from feeddrive.learning.iterative_feedforward import next_iteration
+from feeddrive.learning.iterative_feedforward import _matters, next_iteration
 from feeddrive.learning.trial import measured_trial
 from feeddrive.loop.linearize import StateSpace
 from foreign_trials import NAMES, T, Table, covered, table, values
@@ -188,7 +188,7 @@ def test_viscous_friction_and_levels_at_one_speed_are_said_to_be_alike() -> None
         none = np.zeros((200, 0))
         trial = Seen(columns, none, none, error, None, 5)
         found = axis_values(("viscous", "coulomb_positive", "coulomb_negative"), np.zeros(3), trial, trial)
-        assert any("by their sum at 0.25 m/s" in remark for remark in found.remarks) is alike
+        assert any("by their sum at 250.4 mm/s" in remark for remark in found.remarks) is alike
 
 
 def test_the_force_at_the_first_sample_is_that_of_the_rest() -> None:
@@ -209,3 +209,41 @@ def test_another_friction_at_rest_is_refused() -> None:
     trial = measured_trial(loop, axes.setpoint, axes.setpoint, sample_time=T)
     with pytest.raises(ParameterError, match="at_rest = 'stuck' must be one of held, none"):
         next_iteration(loop, trial, at_rest="stuck")
+
+
+def test_ninety_percent_of_a_normal_error_lie_within_its_half_width() -> None:
+    from scipy.stats import norm
+
+    assert pytest.approx(float(norm.ppf(0.95)), abs=1e-8) == NORMAL_90
+
+
+def test_a_fifth_of_what_a_better_model_changes_is_error() -> None:
+    """Exact fits of 100 and 110 kg: nothing else is in the interval."""
+    column, none = np.linspace(-1.0, 1.0, 50)[:, None], np.zeros((50, 0))
+    first, better = (Seen(column, none, none, value * column[:, 0], None, 3) for value in (100.0, 110.0))
+    found = axis_values(("mass",), np.zeros(1), first, better)
+    assert found.value == pytest.approx([110.0])
+    assert found.half == pytest.approx([0.2 * 10.0])
+
+
+@pytest.mark.parametrize(("share", "matters"), [(0.007, False), (0.015, True)])
+def test_a_first_force_of_less_than_a_hundredth_of_the_columns_is_forgotten(share: float, matters: bool) -> None:
+    used = np.column_stack([np.ones(10), 0.1 * np.ones(10)])
+    assert _matters(share * np.ones(10), used) is matters
+
+
+def test_the_first_force_is_a_mean_over_200_rows() -> None:
+    """Of a ramp of 1 N a row: 99.5 N."""
+    axes = one(70.0, 70.0)
+    x = np.concatenate([np.zeros(600), 1e-3 * np.arange(100)])
+    trial = measured_trial(axes.loop(0, np.zeros(4)), x, x, sample_time=T, force=np.arange(700.0), smoothing=0)
+    assert trial.force == pytest.approx(99.5)
+
+
+def test_a_known_prior_is_left() -> None:
+    """Without a known force: 1.645 times 0.15 of a mean level of 60 N are 14.8 N."""
+    forward = np.repeat([1.0, 0.0, 1.0, 0.0], 50)
+    columns, none = np.column_stack([forward, forward - 1.0]), np.zeros((200, 0))
+    seen = Seen(columns, none, none, columns @ [60.0, 60.0], np.ones(200), 5)
+    found = axis_values(("coulomb_positive", "coulomb_negative"), np.zeros(2), seen, seen)
+    assert found.half == pytest.approx([14.8, 14.8], abs=0.1)

@@ -529,7 +529,7 @@ def test_standard_errors_hold_for_residuals_that_are_alike_over_45_degrees_or_at
         circles = [CirclePath(r * np.cos(angle), r * np.sin(angle), 1, V, R, (0.0, 0.0)) for V in (SLOW, FAST)]
         found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
         errors.append(found["scale, mean"].error)
-    assert errors[0] < 0.05 * errors[1]
+    assert errors[0] < 0.1 * errors[1]
 
 
 def test_a_free_course_ends_with_a_24th_of_its_range() -> None:
@@ -558,3 +558,32 @@ def test_a_cause_with_2_percent_of_a_combination_is_part_of_it(share: float, mix
     assert solved.kept.tolist() == [0, 1]
     unseparable = Solved.__dict__["unseparable"].func
     assert unseparable(solved)[2] == mixed
+
+
+def test_a_500th_of_the_highest_spike_is_error_of_a_backlash() -> None:
+    """As a deviation: of 5 um from the first point on, a 500th; of a backlash a circle shows the half."""
+    circles = [few(V, d, 0.01, 0.02) for V in (0.02, 0.04) for d in (1, -1)]
+    found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
+    # half a point after the reversal, at the faster feed of 2 rad/s
+    highest = 5 * UM * np.exp(-np.radians(0.25) / (2.0 * 0.01))
+    assert found["backlash y"].error == pytest.approx(2.0 * 0.002 * highest, rel=0.01)
+
+
+def test_a_tenth_of_the_lag_at_the_slowest_feed_is_error_of_the_scale() -> None:
+    angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
+    lag, circles = 1e-3, []
+    for V in (0.02, 0.04):
+        r = R - V**2 / (2.0 * R) * lag
+        circles.append(CirclePath(r * np.cos(angle), r * np.sin(angle), 1, V, R, (0.0, 0.0)))
+    found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
+    assert found["scale, mean"].error == pytest.approx(0.1 * 0.02**2 / (2.0 * R**2) * lag, rel=1e-3)
+
+
+@pytest.mark.parametrize(("waves", "error"), [(3, 2.0258), (8, 2.2231)])
+def test_residuals_are_alike_in_blocks_of_45_degrees_and_in_phases_of_10(waves: int, error: float) -> None:
+    """ppm of the scale, as they came out: 45° decide for three waves of 1 um, 10° of all quarters for eight."""
+    angle = 2.0 * np.pi * (np.arange(720) + 0.5) / 720
+    r = R + UM * np.cos(waves * angle + 0.3)
+    circles = [CirclePath(r * np.cos(angle), r * np.sin(angle), 1, V, R, (0.0, 0.0)) for V in (SLOW, FAST)]
+    found = circle_causes(circles, spike="exponential", backlash="step", decay=0.01)
+    assert 1e6 * found["scale, mean"].error == pytest.approx(error, rel=1e-3)
