@@ -151,7 +151,7 @@ def logs_stem(logs: Sequence[LogLike]) -> str:
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
 
-def log_stem(log: LogLike) -> str:
+def log_stem(log: object) -> str:
     """Return the name of a log without folder and type: `run.1` for run.1.csv and run.1.csv.gz."""
     path = Path(Path(called(log)).name.removesuffix(".gz"))
     # a type begins with a letter, the number of a run does not

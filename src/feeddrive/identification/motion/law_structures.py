@@ -129,27 +129,27 @@ class Structure:
         if self.family == PID:
             # LinuxCNC's pid: an older target enters the error alone
             wanted = basis.set_velocity(d, central=self.central)
-            A = [e, *([Se] if self.integral else []), wanted - v, *([wanted] if self.forward == "free" else [])]
-            B = [zero] * len(A)
+            a = [e, *([Se] if self.integral else []), wanted - v, *([wanted] if self.forward == "free" else [])]
+            b = [zero] * len(a)
             q = 0
         else:
             X, Sv = basis.travel(n, d, h), basis.set_travel(d + q, central=self.central)
             if self.forward == "free":
-                A, B = [e, wanted, zero - v], [Se, Sv, zero - X]
+                a, b = [e, wanted, zero - v], [Se, Sv, zero - X]
             elif self.forward == "one":
-                A, B = [e, wanted - v], [Se, Sv - X]
+                a, b = [e, wanted - v], [Se, Sv - X]
             else:
-                A, B = [e, zero - v], [Se, zero - X]
+                a, b = [e, zero - v], [Se, zero - X]
         if self.fed:
-            A, B = [*A, basis.set_acceleration(d + q, self.fed)], [*B, zero]
+            a, b = [*a, basis.set_acceleration(d + q, self.fed)], [*b, zero]
         if self.friction is not None:
             age = d + self.friction
-            A, B = [*A, basis.one(f"sign{age}")], [*B, zero]
+            a, b = [*a, basis.one(f"sign{age}")], [*b, zero]
             if self.sides:
-                A, B = [*A, basis.one(f"moves{age}")], [*B, zero]
+                a, b = [*a, basis.one(f"moves{age}")], [*b, zero]
         if self.shifted:
-            A, B = [*A, basis.one("t")], [*B, zero]
-        return A, B
+            a, b = [*a, basis.one("t")], [*b, zero]
+        return a, b
 
 
 @dataclass(frozen=True, eq=False)
