@@ -23,13 +23,17 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import foreign_axis as fa
+from feeddrive.identification.excitation.estimate_frf import estimate_frf
+from feeddrive.identification.excitation.frequency_estimate import Record
 from feeddrive.identification.motion.identify import POOR
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import RigidFit, find_delay, identify_rigid
+from feeddrive.identification.response.plant_fit import fit_two_mass
 from feeddrive.language.errors import FeeddriveError
 
 T = 1e-3
 NORMAL = 1.959964
+PERIOD, PERIODS = 1000, 10  # samples of a multisine, and how many of it
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,64 @@ def logs_of(cell: Cell, rng: np.random.Generator, n: int) -> fa.Logs:
     xs = np.stack([np.pad(m, (0, max(0, rows - len(m))), mode="edge")[:rows] for m in moves])
     push = np.stack([fa.pulses(rows, T, rng, 6, u, 0.05) for u in unit]) if cell.pulses else None
     return fa.simulate(axes, law, xs, T, rng, count=n, disturbance=push, substeps=4)
+
+
+def excited(cell: Cell, rng: np.random.Generator, n: int) -> tuple[fa.Logs, np.ndarray]:
+    """Simulate n axes of two masses with a multisine of 5 to 200 Hz on a slow motion to and fro; excitation too."""
+    over = cell.over(rng, n)
+    mass, share = np.exp(rng.uniform(np.log(20), np.log(300), n)), rng.uniform(0.3, 0.65, n)
+    unit, wr = 2.0 * mass, 2.0 * np.pi * rng.uniform(30.0, 90.0, n)
+    level, skew = unit * rng.uniform(0.05, 0.2, n), over.pop("skew", 0.0)
+    m1, m2 = mass * (1.0 - share), mass * share
+    reduced = m1 * m2 / mass
+    axes = fa.Axes(
+        mass=m1,
+        mass_load=m2,
+        stiffness=wr**2 * reduced,
+        damping=2.0 * rng.uniform(0.01, 0.05, n) * wr * reduced,
+        viscous=mass * rng.uniform(0.5, 3.0, n),
+        coulomb_positive=level * (1 + skew),
+        coulomb_negative=level * (1 - skew),
+        stribeck=level * over.pop("stribeck", 0.0),
+        share_load=0.5,
+        dead_time=T * rng.uniform(0.0, 1.5, n),
+        noise_log=unit * 0.005,
+        noise_drive=unit * over.pop("drive", 0.005),
+        resolution=over.pop("resolution", 1e-6),
+        colour=over.pop("colour", 0.0),
+        limit=unit * 8,
+        **over,
+    )
+    wc = np.minimum(0.2 / (axes.dead_time + 1.5 * T), 0.3 * wr)
+    law = fa.Cascade(Kv=0.15 * wc, Kp=mass * wc, rate=0.1 * wc * cell.integral, ff=1.0, n=1)
+    rows = PERIODS * PERIOD
+    ramp = fa.smooth_moves(T, [0.15 * (i % 2 == 0) for i in range(8)], 0.05, 0.5, 10.0, cell.dwell, 0.0)
+    tones = np.stack([fa.multisine(T, rng, 5.0, 200.0, PERIOD * T, PERIODS) for _ in range(n)])
+    force = tones * (unit * rng.uniform(0.4, 1.0, n))[:, None]
+    return fa.simulate(axes, law, np.resize(ramp, rows), T, rng, count=n, added=force, substeps=4), force
+
+
+def one_resonance(cell: Cell, draws: int, seed: int) -> dict[str, Any]:
+    """Coverage of resonance and antiresonance by a frequency response of the motor and a fit of two masses."""
+    rng = np.random.default_rng([seed, 50 + CELLS.index(cell)])
+    misses: dict[str, list[float]] = {"resonance": [], "antiresonance": []}
+    refused: list[str] = []
+    for begin in range(0, draws, 100):
+        n = min(100, draws - begin)
+        logs, force = excited(cell, rng, n)
+        for i in range(n):
+            log = logs.log(i)
+            try:
+                record = Record(
+                    input=log["force"], output=log["position"], sample_time=T, references=(force[i],), unit="m/N"
+                )
+                frf = estimate_frf(record, period=PERIOD, band=(5.0, 200.0)).frf
+                fit = fit_two_mass(frf)
+                for name, z in misses.items():
+                    z.append((fit[name].value - logs.true(name, i)) / fit[name].error)
+            except FeeddriveError as error:
+                refused.append(str(error)[:160])
+    return {"misses": misses, "refused": refused}
 
 
 def motion(logs: fa.Logs, i: int, setpoint: bool = True) -> MotionLog:
@@ -189,9 +251,26 @@ def main() -> None:
     ask.add_argument("--seed", type=int, default=1)
     ask.add_argument("--cells", default="")
     ask.add_argument("--without", action="store_true", help="without the set position")
+    ask.add_argument("--two-masses", action="store_true", help="resonance and antiresonance by a frequency response")
     ask.add_argument("--detail", action="store_true")
     said = ask.parse_args()
     begin = time.process_time()
+    if said.two_masses:
+        print("| log | resonance | antiresonance | refused |")
+        print("|---|---|---|---|")
+        for cell in CELLS:
+            if said.cells and not any(part in cell.name for part in said.cells.split(",")):
+                continue
+            got = one_resonance(cell, said.draws, said.seed)
+            row = [f"{np.mean(np.abs(z) < NORMAL):.3f}" if z else "-" for z in got["misses"].values()]
+            print(f"| {cell.name} | {' | '.join(row)} | {len(got['refused'])} |", flush=True)
+            if said.detail:
+                for name, z in got["misses"].items():
+                    print(f"    {name}: z mean {np.mean(z):+.2f} std {np.std(z):.2f}")
+                for why in sorted(set(got["refused"]))[:4]:
+                    print("    refused:", why)
+        print(f"\n{said.draws} draws a cell, seed {said.seed}, {time.process_time() - begin:.0f} s of CPU time")
+        return
     print("| log | " + " | ".join(TRUTH) + " | refused | not recommended |")
     print("|---|" + "---|" * (len(TRUTH) + 2))
     for cell in CELLS:

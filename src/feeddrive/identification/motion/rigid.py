@@ -336,7 +336,9 @@ def _periods(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.n
         count = 1 if np.isinf(period) else 2
         at = slice(columns.shape[1] + added.shape[1] - count, columns.shape[1] + added.shape[1])
         values, covariance = solved.values[at], solved.covariance[at, at]
-        sure = float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
+        # without any residual there is no error either, and no evidence
+        known = np.linalg.matrix_rank(covariance) == count
+        sure = known and float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
         if criterion - lower > _EVIDENCE and sure:
             chosen, criterion, best = tried, lower, solved
     return chosen
