@@ -742,7 +742,7 @@ def draw_move(rng: np.random.Generator, T: float, kind: str, seconds: float, rot
     raise ValueError(f"no move is called {kind!r}")
 
 
-def _stack(items: Sequence[Any], shared: tuple[str, ...]) -> Any:
+def stack(items: Sequence[Any], shared: tuple[str, ...]) -> Any:
     """One value whose fields are arrays, one entry an item; fields in `shared` and texts are those of the first."""
     first, values = items[0], {}
     for f in fields(first):
@@ -801,8 +801,8 @@ def draw(
     for _ in range(7):
         laws = [draw_law(np.random.default_rng(law_seeds[i]), axes[i], T, family, 0.6 ** lowered[i], n) for i in todo]
         logs = simulate(
-            _stack([axes[i] for i in todo], SHARED),
-            _stack(laws, SHARED),
+            stack([axes[i] for i in todo], SHARED),
+            stack(laws, SHARED),
             xs[todo],
             T,
             rng,

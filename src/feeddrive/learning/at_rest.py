@@ -150,16 +150,16 @@ def _gains(samples: Sequence[StateSpace], held: Sequence[tuple[np.ndarray, np.nd
         size = max(size, abs(float(samples[k % N].C[0] @ state)))
         state = samples[k % N].A @ state
     variance = (UNKNOWN / size) ** 2
-    P = np.zeros_like(held[0][0])
-    gains = [np.full(P.shape[0], np.inf)] * N
+    uncertain = np.zeros_like(held[0][0])
+    gains = [np.full(uncertain.shape[0], np.inf)] * N
     for k in range(_SETTLES * N):
         sample, (step, sight) = samples[k % N], held[k % N]
         force, d = np.append(sample.B[:, 0], 0.0), float(sample.D[0, 0])
-        spread = float(sight @ P @ sight) + d * d * variance + 1.0
-        gain = (step @ P @ sight + force * (d * variance)) / spread
-        P = step @ P @ step.T + variance * np.outer(force, force) - spread * np.outer(gain, gain)
-        P[-1, -1] += WALK * variance
-        P = 0.5 * (P + P.T)
+        spread = float(sight @ uncertain @ sight) + d * d * variance + 1.0
+        gain = (step @ uncertain @ sight + force * (d * variance)) / spread
+        uncertain = step @ uncertain @ step.T + variance * np.outer(force, force) - spread * np.outer(gain, gain)
+        uncertain[-1, -1] += WALK * variance
+        uncertain = 0.5 * (uncertain + uncertain.T)
         steady = np.allclose(gain, gains[k % N], rtol=1e-9, atol=0.0)
         gains[k % N] = gain
         if steady and k >= 2 * N:
