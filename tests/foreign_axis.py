@@ -199,7 +199,7 @@ class Open(Law):
     damper: Any = 0.0
     family = "open"
 
-    def step(self, k, xs, vs, accs, motor, load):
+    def step(self, k: int, xs: Array, vs: Array, accs: Array, motor: Array, load: Array) -> Array:
         speed = self.difference(motor, 4)
         return np.asarray(self.wave)[..., k] + self.spring * (xs - motor) - self.damper * speed
 
@@ -241,14 +241,14 @@ class Cascade(Law):
             return "PI speed loop"
         return "P-PI" if np.any(self.rate) else "P-P"
 
-    def start(self, count, T, limit):
+    def start(self, count: int, T: float, limit: Any) -> None:
         super().start(count, T, limit)
         z = self.zero
         self.sum, self.out, self.command, self.model, self.slow = z, z, z, z, z
         self.commands = [z] * (self.model_delay + 2)
         self.notched = [z, z, z, z]
 
-    def step(self, k, xs, vs, accs, motor, load):
+    def step(self, k: int, xs: Array, vs: Array, accs: Array, motor: Array, load: Array) -> Array:
         T, Kp = self.T, self.Kp
         error = xs - (load if self.position_load else motor)
         error = np.sign(error) * np.maximum(np.abs(error) - self.dead_band, 0.0)
@@ -320,11 +320,11 @@ class LinuxCncPid(Law):
         """The name of what ran."""
         return "outside" if np.any(self.dead_band) else "PID"
 
-    def start(self, count, T, limit):
+    def start(self, count: int, T: float, limit: Any) -> None:
         super().start(count, T, limit)
         self.sum, self.error, self.target, self.held = self.zero, None, None, self.zero
 
-    def step(self, k, xs, vs, accs, motor, load):
+    def step(self, k: int, xs: Array, vs: Array, accs: Array, motor: Array, load: Array) -> Array:
         reading = load if self.position_load else motor
         target = xs if self.target is None or not self.previous_target else self.target
         error = target - reading
@@ -347,11 +347,11 @@ class Adrc(Law):
     bandwidth: Any
     observer: Any
 
-    def start(self, count, T, limit):
+    def start(self, count: int, T: float, limit: Any) -> None:
         super().start(count, T, limit)
         self.x, self.v, self.d, self.u = None, self.zero, self.zero, self.zero
 
-    def step(self, k, xs, vs, accs, motor, load):
+    def step(self, k: int, xs: Array, vs: Array, accs: Array, motor: Array, load: Array) -> Array:
         T, w = self.T, self.observer
         if self.x is None:
             self.x = motor
@@ -699,7 +699,7 @@ def draw_law(
         )
     if family == "PI speed loop":
         slower = int(rng.choice((2, 4, 8)))
-        return Cascade(**(basic | {"ff": 1.0, "Kv": Kv / 2}), rate=rate, slower=slower)
+        return Cascade(**{**basic, "ff": 1.0, "Kv": Kv / 2}, rate=rate, slower=slower)
     if family == "notch":
         return Cascade(**basic, rate=rate, notch=rng.uniform(3.0, 6.0) * wc / (2 * np.pi))
     if family == "velocity filter":
@@ -742,7 +742,7 @@ def draw_move(rng: np.random.Generator, T: float, kind: str, seconds: float, rot
     raise ValueError(f"no move is called {kind!r}")
 
 
-def stack(items: Sequence[Any], shared: tuple[str, ...]) -> Any:
+def _stack(items: Sequence[Any], shared: tuple[str, ...]) -> Any:
     """One value whose fields are arrays, one entry an item; fields in `shared` and texts are those of the first."""
     first, values = items[0], {}
     for f in fields(first):
@@ -801,8 +801,8 @@ def draw(
     for _ in range(7):
         laws = [draw_law(np.random.default_rng(law_seeds[i]), axes[i], T, family, 0.6 ** lowered[i], n) for i in todo]
         logs = simulate(
-            stack([axes[i] for i in todo], SHARED),
-            stack(laws, SHARED),
+            _stack([axes[i] for i in todo], SHARED),
+            _stack(laws, SHARED),
             xs[todo],
             T,
             rng,
