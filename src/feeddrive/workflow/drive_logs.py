@@ -147,13 +147,13 @@ def velocity_and_force(
 
 def logs_stem(logs: Sequence[LogLike]) -> str:
     """Return a stem for the names of results: the name of the first log and, if there are more, their number."""
-    name = log_stem(logs[0])
+    name = log_stem(called(logs[0]))
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
 
 
-def log_stem(log: object) -> str:
+def log_stem(name: str) -> str:
     """Return the name of a log without folder and type: `run.1` for run.1.csv and run.1.csv.gz."""
-    path = Path(Path(called(log)).name.removesuffix(".gz"))
+    path = Path(Path(name).name.removesuffix(".gz"))
     # a type begins with a letter, the number of a run does not
     return path.stem if path.suffix[1:2].isalpha() else path.name
 

@@ -38,6 +38,7 @@ from feeddrive.workflow.command import (
     Outcome,
     Request,
     argument,
+    called,
     command,
     frequencies,
     option,
@@ -83,7 +84,7 @@ class FrfRequest(Request):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"frf_{log_stem(self.logs[0])}"
+        return Path("results") / f"frf_{log_stem(called(self.logs[0]))}"
 
 
 @command(FrfRequest)

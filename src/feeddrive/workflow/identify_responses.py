@@ -494,7 +494,7 @@ class IdentifyRequest(DriveValues):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"identify_{log_stem(self.log)}"
+        return Path("results") / f"identify_{log_stem(called(self.log))}"
 
     def named(self) -> dict[str, str | None]:
         """Return the column options by role; None for an omitted option."""
