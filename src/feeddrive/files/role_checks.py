@@ -159,11 +159,11 @@ class _Check:
                     f"those of '{b}': {self.exchange(role, position)}"
                 )
                 doubts.append(RoleDoubt((role, position), "swapped", why))
-            elif first < 0.0 and like.lag > shapes.CLEAR:
+            elif first < 0.0 and not trails:
+                although = f", although '{a}' leads, as a set position does" if like.lag > shapes.CLEAR else ""
                 why = Text(
-                    f"'{self.name(self.acting or '')}' follows '{a}' better than '{b}', although '{a}' leads, as a set "
-                    f"position does: strong feedforward, or the two columns are exchanged "
-                    f"({self.exchange(role, position)})"
+                    f"'{self.name(self.acting or '')}' follows '{a}' better than '{b}'{although}: strong feedforward "
+                    f"or coarse counts, or the two columns are exchanged ({self.exchange(role, position)})"
                 )
                 doubts.append(RoleDoubt((role, position), "late", why, certain=False))
             elif trails:
@@ -193,7 +193,9 @@ class _Check:
                 f"another quantity; name the right column with {self.option(first, Column(name='COLUMN'))} or "
                 f"{self.option(second, Column(name='COLUMN'))}"
             )
-            return RoleDoubt((first, second), "axis", why, certain=like.explained < OTHER)
+            # a loop that hardly follows still comes to the set positions in the end
+            levels, _ = shapes.share(*(x - np.mean(x) for x in (self.channels[second], self.channels[first])))
+            return RoleDoubt((first, second), "axis", why, certain=like.explained < OTHER and levels < shapes.SAME)
         if like.gain < 0.0:
             why = Text(f"'{b}' moves against '{a}': one of them has the wrong sign: {self.turned(second)}")
             return RoleDoubt((second, first), "sign", why)
@@ -310,7 +312,8 @@ class _Check:
             why = Text(
                 f"'{b}' looks like a power, not like a force: force times velocity of '{a}' explains "
                 f"{Quantity(as_position.as_power, 'share'):3} of it, a force "
-                f"{Quantity(as_position.explained, 'share'):3}; name the force with {self.option(role, Column(name='COLUMN'))}"
+                f"{Quantity(as_position.explained, 'share'):3}; name the force with "
+                f"{self.option(role, Column(name='COLUMN'))}"
             )
             return [RoleDoubt((role, position), "force", why)]
         reversed_roles = driven(f, x, self.T)

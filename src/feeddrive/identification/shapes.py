@@ -188,7 +188,7 @@ def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: flo
 
     A setpoint leads, and the force follows the acceleration and friction of the actual position better than those of
     the setpoint.  Either may mislead: with strong feedforward the position leads, and through a velocity gain coarse
-    counts make a force that follows them.  It is sure if both agree, or if the force alone tells clearly.
+    counts make a force that follows them.  It is sure if both agree, or if the force tells far more against the lead.
     """
     lag = likeness(goal, actual, T).lag
     lead = 0.0 if abs(lag) <= CLEAR else float(np.sign(lag))
@@ -197,8 +197,9 @@ def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: flo
         return 0.5 * lead
     side = 1.0 if left[0] > left[1] else -1.0
     times = max(left) / min(left)
+    # without a lead the force alone does not make it sure: feedforward and coarse counts let it follow the setpoint
     if lead == 0.0:
-        return side if times > 1.0 / BETTER else 0.0
+        return 0.5 * side if times > 1.0 / BETTER else 0.0
     if lead == side:
         return lead if times > AGREES else 0.5 * lead
     return side if times > FAR else 0.5 * lead
