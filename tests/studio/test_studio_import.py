@@ -256,7 +256,7 @@ def test_the_peak_figures_are_those_of_the_log_in_its_units_and_follow_the_roles
     assert said["check"]["outside"][:1] == ["speed"]
     assert said["remarks"] == ["Check the units: no feed drive has such figures."]
     said = desk.ask("role", name="a.csv", column="actual", role="", unit="")
-    assert said["check"] == {"figures": None, "outside": [], "readings": None, "choices": []}
+    assert said["check"] == {"figures": None, "outside": [], "readings": None, "choices": [], "notes": 0}
 
 
 def test_roles_that_the_samples_contradict_are_marked_in_their_row(tmp_path: Path) -> None:
@@ -402,3 +402,15 @@ def test_a_column_that_cannot_be_judged_leaves_the_table(tmp_path: Path, monkeyp
     said = desk.ask("role", name="a.csv", column="spare", role="excitation", unit="")
     assert said["check"]["figures"] is None
     assert "a fault in feeddrive, please report it: ZeroDivisionError" in said["remarks"][0]
+
+
+def test_what_may_have_a_good_reason_is_a_note_and_marks_no_row(tmp_path: Path) -> None:
+    """A set position that trails by three samples: recorded later, or the axis leads by its feedforward."""
+    late = np.concatenate([np.zeros(3), RUN["position"][:-3]])
+    names = {"t_s": RUN["time"], "set_mm": 1e3 * late, "x_mm": 1e3 * RUN["position"], "F_N": RUN["force"]}
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"a.csv": write_columns(tmp_path / "a.csv", names)}
+    said = desk.look("a.csv")
+    assert (len(said["remarks"]), said["check"]["notes"]) == (1, 1)
+    assert "trails" in said["remarks"][0]
+    assert not any(each["doubted"] for each in said["columns"])

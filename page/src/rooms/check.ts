@@ -11,6 +11,7 @@ export interface Checked {
   outside: string[]; // figures that no feed drive has
   readings: Table | null; // the two likeliest units, if those of the columns are in doubt
   choices: [column: string, unit: string][][]; // the same, to be chosen
+  notes: number; // how many of the sentences, the last ones, are no contradictions
 }
 
 export class Check {
@@ -29,11 +30,12 @@ export class Check {
   show(file: string, check: Checked | undefined, doubts: string[], left_out: string[]): void {
     this.element.hidden = check === undefined;
     if (!check) return;
-    const { figures, outside, readings, choices } = check;
+    const { figures, outside, readings, choices, notes } = check;
+    const certain = doubts.length - notes;
     this.question.textContent = figures ? "Does this look like your machine?" : "Columns over time";
     renew(this.figures, [file, figures, outside], () => (figures ? [cards(figures, outside)] : []));
-    renew(this.doubts, [file, doubts, readings, choices, left_out, figures === null], () => [
-      ...doubts.map((each) => make("p", { class: "bad" }, each)),
+    renew(this.doubts, [file, doubts, notes, readings, choices, left_out, figures === null], () => [
+      ...doubts.map((each, i) => make("p", { class: i < certain ? "bad" : "note" }, each)),
       ...(readings ? [table(readings.heads, readings.rows)] : []),
       ...(choices.length ? [make("div", { class: "buttons" }, ...choices.map((each) => this.choice(each)))] : []),
       ...(figures

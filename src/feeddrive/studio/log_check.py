@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from feeddrive.files.mapping import Guess
     from feeddrive.files.role_checks import RoleDoubt
 
-_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": []}
+_NO_FIGURES: Mapping[str, Any] = {"figures": None, "outside": [], "readings": None, "choices": [], "notes": 0}
 # how a command line corrects a role: on the page it is chosen in the row
 _WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
 
@@ -39,8 +39,8 @@ class Check:
     """What the roles of a log make of it, before anything is fitted: does it look like the user's machine?
 
     words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
-    sentences  what the samples have against roles and units
-    doubts     the roles that the samples contradict
+    sentences  what the samples have against roles and units; the last ones are notes, of which `words` has the number
+    doubts     the roles that the samples contradict for certain
     chart      position, speed and force over time; without a position the columns as they are
     """
 
@@ -78,7 +78,8 @@ def checked(
         return Check(_NO_FIGURES, (fault(error),), (), plain())
     wrong = () if preview is None else outside(preview.frame, preview.sizes)
     doubt = read.doubt if read.doubt.why and not read.doubt.told else None
-    sentences = [str(doubt.why) for doubt in read.contradictions]
+    notes = [str(doubt.why) for doubt in read.contradictions if not doubt.certain]
+    sentences = [str(doubt.why) for doubt in read.contradictions if doubt.certain]
     if doubt is not None:
         sentences.append(doubt.cause or doubt.why)
     elif wrong:
@@ -88,12 +89,13 @@ def checked(
         "outside": [span.quantity for span in wrong],
         "readings": None if doubt is None or doubt.readings is None else tabled(doubt.readings, DRAWN),
         "choices": [] if doubt is None else doubt.choices,
+        "notes": len(notes),
     }
     name = f"{log.name}: "
     return Check(
         words,
-        tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in sentences),
-        read.contradictions,
+        tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in (*sentences, *notes)),
+        tuple(doubt for doubt in read.contradictions if doubt.certain),
         plain() if preview is None else preview_chart(preview),
     )
 
