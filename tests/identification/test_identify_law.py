@@ -178,19 +178,16 @@ def test_a_load_encoder_is_seen_and_the_gains_of_the_motors_loop_are_found() -> 
         assert fit[name].value == pytest.approx(value, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    ("law", "changes"),
-    [
-        ("Cascade", PI | {"notch": 60.0}),
-        ("Cascade", PI | {"dead_band": 4e-5}),
-    ],
-)
-def test_a_law_outside_of_the_families_is_refused_with_the_share_of_a_free_law(
-    law: str, changes: dict[str, Any]
-) -> None:
-    """`benchmarks/control_laws.py` has 40 more of five kinds."""
+def test_a_dead_band_is_refused_with_the_share_of_a_free_law() -> None:
+    """`benchmarks/control_laws.py` has more laws outside of the families."""
     with pytest.raises(NotIdentifiableError, match="a free linear law of the same signals"):
-        found(law, **changes)
+        found("Cascade", **PI, dead_band=4e-5)
+
+
+def test_a_notch_in_the_law_makes_the_nearest_cascade_near_and_not_the_law() -> None:
+    fit = found("Cascade", **PI, notch=60.0)
+    assert fit.near
+    assert "near to" in fit.remarks[0]
 
 
 def test_a_log_without_set_position_says_what_to_record() -> None:

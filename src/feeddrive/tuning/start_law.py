@@ -57,20 +57,25 @@ class StartLaw(Result):
         rows = [
             ["Kv", Quantity(self.law.Kv, "1/s"), UNIT],
             ["Kp", Quantity(self.law.Kp, "N s/m"), UNIT],
-            ["Tn", Quantity(float(self.law.Tn or 0.0), "s"), UNIT],
+            ["Tn", Quantity(RATIO / self._rate, "s"), UNIT],
             ["Ms for the mass - 20 %, as it is, + 20 %", ", ".join(f"{Quantity(p):.2f}" for p in self.peaks), ""],
             ["largest following error of a simulated move", Quantity(self.error, "m"), UNIT],
         ]
         return Table("safe start law, which is not what ran", ["what", Column("value", form="4 SI"), "unit"], rows)
 
     @property
+    def _rate(self) -> float:
+        """The crossover wc of the velocity loop, 1/s."""
+        return RATIO * float(self.law.Kv)
+
+    @property
     def sentence(self) -> str:
         """What the law is, what it was checked for, and that it is not what ran."""
-        law, low, Tn = self.law, max(self.peaks), float(self.law.Tn or 0.0)
+        law, low = self.law, max(self.peaks)
         return Text(
             f"the control is a safe start law from the identified plant, NOT the law that ran: Kv "
-            f"{Quantity(law.Kv, '1/s'):3}, Kp {Quantity(law.Kp, 'N s/m'):3}, Tn {Quantity(Tn, 's'):3}, Ms "
-            f"{Quantity(low):.2f} at most for masses within {Quantity(SPREAD, 'share'):2}, simulated with friction "
+            f"{Quantity(law.Kv, '1/s'):3}, Kp {Quantity(law.Kp, 'N s/m'):3}, Tn {Quantity(RATIO / self._rate, 's'):3}, "
+            f"Ms {Quantity(low):.2f} at most for masses within {Quantity(SPREAD, 'share'):2}, simulated with friction "
             f"without hunting; tune it next (feeddrive tune), or state the law that ran"
         )
 
@@ -100,7 +105,7 @@ def start_law(
     Raises NotIdentifiableError if no crossover passes.
     """
     T, mass = sample_time, float(axis.plant.rigid_mass())
-    n, late = 1, math.inf
+    n, late = 1, T
     for n in range(1, _MOST_SAMPLES + 1):
         late = float(axis.actuator.delay()) + 0.5 * (n + 1) * T
         if mass * RULE / late * count / (n * T) <= _RAGGED * force:

@@ -396,6 +396,10 @@ def identify_motion(
         if not control.instruments:
             found = control.control(log.force_limit)
             check = _attempted(lambda: control_law.check_law(found, log, place=_PLACE), [])
+            # the blocks do not make what the structure made, or the force holds another one: no law is better
+            if check is not None and check.wrong:
+                remarks.append(Text(f"the law that was found is not used: {check.wrong}"))
+                control, check = None, None
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time

@@ -239,13 +239,13 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         for one in found.scored
         if one.criterion < best.criterion + ALIKE and one.structure.parameters <= best.structure.parameters
     ]
-    readings: dict[str, LawReading] = {}
+    readings = list[LawReading]()
     for one in alike:
-        for reading in _readings(log, found, one, alike):
-            readings.setdefault(f"{reading.name} {'swapped' if reading.name in readings else ''}", reading)
-    ordered = sorted(readings.values(), key=lambda reading: _unusual(reading))
+        # fits that differ in samples alone are one law; a far 1/Tn is another one
+        if not any(reading.name == _title(one.structure) and _near(reading, one) for reading in readings):
+            readings.append(_reading(log, found, one, alike))
+    ordered = sorted(readings, key=_unusual)
     first = ordered[0]
-    ordered = [first, *(one for one in ordered[1:] if one.name != first.name or one.estimates != first.estimates)]
     power = found.floor.power
     residual, free = math.sqrt(found.best.fitted.ssr / power), found.floor.left
     return ControlFit(
@@ -295,11 +295,12 @@ def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> C
     )
 
 
-def _near(reading: LawReading, one: Fitted) -> bool:
+def _near(reading: LawReading, one: Fitted | Scored) -> bool:
     """Return True if a fit has the same 1/Tn as a reading, within a third, or neither has one."""
-    if reading.structure.integral != one.structure.integral:
+    one = one.fitted if isinstance(one, Scored) else one
+    if reading.structure.curved != one.structure.curved:
         return False
-    rate = 1.0 / reading["Tn"].value if reading.structure.integral else 1.0
+    rate = 1.0 / reading["Tn"].value if reading.structure.curved else 1.0
     return abs(math.log((one.rate or 1.0) / rate)) < _APART
 
 
@@ -328,16 +329,16 @@ def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -
 # Gains of a law from the coefficients of its columns.
 
 
-def _readings(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> list[LawReading]:
-    """Return the law of a structure, and the same loop with Kv and 1/Tn exchanged where a log cannot tell them."""
+def _reading(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> LawReading:
+    """Return the law of a structure with its gains."""
     rows = _rows(found, one)
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
     rest = found.residual(one)
     covariance = regression.robust_covariance(columns, rest, smooth=8) + _scatter(one, alike, columns.shape[1])
     if one.structure.family == PID:
-        return [_pid_reading(log.frame, one.fitted, covariance)]
-    return [_cascade_reading(log.frame, one.fitted, covariance, log.sample_time)]
+        return _pid_reading(log.frame, one.fitted, covariance)
+    return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time)
 
 
 def _rows(found: Search, one: Scored) -> LawRows:

@@ -285,10 +285,16 @@ def reduced(columns: np.ndarray, force: np.ndarray) -> Reduced:
     """Return the triangular factor of a problem, by blocks of rows so that it stays in the cache."""
     both = np.column_stack([columns, force])
     # columns of unit size: a constant one (no motion in one direction) stays 0 and determines nothing
-    factor = np.asarray(np.linalg.qr(both, mode="r"))
-    if factor.shape[0] < factor.shape[1]:
-        factor = np.vstack([factor, np.zeros((factor.shape[1] - factor.shape[0], factor.shape[1]))])
+    factor = triangle(both)
+    missing = factor.shape[1] - factor.shape[0]
+    if missing > 0:
+        factor = np.vstack([factor, np.zeros((missing, factor.shape[1]))])
     return Reduced(factor[:, :-1], factor[:, -1])
+
+
+def triangle(columns: np.ndarray) -> np.ndarray:
+    """Return the triangular factor R of columns = Q R."""
+    return np.asarray(np.linalg.qr(columns, mode="r"))
 
 
 @dataclass(frozen=True, eq=False)

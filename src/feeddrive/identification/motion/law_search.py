@@ -16,6 +16,7 @@ from feeddrive.identification.motion.law_rows import (
     Reduced,
     Signals,
     reduced,
+    triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
 from feeddrive.identification.regression import robust_covariance
@@ -146,7 +147,7 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     linear = np.hstack([own, few.columns])
     both = np.column_stack([linear, more, rest])
     sizes = np.linalg.norm(both[:, :-1], axis=0)
-    R = np.asarray(np.linalg.qr(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0), mode="r"))
+    R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))
     noise = ROUNDING**2 * float(few.force @ few.force)
     least, other = float(np.sum(R[linear.shape[1] :, -1] ** 2)), float(R[-1, -1] ** 2)
     effective = floor.effective * few.force.size / rows.force.size
@@ -568,7 +569,7 @@ def _orthogonal(rows: LawRows) -> tuple[np.ndarray, Reduced]:
 def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
     """Return a reduced problem with further columns behind its own."""
     on = Q.T @ more
-    outside = np.asarray(np.linalg.qr(more - Q @ on, mode="r"))
+    outside = triangle(more - Q @ on)
     size = part.factor.shape[0]
     factor = np.block([[part.factor, on], [np.zeros((outside.shape[0], part.factor.shape[1])), outside]])
     return Reduced(factor, np.concatenate([part.right, np.zeros(factor.shape[0] - size)]))

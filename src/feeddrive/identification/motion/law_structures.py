@@ -9,11 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.identification.motion.law_rows import Basis, LawRows, Reduced, Term, filtered, reduced
+from feeddrive.identification.motion.law_rows import Basis, LawRows, Reduced, Term, filtered, reduced, triangle
 
 # 1/Tn in 1/s: integral times from 0.7 ms to 3 s; a slower integral is a constant within a move
 _SLOWEST, _FASTEST, _POINTS = 0.3, 1500.0, 33
 _ROUNDS, _WITHIN = 5, 9  # of the search for 1/Tn about a minimum, each with so many points
+
+_MERGED = 0.1  # of ln 1/Tn, within which two minima are one
 
 CASCADE, PID = "cascade", "pid"
 FORWARD = ("free", "one", "none")  # the velocity feedforward of a cascade
@@ -129,27 +131,27 @@ class Structure:
         if self.family == PID:
             # LinuxCNC's pid: an older target enters the error alone
             wanted = basis.set_velocity(d, central=self.central)
-            a = [e, *([Se] if self.integral else []), wanted - v, *([wanted] if self.forward == "free" else [])]
-            b = [zero] * len(a)
+            plain = [e, *([Se] if self.integral else []), wanted - v, *([wanted] if self.forward == "free" else [])]
+            summed = [zero] * len(plain)
             q = 0
         else:
             X, Sv = basis.travel(n, d, h), basis.set_travel(d + q, central=self.central)
             if self.forward == "free":
-                a, b = [e, wanted, zero - v], [Se, Sv, zero - X]
+                plain, summed = [e, wanted, zero - v], [Se, Sv, zero - X]
             elif self.forward == "one":
-                a, b = [e, wanted - v], [Se, Sv - X]
+                plain, summed = [e, wanted - v], [Se, Sv - X]
             else:
-                a, b = [e, zero - v], [Se, zero - X]
+                plain, summed = [e, zero - v], [Se, zero - X]
         if self.fed:
-            a, b = [*a, basis.set_acceleration(d + q, self.fed)], [*b, zero]
+            plain, summed = [*plain, basis.set_acceleration(d + q, self.fed)], [*summed, zero]
         if self.friction is not None:
             age = d + self.friction
-            a, b = [*a, basis.one(f"sign{age}")], [*b, zero]
+            plain, summed = [*plain, basis.one(f"sign{age}")], [*summed, zero]
             if self.sides:
-                a, b = [*a, basis.one(f"moves{age}")], [*b, zero]
+                plain, summed = [*plain, basis.one(f"moves{age}")], [*summed, zero]
         if self.shifted:
-            a, b = [*a, basis.one("t")], [*b, zero]
-        return a, b
+            plain, summed = [*plain, basis.one("t")], [*summed, zero]
+        return plain, summed
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,15 +233,29 @@ def fits(structure: Structure, task: Problem) -> Iterator[Fitted]:
     left = lefts(task, grid)
     lowest = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] <= left[2:])) + 1
     # a minimum at an end of the range is a law without an integral, or with nothing else
-    for k in lowest:
-        low, high = math.log(grid[k - 1]), math.log(grid[k + 1])
-        rate = grid[k]
-        for _ in range(_ROUNDS):
-            near = np.linspace(low, high, _WITHIN)
-            best = int(np.argmin(lefts(task, np.exp(near))))
-            low, high = near[max(best - 1, 0)], near[min(best + 1, _WITHIN - 1)]
-            rate = math.exp(near[best])
+    found = [_lowest(task, math.log(grid[k - 1]), math.log(grid[k + 1])) for k in lowest]
+    for rate in list(found):
+        values, _ = gains(task, rate)
+        Kv = float(values[0] / values[structure.gains.index("Kp")])
+        # Kv and 1/Tn exchanged, which the grid may hide between two points
+        if Kv > 0.0 and all(abs(math.log(Kv / other)) > _MERGED for other in found):
+            low, high = math.log(Kv) - _MERGED, math.log(Kv) + _MERGED
+            other = _lowest(task, low, high)
+            if low + 0.01 < math.log(other) < high - 0.01:
+                found.append(other)
+    for rate in found:
         yield Fitted(structure, *_with(task, rate))
+
+
+def _lowest(task: Problem, low: float, high: float) -> float:
+    """Return the 1/Tn that leaves least, between two logarithms."""
+    rate = math.exp(0.5 * (low + high))
+    for _ in range(_ROUNDS):
+        near = np.linspace(low, high, _WITHIN)
+        best = int(np.argmin(lefts(task, np.exp(near))))
+        low, high = near[max(best - 1, 0)], near[min(best + 1, _WITHIN - 1)]
+        rate = math.exp(near[best])
+    return rate
 
 
 def _with(task: Problem, rate: float) -> tuple[np.ndarray, float, float]:
@@ -353,7 +369,7 @@ class ModelProblems:
         """Return the fit with a model, or None."""
         more = filtered(self.rows, model.coefficients(), self.inputs)
         on = self.Q.T @ more
-        outside = np.linalg.qr(more - self.Q @ on, mode="r")
+        outside = triangle(more - self.Q @ on)
         wide = np.block([[self.own, on], [np.zeros((2, 4)), outside]])
         e, wanted, v, X, Se, Sv = wide.T
         y = np.concatenate([self.y, np.zeros(2)])
