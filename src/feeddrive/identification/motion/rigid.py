@@ -61,6 +61,7 @@ _EVIDENCE = 10.0  # of the information criterion: very strong evidence (Kass & R
 # standard errors of a force along the travel; some 400 periods are tried, so that chance reaches 3.5
 _SURE_TERM = 5.0
 _LEAST_TURN = 0.25  # of a turn: over less of it a weight that turns looks like a constant and a slope
+_LEAST_REPEATS = 2.0  # periods in the travel: fewer are a bow of the friction, and no repetition
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
@@ -370,7 +371,7 @@ def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, 
     step = float(np.quantile(np.abs(np.diff(position)), 0.9))
     most = min(0.25 / max(step, 1e-4 * travel), _MOST_REPEATS / travel)
     width = 0.25 / travel
-    orders = np.arange(1.0 / travel, most, width)
+    orders = np.arange(_LEAST_REPEATS / travel, most, width)
     basis = np.linalg.qr(columns)[0]
     best = 0.0
     for _ in range(_FINER):
@@ -385,6 +386,7 @@ def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, 
         best = float(orders[int(np.argmax(gain))])
         width /= 10.0
         orders = best + width * np.arange(-10, 11)
+        orders = orders[orders >= _LEAST_REPEATS / travel]
     return 1.0 / best
 
 
