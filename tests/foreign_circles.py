@@ -61,7 +61,7 @@ def tables(rng: np.random.Generator, count: int, kv_of_y: float = 1.0, **over: A
     rate = np.minimum(rng.uniform(0.25, 0.35, count) / late, 500.0)
     gain, integral = rate * rng.uniform(0.15, 0.3, count), rate * rng.uniform(0.08, 0.25, count)
     # x is the same in both directions, y changes its sign: three motions
-    axes = fa._stack([*x, *y, *y], fa.SHARED)
+    axes = fa._stack([*x, *y, *y], fa.SHARED)  # pyright: ignore[reportPrivateUsage]
     forward = 1.0 if kv_of_y == 1.0 else 0.0
     law = fa.Cascade(
         Kv=np.concatenate([gain, kv_of_y * gain, kv_of_y * gain]),

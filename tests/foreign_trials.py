@@ -88,7 +88,7 @@ def table(rng: np.random.Generator, count: int, move: str = "100 mm at 0.25 m/s"
         dataclasses.replace(law, ff=1.0, windup="none", mass_ff=0.0, tau=0.0, friction_ff=0.0)  # type: ignore[type-var]
         for law in laws
     ]
-    axes, law = fa._stack(drawn, fa.SHARED), fa._stack(plain, fa.SHARED)
+    axes, law = fa._stack(drawn, fa.SHARED), fa._stack(plain, fa.SHARED)  # pyright: ignore[reportPrivateUsage]
     truth = np.stack([axes.mass, axes.viscous, axes.coulomb_positive, axes.coulomb_negative], axis=1)
     return Table(axes, law, truth, setpoint)
 
