@@ -10,6 +10,7 @@ columns are named with their units, as the message says.
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
@@ -72,7 +73,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
     roles = turning if rotary else {"setpoint": "set_position"}
     # a unit after a slash is part of the name of a column, one in brackets is not
     heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
-    names = [head.partition(" ")[0] for head in heads]
+    names = [re.sub(r" [\[(].*", "", head) for head in heads]
     # with two encoders the one of the load is the position of the axis
     taken = ["time", "setpoint", "position_load" if two else "position", "force"]
     typed: dict[str, Any] = {}

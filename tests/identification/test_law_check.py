@@ -14,6 +14,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.identification import MotionLog, identify_motion
+from feeddrive.identification.motion import control_law
 from feeddrive.identification.motion.control_law import (
     Gain,
     LawCheck,
@@ -23,6 +24,7 @@ from feeddrive.identification.motion.control_law import (
     _Rows,
     check_law,
 )
+from feeddrive.identification.motion.identify import _as_blocks
 from feeddrive.identification.motion.identify_law import identify_control
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
@@ -269,6 +271,39 @@ def test_a_gain_is_seen_if_three_errors_are_less_than_a_tenth_of_it(error: float
 @pytest.mark.parametrize(("left", "wrong"), [(0.035, False), (0.07, True)])
 def test_a_law_that_ran_leaves_at_most_5_percent(left: float, wrong: bool) -> None:
     assert bool(LawCheck("log", left, left, 0.0, (), 0).wrong) is wrong
+
+
+@pytest.mark.parametrize(
+    ("first", "again", "Kp"),
+    [
+        ((0.3, 0.01, 2e4), (0.01, 0.01, 2e4), 2e4),  # other gains of the block make the force
+        ((0.01, 0.01, 1e4), (0.01, 0.01, 1e4), 1e4),  # its own gains do
+        ((0.3, 0.12, 2e4), (0.3, 0.12, 2e4), None),  # none do
+        ((0.3, 0.01, 2e4), (0.3, 0.01, 3e4), None),  # the next look asks for others again
+    ],
+)
+def test_a_law_that_was_found_is_used_with_the_gains_with_which_its_block_makes_the_force(
+    monkeypatch: pytest.MonkeyPatch,
+    first: tuple[float, float, float],
+    again: tuple[float, float, float],
+    Kp: float | None,
+) -> None:
+    """A log of the search's own law is never refused: where no block makes its force, the law is not used."""
+    looks = iter((first, again))
+
+    def looked(control: fd.Control, log: object, *, place: str) -> LawCheck:
+        left, remains, needed = next(looks)
+        gains = (Gain(f"{place}.law.Kp", control.law.Kp, needed, 1.0),)  # type: ignore[union-attr]
+        return LawCheck("log", left, remains, 0.0, gains, 0)
+
+    monkeypatch.setattr(control_law, "check_law", looked)
+    blocks = fd.Control(law=B.CascadePPI(Kv=20.0, Kp=1e4))
+    found: Any = SimpleNamespace(readings=[SimpleNamespace(name="P-P cascade")])
+    remarks: list[str] = []
+    used, check = _as_blocks(SimpleNamespace(), found, blocks, remarks)  # type: ignore[arg-type]
+    assert (None if used is None else used.law.Kp) == Kp  # type: ignore[union-attr]
+    assert check is None or not check.wrong
+    assert bool(remarks) is (Kp != 1e4)
 
 
 def test_a_sentence_names_three_gains() -> None:

@@ -16,18 +16,30 @@ from drive_logs import TRUTH, T, changed, loop, set_positions, simulated
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.identification.motion.identify import identify_motion, with_rigid
 from feeddrive.identification.motion.identify_law import identify_control
-from feeddrive.identification.motion.motion_log import JANOT, MotionLog, central_difference, decimated, kept, zero_phase
+from feeddrive.identification.motion.motion_log import (
+    HOLD,
+    JANOT,
+    MotionLog,
+    Preparation,
+    central_difference,
+    decimated,
+    kept,
+    prepare,
+    zero_phase,
+)
 from feeddrive.identification.motion.output_error import refine
 from feeddrive.identification.motion.rigid import (
     DelayFit,
     RigidFit,
     _check,
     _check_drift,
+    _solve,
     _Solved,
     _with_counts,
     check_columns,
     check_mass,
     check_motion,
+    columns_of,
     covariance_of,
     find_delay,
     identify_rigid,
@@ -374,6 +386,19 @@ def test_delays_of_both_halves_that_differ_by_two_samples_drift(later: int, drif
 def test_delays_of_20_samples_to_both_sides_are_tried() -> None:
     delays = find_delay(simulated(seed=1)).delays
     assert (delays[0], delays[-1]) == (-20, 20)
+
+
+def test_a_part_of_a_log_whose_delay_has_no_minimum_nearby_is_fitted_at_the_delay_of_the_caller() -> None:
+    """The force acts 24 samples late: from 19 the steps lead beyond the 20 that are tried."""
+    log = simulated(size=0.5)
+    late = changed(log, force=np.roll(log.force, -24))
+    rows = prepare(late, Preparation())
+    columns = columns_of(rows, "directional")
+    half = slice(rows.time.size // 2, None)
+    solved = _solve(late, rows, columns, HOLD + 19.0, free=True, instruments=columns, used=half)
+    assert not solved.free
+    assert solved.delay == HOLD + 19.0
+    assert solved.residual.size == rows.time.size - rows.time.size // 2
 
 
 def test_an_interval_holds_95_percent_of_normal_errors() -> None:

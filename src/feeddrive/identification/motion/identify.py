@@ -390,16 +390,13 @@ def identify_motion(
         remarks += spikes
     control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
     # a wrong sign gives gains that no law can have: the fit of the rigid drive reports it
+    blocks = None
     if control is not None:
         remarks += control.remarks
+        blocks = control.control(log.force_limit)
         # other readings than those of the law contradict any law; it was found in spite of them
         if not control.instruments:
-            found = control.control(log.force_limit)
-            check = _attempted(lambda: control_law.check_law(found, log, place=_PLACE), [])
-            # the blocks do not make what the structure made, or the force holds another one: no law is better
-            if check is not None and check.wrong:
-                remarks.append(Text(f"the law that was found is not used: {check.wrong}"))
-                control, check = None, None
+            blocks, check = _as_blocks(log, control, blocks, remarks)
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
@@ -410,7 +407,8 @@ def identify_motion(
         rigid = rigid if lead is None else rigid.at_table(lead, gear)
         remarks += [*_about(rigid, late), _SHAFT if lead is None else _NO_LOOP]
         return Identified(log, rigid, delay, None, None, None, None, tuple(remarks), doubt)
-    loop = _loop(log, rigid, start, control, law if closed else None)
+    stated_law = Control(law=law, force_limit=log.force_limit) if law is not None and closed else None
+    loop = _loop(log, rigid, start, blocks or stated_law, 0 if control is None else control.delay)
     refinement = None
     if loop is not None and closed and not (check is not None and check.disagrees):
         loop, refinement = _refined(log, start, rigid, loop, delay, stated, remarks)
@@ -441,6 +439,46 @@ def identify_motion(
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
     return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks), doubt, check)
+
+
+def _as_blocks(
+    log: MotionLog, found: ControlFit, blocks: Control, remarks: list[str]
+) -> tuple[Control | None, LawCheck | None]:
+    """Return the blocks that make the force of a law found in the log, with their check; None if none make it.
+
+    The search has judged the law by its own equations, and the check cannot refuse it.  It shows whether the blocks of
+    the library, which represent some laws only approximately, make the same force, with the same gains or with others.
+    """
+    check = _attempted(lambda: control_law.check_law(blocks, log, place=_PLACE), [])
+    if check is None or not check.wrong:
+        return blocks, check
+    if check.proves:
+        needed = {gain.name.removeprefix(f"{_PLACE}."): gain.needed for gain in check.gains}
+        fitted = tree.vary(blocks, needed)
+        again = _attempted(lambda: control_law.check_law(fitted, log, place=_PLACE), [])
+        if again is not None and not again.wrong:
+            changed = joined(
+                ", ",
+                (
+                    f"{gain.name} = {Quantity(gain.needed, error=gain.error)}"
+                    for gain in check.gains
+                    if gain.off > control_law.MOST_OFF
+                ),
+            )
+            remarks.append(
+                Text(
+                    f"the block of the law differs from {found.readings[0].name} as it was found: it makes the force "
+                    f"of the log with {changed}, and these values are used"
+                )
+            )
+            return fitted, again
+    remarks.append(
+        Text(
+            f"the blocks make the force of the law that was found, {found.readings[0].name}, only up to "
+            f"{Quantity(check.remains, 'share'):3}: the law is not used, and the closed loop was not simulated"
+        )
+    )
+    return None, None
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
@@ -630,21 +668,19 @@ def _attempted(what: Any, remarks: list[str]) -> Any:
         return None
 
 
-def _loop(
-    log: MotionLog, rigid: RigidFit, start: Loop | None, control: ControlFit | None, law: Law | None
-) -> Loop | None:
-    """Return the loop of the log with the identified values, or None for an unknown law or in shaft units."""
+def _loop(log: MotionLog, rigid: RigidFit, start: Loop | None, control: Control | None, late: int) -> Loop | None:
+    """Return the loop of the log with the identified values, or None for an unknown law or in shaft units.
+
+    late  samples between the reading used by the law and its command; with a stated law the output-error fit finds
+          the dead time
+    """
     if rigid.frame is SHAFT:
         return None
     if start is not None:
         return replace(start, axis=with_rigid(start.axis, rigid))
-    if control is None and law is None:
+    if control is None:
         return None
-    # with a stated law the output-error fit finds the dead time
-    T, late = log.sample_time, 0 if control is None else control.delay
+    T = log.sample_time
     axis = with_rigid(Axis(plant=rigid.plant(), rotary=log.turning), rigid)
     delayed = replace(axis, actuator=replace(axis.actuator, dead_time=late * T))
-    if control is not None:
-        return Loop(control=control.control(log.force_limit), axis=delayed, sample_time=T)
-    assert law is not None
-    return Loop(control=Control(law=law, force_limit=log.force_limit), axis=delayed, sample_time=T)
+    return Loop(control=control, axis=delayed, sample_time=T)

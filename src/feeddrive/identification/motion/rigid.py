@@ -507,24 +507,24 @@ def _solve(
     used: slice | np.ndarray = slice(None),
 ) -> _Solved:
     """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
-    begin, columns = delay, columns[used]
+    begin, inner = delay, columns[used]
     force, wide, projected, values = (np.zeros(0),) * 4
     strong, doubt = True, 0.0
-    instruments = None if instruments is None else instruments[used]
+    seen = None if instruments is None else instruments[used]
     for turn in range(_TURNS):
         shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
         forces = rows.reduced(np.array([motion_log.delayed(log.force, delay + shift) for shift in shifts]))[:, used]
-        force, wide = forces[len(forces) // 2], columns
+        force, wide = forces[len(forces) // 2], inner
         if free:
             slope = 0.5 * (forces[2] - forces[0])
             # a motion of one frequency: a delay cannot be told from less mass and more damping
-            if not np.any(slope) or _left(np.linalg.qr(columns)[0], slope) < LEAST_INDEPENDENT:
+            if not np.any(slope) or _left(np.linalg.qr(inner)[0], slope) < LEAST_INDEPENDENT:
                 free = False
             else:
-                wide = np.column_stack([columns, -slope])
+                wide = np.column_stack([inner, -slope])
         strong, projected, doubt = True, wide, 0.0
-        if instruments is not None:
-            projected, strong = _projected(wide, instruments)
+        if seen is not None:
+            projected, strong = _projected(wide, seen)
         values = np.linalg.lstsq(projected, force, rcond=None)[0]
         if not strong:
             weak, projected = values, wide
@@ -537,7 +537,7 @@ def _solve(
         if abs(delay - motion_log.HOLD) > REACH:
             # no minimum nearby: the delay of the caller is as good as any
             return _solve(log, rows, columns, begin, free=False, instruments=instruments, used=used)
-    return _Solved(values, delay, wide, projected, force, free, strong and instruments is not None, doubt)
+    return _Solved(values, delay, wide, projected, force, free, strong and seen is not None, doubt)
 
 
 def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> Prepared:
