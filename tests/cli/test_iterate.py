@@ -141,7 +141,7 @@ def test_columns_are_named_and_have_units(call, tmp_path: Path) -> None:
     np.savetxt(tmp_path / "own.csv", table, delimiter=",", header="t,soll,ist", comments="", fmt="%.10f")
     code, _, errors = call("own.csv", *AXIS)
     assert code == 2
-    assert "--set-position" in errors
+    assert "--unit mm" in errors
     code, _, _ = call("own.csv", *AXIS, "--set-position", "soll:mm", "--position", "ist:mm", "--out", "next.toml")
     assert code == 0
     expected = fd.learning.next_iteration(

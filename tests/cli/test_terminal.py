@@ -55,7 +55,7 @@ def test_remarks_and_tables_are_not_broken(log: Path) -> None:
         f"feeddrive channels {log} --out channels.toml, edit that file, then --channels" in each for each in lines
     )
     row = " ".join(next(each for each in lines if "force_N" in each).split())
-    assert row == "force force_N N force, by its name"
+    assert row == "force force_N N force, by its name --force 'force_N'"
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def test_peak_figures_are_in_the_units_of_the_user(tmp_path: Path) -> None:
     assert guess.preview.per_mass == pytest.approx(0.1 * w**2 + 1.0 / 3.0, rel=0.01)
     assert "Does this look like your machine? travel 7.874 in" in guess.preview.sentence()
     panels = guess.chart().panels
-    assert [panel.label for panel in panels] == ["position\n(in)", "speed\n(in/s)", "signal of the drive\n(N)"]
+    assert [panel.label for panel in panels] == ["position\n(in)", "speed\n(in/s)", "force\n(N)"]
     # 4 of 8000 points: the extremes of stretches
     assert max(curve.x.size for panel in panels for curve in panel.curves) <= 1003
 

@@ -32,4 +32,4 @@ def test_a_log_without_set_position_gives_a_machine_with_a_start_law_that_says_s
     assert isinstance(law, CascadePPI)
     # th is at least the dead time of 1 ms and a sample: wc is at most 125 1/s
     assert float(law.Kp) <= 1.01 * 100.0 * 125.0
-    assert float(law.Kp) == 4.0 * float(law.Kv) * float(loop.axis.plant.rigid_mass())
+    assert float(law.Kp) == pytest.approx(4.0 * float(law.Kv) * float(loop.axis.plant.rigid_mass()), rel=1e-12)

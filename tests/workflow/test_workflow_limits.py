@@ -67,7 +67,7 @@ def test_a_line_with_a_standard_deviation_of_30_percent_is_useless() -> None:
 @pytest.mark.parametrize(("unused", "misses"), [(0.3, False), (0.5, True)])
 def test_a_model_that_misses_by_three_decibels_is_no_plant(unused: float, misses: bool) -> None:
     fit: Any = SimpleNamespace(
-        agreement=SimpleNamespace(unused=unused), units=SimpleNamespace(si=False, of=lambda unit: unit)
+        agreement=SimpleNamespace(unused=unused), units=SimpleNamespace(si=False, turns=False, of=lambda unit: unit)
     )
     text = str(identify_responses.told_by(fit))
     assert text.startswith("the model misses lines") == misses

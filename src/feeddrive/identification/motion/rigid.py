@@ -655,7 +655,10 @@ def _fit(
         estimates=estimates,
         covariance=robust[:p, :p],
         residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
-        validation=regression.cross_validated(columns, force, folds, frame.force),
+        # rows that do not count may leave too few for as many stretches
+        validation=regression.cross_validated(
+            columns, force, min(folds, max(2, force.size // (4 * regression.GAP))), frame.force
+        ),
         criterion={friction: regression.information(residual, p)},
         time=rows.time[used],
         frame=frame,

@@ -42,8 +42,11 @@ def log() -> MotionLog:
     )
 
 
-def test_the_loop_is_known_whole_with_the_law_and_not_without(log: MotionLog) -> None:
-    assert fd.identify(log).loop is None
+def test_the_loop_is_known_whole_with_the_law_and_by_the_log_alone(log: MotionLog) -> None:
+    alone = fd.identify(log).loop
+    assert alone is not None
+    gains = dict(tree.leaves(alone.control.law))
+    assert (gains["Kv"], gains["Kp"], gains["Tn"]) == pytest.approx((40.0, 2.5e4, 0.02), rel=0.01)
     found = fd.identify(log, law=_RIGHT)
     assert found.loop is not None
     assert found.unusable == ""
