@@ -10,7 +10,6 @@ columns are named with their units, as the message says.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import tempfile
 import time
@@ -71,19 +70,20 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
     """Return the options that name all columns with their units."""
     turning = {"position": "angle", "setpoint": "set_angle", "force": "torque"}
     roles = turning if rotary else {"setpoint": "set_position"}
-    # a unit after a slash is part of the name of a column, one in brackets is not
-    heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
-    names = [re.sub(r" [\[(].*", "", head) for head in heads]
     # with two encoders the one of the load is the position of the axis
     taken = ["time", "setpoint", "position_load" if two else "position", "force"]
     typed: dict[str, Any] = {}
     for role in taken:
         what, unit = role.removesuffix("_load"), written.units[role].replace(" ", "")
-        name = next(name for name in names if name == written.names[role] or name.startswith(f"{written.names[role]}/"))
+        name = written.names[role]
         factor = {"%": written.rated / 100.0, "A": written.rated}.get(unit)
         scaled = f"{name}:{unit}" if factor is None else f"{name}*{factor:.10g}:{'Nm' if rotary else 'N'}"
         typed[roles.get(what, what)] = scaled
-    return typed | ({"rotary": True} if rotary else {})
+    # the other encoder is not named, and its column may state no unit
+    heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
+    bare = two and not rotary and written.names["position"] in heads
+    others = {"unit": (written.units["position"],)} if bare else dict[str, Any]()
+    return typed | others | ({"rotary": True} if rotary else {})
 
 
 def identified(path: Path, out: Path, **typed: Any) -> tuple[Identified, Any]:

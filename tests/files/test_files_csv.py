@@ -336,3 +336,22 @@ def test_a_recorder_file_that_somebody_wrote_remarks_in(kind: str, tmp_path: Pat
     file.write_bytes("\r\n".join([*lines[:-1], "1.200;-101", ""]).encode())
     with pytest.raises(LogError, match="line 10"):
         read_log(file)
+
+
+@pytest.mark.parametrize(
+    ("head", "name", "unit"),
+    [
+        ("t/s", "t", "s"),
+        ("x/mm", "x", "mm"),
+        ("v/(mm/s)", "v", "mm/s"),
+        ("v/mm/s", "v", "mm/s"),
+        ("Sollmoment/N m", "Sollmoment", "N m"),
+        ("pid.0.output/%", "pid.0.output", "percent"),
+        ("mm/s", "mm/s", ""),
+        ("re m/N", "re m/N", ""),
+        ("cmd/fb", "cmd/fb", ""),
+    ],
+)
+def test_a_head_divided_by_its_unit_states_it(head: str, name: str, unit: str) -> None:
+    """As DIN and ISO write the heads of tables; a unit of two parts, and two names, are no such head."""
+    assert text_files._named(head) == (name, unit)

@@ -11,7 +11,7 @@ import pytest
 import foreign_axis as fa
 from feeddrive.identification.motion.identify import identify_motion, with_rigid
 from feeddrive.identification.motion.motion_log import MotionLog, held_readings, lead_of
-from feeddrive.identification.motion.rigid import RigidFit, find_delay, identify_rigid
+from feeddrive.identification.motion.rigid import RigidFit, _needs, find_delay, identify_rigid
 from feeddrive.loop.axis import Axis
 
 T = 1e-3
@@ -51,6 +51,34 @@ def test_unknown_pulses_are_cut_out_and_not_folded_into_the_mass(setpoint: bool)
     assert abs(clean["mass"].value - pulsed["mass"].value) < 2.0 * joint
     assert pulsed.left_out["pulse"] > 20
     assert clean.left_out["pulse"] == 0
+
+
+@pytest.mark.parametrize(("times", "needed"), [(3.0, False), (6.0, True)])
+def test_rows_that_tell_a_parameter_are_no_pulse(times: float, needed: bool) -> None:
+    """A column whose power in the other rows is 1 / times of that in all: its value scatters `times` as much."""
+    out = np.arange(100) >= 50
+    column = np.where(out, np.sqrt(times - 1.0), 1.0) * np.where(np.arange(100) % 2, 1.0, -1.0)
+    assert _needs(np.column_stack([column, np.ones(100)]), out) is needed
+
+
+def test_the_ramps_of_an_axis_that_bends_are_no_pulses() -> None:
+    """At one speed only the ramps tell mass and viscous friction, and there the load moves on after the motor."""
+    bends = {"mass": 30.0, "mass_load": 65.0, "stiffness": 65.0 * (2 * np.pi * 25.0) ** 2, "damping": 200.0}
+    xs = fa.smooth_moves(T, (0.2, 0.0) * 2, 0.2, 3.0, 300.0, 0.2, 0.3)
+    law = fa.Cascade(Kv=6.0, Kp=95.0 * 35.0, ff=1.0)
+    quiet = {"noise_log": 0.5, "noise_drive": 0.1}
+    log = fa.simulate(fa.Axes(**{**USUAL, **bends, **quiet}), law, xs, T, np.random.default_rng(1)).log(0)
+    fit = identify_rigid(
+        MotionLog(
+            name="log",
+            position=log["position_load"],
+            force=log["force"],
+            set_position=log["setpoint"],
+            sample_time=T,
+        )
+    )
+    assert fit.left_out["pulse"] == 0
+    assert fit["mass"].value == pytest.approx(95.0, rel=0.03)
 
 
 def test_a_remark_counts_the_rows_of_pulses() -> None:

@@ -209,15 +209,33 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _named(head: str) -> tuple[str, str]:
-    """Split a header such as `velocity [mm/s]` or `velocity (mm/s)` into name and unit."""
+    """Split a header such as `velocity [mm/s]`, `velocity (mm/s)` or `velocity/mm/s` into name and unit."""
     match = _HEAD.fullmatch(head)
     if match is None:
-        return head, ""
+        return _divided(head)
     inside = match[2] if match[2] is not None else match[3]
     unit = unit_of(inside)
     if unit is None and "[" in head and len(inside) <= 20:
         unit = inside.strip()
-    return (match[1], unit) if unit is not None else (head, "")
+    return (match[1].removesuffix("/").strip(), unit) if unit is not None else (head, "")
+
+
+def _divided(head: str) -> tuple[str, str]:
+    """Split a header of a quantity divided by its unit, `t/s` or `v/(mm/s)`; in `re m/N` the whole end is a unit.
+
+    Source: DIN 1313 and ISO 80000-1, which write the heads of tables so.
+    """
+    time, _, unit = head.partition("/")
+    if time == "t" and unit in ("s", "ms", "us"):  # and no tonnes per second
+        return time, unit
+    starts = [0, *(k + 1 for k, letter in enumerate(head) if letter in " _")]
+    if any("/" in head[start:] and unit_of(head[start:]) is not None for start in starts):
+        return head, ""
+    for k, letter in enumerate(head):
+        unit = unit_of(head[k + 1 :]) if letter == "/" and k > 0 else None
+        if unit is not None:
+            return head[:k].strip(), unit
+    return head, ""
 
 
 MOST_BYTES = 500_000_000

@@ -56,6 +56,8 @@ _PULSE = 6.0  # robust standard deviations: a normal residual exceeds them once 
 _PULSE_SPREAD = 2  # rows to both sides of a pulse that go with it
 _PULSE_TURNS = 4  # fits without the pulses found so far
 _MOST_PULSES = 0.4  # of the rows: what acts in more of them is no pulse
+# by which the variance of a value may rise without the rows of pulses: drawn pulses raise it by 1.3, ramps by 30
+_MOST_LOSS = 4.0
 _MOST_ASYMMETRY = 0.5  # of the mean level: guideways with a ratio above 3 : 1 are not known, weights are
 _EVIDENCE = 10.0  # of the information criterion: very strong evidence (Kass & Raftery 1995)
 # standard errors of a force along the travel; some 400 periods are tried, so that chance reaches 3.5
@@ -586,7 +588,8 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
 
     Such a row leaves more than `_PULSE` robust standard deviations, 1.4826 · median |r - median r|; its neighbors,
     whose windows see the force, go with it. The fit is repeated without them until no more are found. If more than
-    `_MOST_PULSES` of the rows would go, it is no pulse but the usual residual, and all rows count.
+    `_MOST_PULSES` of the rows would go, it is no pulse but the usual residual, and all rows count; so do they if the
+    rows that would go are those that tell a parameter (see `_needs`), as the ramps of an axis that bends.
     """
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
@@ -601,12 +604,22 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
         far = away > _PULSE * 1.4826 * float(np.median(away[used]))
         # a row on both sides: the decimating low pass spreads a pulse by some 10 ms
         near = np.convolve(far, np.ones(2 * _PULSE_SPREAD + 1), "same") > 0.0
-        if np.mean(near) > _MOST_PULSES:
+        if np.mean(near) > _MOST_PULSES or _needs(columns, near):
             return everything
         if np.array_equal(~near, used):
             break
         used = ~near
     return used
+
+
+def _needs(columns: np.ndarray, left_out: np.ndarray) -> bool:
+    """Return True if a column is told mainly by the rows `left_out`.
+
+    Without them the variance of its value, (X'X)⁻¹, then rises by more than `_MOST_LOSS`.
+    """
+    whole, rest = (np.diag(regression.inverse_gram(x)) for x in (columns, columns[~left_out]))
+    # negated, so that NaN of columns that are left empty counts
+    return not bool(np.all(rest <= _MOST_LOSS * whole))
 
 
 def _runs(flags: np.ndarray) -> list[slice]:
