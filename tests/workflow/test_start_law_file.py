@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import foreign_axis as fa
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
@@ -32,4 +33,6 @@ def test_a_log_without_set_position_gives_a_machine_with_a_start_law_that_says_s
     assert isinstance(law, CascadePPI)
     # th is at least the dead time of 1 ms and a sample: wc is at most 125 1/s
     assert float(law.Kp) <= 1.01 * 100.0 * 125.0
-    assert float(law.Kp) == pytest.approx(4.0 * float(law.Kv) * float(loop.axis.plant.rigid_mass()), rel=1e-12)
+    assert float(law.Kp) == pytest.approx(
+        4.0 * float(law.Kv) * float(loop.axis.plant.rigid_mass()), rel=1e-4
+    )  # digits of the file

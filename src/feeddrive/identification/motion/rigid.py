@@ -67,6 +67,7 @@ _LEAST_REPEATS = 2.0  # periods in the travel: fewer are a bow of the friction, 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
+_EXACT = 1e-3  # share of the RMS force: the filters alone leave about as much of a log without noise
 _DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
 
@@ -119,7 +120,7 @@ class RigidFit(Result):
     def changed(self) -> bool:
         """True if the error in unused rows is 50 % larger than in used ones, without the effect of quantization."""
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
-        return bool(beyond > 1.5 * self.residuals.relative)
+        return bool(beyond > max(1.5 * self.residuals.relative, _EXACT))
 
     def __getitem__(self, parameter: str) -> Estimate:
         for estimate in self.estimates:
@@ -574,7 +575,8 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
         # four passages may agree by chance, but not by more than the residual of the faster rows lets them
         usual = float(np.std(signed[above])) / np.sqrt(np.count_nonzero(within) / len(passages))
         error = max(float(np.std(passages, ddof=1)), usual) / np.sqrt(len(passages))
-        if abs(float(np.mean(passages))) > float(stdtrit(len(passages) - 1, 1.0 - 0.5 * _DEVIATES)) * error:
+        least = float(stdtrit(len(passages) - 1, 1.0 - 0.5 * _DEVIATES)) * error
+        if abs(float(np.mean(passages))) > max(least, _EXACT * float(np.sqrt(np.mean(force**2)))):
             try:
                 return motion_log.prepare(log, replace(how, rest=faster))
             except NotIdentifiableError:
@@ -601,7 +603,8 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
         solved = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
         left = rows.force_with(log.force, solved.delay) - columns @ solved.values[: columns.shape[1]]
         away = np.abs(left - np.median(left[used]))
-        far = away > _PULSE * 1.4826 * float(np.median(away[used]))
+        least = _EXACT * float(np.sqrt(np.mean(solved.force**2)))
+        far = away > max(_PULSE * 1.4826 * float(np.median(away[used])), least)
         # a row on both sides: the decimating low pass spreads a pulse by some 10 ms
         near = np.convolve(far, np.ones(2 * _PULSE_SPREAD + 1), "same") > 0.0
         if np.mean(near) > _MOST_PULSES or _needs(columns, near):
@@ -648,6 +651,8 @@ def _fit(
     columns = columns[used]
     p = len(names)
     values, residual, force = solved.values[:p], solved.residual, solved.force
+    # rows that do not count may leave too few for as many stretches
+    folds = min(folds, max(2, force.size // (4 * regression.GAP)))
     counted, shifts = _with_counts(log, rows, used, solved, names)
     size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error
@@ -668,10 +673,7 @@ def _fit(
         estimates=estimates,
         covariance=robust[:p, :p],
         residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
-        # rows that do not count may leave too few for as many stretches
-        validation=regression.cross_validated(
-            columns, force, min(folds, max(2, force.size // (4 * regression.GAP))), frame.force
-        ),
+        validation=regression.cross_validated(columns, force, folds, frame.force),
         criterion={friction: regression.information(residual, p)},
         time=rows.time[used],
         frame=frame,
