@@ -81,7 +81,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
         typed[roles.get(what, what)] = scaled
     # the other encoder is not named, and its column may state no unit
     heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
-    bare = two and not rotary and written.names["position"] in heads
+    bare = two and not rotary and written.units["position"] != "m" and written.names["position"] in heads
     others = {"unit": (written.units["position"],)} if bare else dict[str, Any]()
     return typed | others | ({"rotary": True} if rotary else {})
 
