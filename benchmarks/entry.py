@@ -81,7 +81,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
         typed[roles.get(what, what)] = scaled
     # the other encoder is not named, and its column may state no unit
     heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
-    bare = two and not rotary and written.names["position"] in heads
+    bare = two and not rotary and written.units["position"] != "m" and written.names["position"] in heads
     others = {"unit": (written.units["position"],)} if bare else dict[str, Any]()
     return typed | others | ({"rotary": True} if rotary else {})
 
@@ -107,7 +107,9 @@ def row(rng: np.random.Generator, law: str, folder: Path, *, two: bool) -> Row:
             judgment, why = "refused", str(error)
             continue
         judgment, why = outcome.judgment.name.lower(), str(outcome.verdict)
-        mass = result.rigid["mass"].value / float(np.ravel(logs.true("mass", 0))[0]) - 1.0
+        # the mass that is written, which tuning uses
+        fitted = result.rigid["mass"].value if result.loop is None else float(result.loop.axis.plant.rigid_mass())
+        mass = fitted / float(np.ravel(logs.true("mass", 0))[0]) - 1.0
         found = "" if result.loop is None else "start law" if result.started else result.loop.control.law.kind
         tunable = (folder / f"out_{attempts}" / "machine.toml").exists()
         if outcome.judgment is not Judgment.UNITS_IN_DOUBT and not outcome.judgment.bad:

@@ -252,3 +252,21 @@ def test_a_law_adds_little_memory_and_little_force(
     monkeypatch.setattr("feeddrive.identification.motion.identify_law._rows", lambda *_: None)
     verdict = _judged(found)
     assert (verdict.law, verdict.near) == (law, near_)
+
+
+@pytest.mark.parametrize(("left", "law"), [(0.45, True), (0.8, False)])
+def test_a_force_that_no_law_of_the_signals_explains_has_none(
+    monkeypatch: pytest.MonkeyPatch, left: float, law: bool
+) -> None:
+    """Where the free law leaves most of the force, a law that leaves as much is no evidence of one."""
+    place = "feeddrive.identification.motion.identify_law"
+    monkeypatch.setattr(f"{place}.Signals", Stand(of=lambda _: None))
+    monkeypatch.setattr(f"{place}._searched", lambda *_: Stand(floor=Stand(left=left)))
+    monkeypatch.setattr(f"{place}._judged", lambda _: Stand(law=True, near=False))
+    monkeypatch.setattr(f"{place}._fit", lambda *_, **_near: "the law")
+    log: Any = Stand(name="log", set_position=np.zeros(3))
+    if law:
+        assert identify_control(log) == "the law"
+        return
+    with pytest.raises(NotIdentifiableError, match="even a free linear law"):
+        identify_control(log)

@@ -509,7 +509,10 @@ def _refined(
         return loop, None
     if start is not None and is_richer(start.axis):
         loop, fit = _by_friction(log, start, rigid, loop, fit, remarks)
-    return loop, None if fit is None else agreed(log, loop, fit, delay, stated, remarks)
+    # without strong instruments the force of a closed loop shifts the delay of the inverse dynamics by its own lag
+    if fit is None or (log.set_position is not None and not rigid.instruments):
+        return loop, fit
+    return loop, agreed(log, loop, fit, delay, stated, remarks)
 
 
 def _not_alone(check: LawCheck) -> str:

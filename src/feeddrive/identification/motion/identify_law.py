@@ -32,6 +32,8 @@ ALIKE = 6.0  # difference of the criterion up to which two laws explain a log eq
 WHITE = 0.15  # first autocorrelation that a law may add to that of the free law: dead bands add more than 0.5
 NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyond the free law
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
+# of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
+MOST_NOISE = 0.6
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
 MOST_LAG = 1.5  # samples; filters of the law look like a twist with 2.5 samples and more
 SURE = 0.1  # largest relative error of Kp and Kv with which a law found by instruments counts as known
@@ -160,6 +162,13 @@ def identify_control(log: MotionLog) -> ControlFit:
             "motion of lower acceleration"
         )
     verdict = _judged(found)
+    if (verdict.law or verdict.near) and found.floor.left > MOST_NOISE:
+        raise NotIdentifiableError(
+            f"{log.name}: even a free linear law of set position and position leaves "
+            f"{Quantity(found.floor.left, 'share'):3} of the force, more than {Quantity(MOST_NOISE, 'share'):6}: the "
+            "columns are not what the law read and commanded, as those of another encoder; state the law in a machine "
+            "file"
+        )
     if verdict.law:
         return _fit(log, found, near=False)
     if verdict.instrumented is not None:
