@@ -116,9 +116,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         files=files,
         rotary=loop.axis.rotary,
         page=partial(certificate_report, certificate, known, rotary=loop.axis.rotary),
-        then=""
-        if machine is None
-        else line("export", request.name, *(("--axis", request.axis) if request.axis else ()), "-t", "c"),
+        then="" if machine is None else line("export", request.name, "-t", "c", axis=request.axis),
     )
 
 

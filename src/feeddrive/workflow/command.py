@@ -249,9 +249,9 @@ def _by_name(request: type[Request]) -> dict[str, Field]:
     return {field.name: field for field in fields_of(request)}
 
 
-def line(command: str, *words: object) -> str:
-    """Return a command line of feeddrive, quoted for a shell."""
-    return shlex.join(("feeddrive", command, *map(str, words)))
+def line(command: str, *words: object, axis: str | None = None) -> str:
+    """Return a command line of feeddrive, quoted for a shell, with the option `--axis` if an axis is given."""
+    return shlex.join(("feeddrive", command, *map(str, words), *(("--axis", axis) if axis else ())))
 
 
 def called(source: Any) -> str:

@@ -102,9 +102,8 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
 
 def _next(request: CompareRequest, machine: Path | None, best: str) -> str:
     """Return the command that exports the machine with the chosen law, or else the one that takes the best law."""
-    axis = ("--axis", request.axis) if request.axis else ()
     if machine is not None:
-        return line("export", machine, *axis, "-t", "c")
+        return line("export", machine, "-t", "c", axis=request.axis)
     return "" if best in ("", TODAY) else f"{request.command_line('compare')} {shlex.join(('--take', best))}"
 
 

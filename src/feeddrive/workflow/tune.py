@@ -216,10 +216,10 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     written, told = files.get("Machine"), request.source if isinstance(request.source, str | Path) else None
     then = ""
     if written is not None:
-        then = line("export", written, *(("--axis", request.axis) if request.axis else ()), "-t", "c")
+        then = line("export", written, "-t", "c", axis=request.axis)
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
-        then = line("compare", told, *(("--axis", request.axis) if request.axis else ()))
+        then = line("compare", told, axis=request.axis)
     return Outcome(
         tuned,
         [*shown[:first], *makers],
