@@ -10,7 +10,7 @@ import pytest
 
 from feeddrive.files.columns import Column
 from feeddrive.files.log import Log
-from feeddrive.files.mapping import Need, guess_roles, write_roles
+from feeddrive.files.mapping import Need, axis_called, guess_roles, write_roles
 from feeddrive.files.names import read_name, unit_in_name, words_of
 from feeddrive.files.read_log import read_log, read_request
 from feeddrive.language.errors import ParameterError
@@ -155,6 +155,8 @@ def test_one_axis_of_several() -> None:
         "command": Column(name="uy"),
     }
     assert second.unused["ux"] == "of axis x, not y"
+    with pytest.raises(ParameterError, match="the log is of one: leave --axis x out"):
+        axis_called("log.csv", "x", ())
     with pytest.raises(ParameterError, match=r"no channel names the axis 'z'; there are: x, y"):
         guess_roles(log(units), "z")
 

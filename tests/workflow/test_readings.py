@@ -169,6 +169,11 @@ WRONG: dict[str, tuple[str, Callable[[Signals], tuple[np.ndarray, ...]], tuple[s
         lambda s: (1e3 * s.t, s.x, s.f),
         ("sample time of 1 s", "ms (1 ms) and us (0.001 ms)", "--time t:ms"),
     ),
+    "milliseconds in a column of another name": (
+        "Zeit,pos_m,force_N",
+        lambda s: (1e3 * s.t, s.x, s.f),
+        ("--time Zeit:ms", "column = 'Zeit', unit = 'ms'"),
+    ),
 }
 
 

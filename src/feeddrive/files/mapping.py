@@ -204,8 +204,11 @@ def axis_called(name: str, asked: str, axes: abc.Collection[str]) -> str:
     beginning = [axis for axis in axes if axis.rstrip("0123456789") == wanted]
     if len(beginning) == 1:
         return beginning[0]
-    there = ", ".join(axes) or "none"
-    raise ParameterError(f"{name}: no channel names the axis '{asked}'; there are: {there}{nearest(wanted, axes)}")
+    if not axes:
+        raise ParameterError(f"{name}: no channel names an axis, so that the log is of one: leave --axis {asked} out")
+    raise ParameterError(
+        f"{name}: no channel names the axis '{asked}'; there are: {', '.join(axes)}{nearest(wanted, axes)}"
+    )
 
 
 def guess_roles(log: Log, axis: str | None = None) -> Guess:

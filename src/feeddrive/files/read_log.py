@@ -5,6 +5,7 @@ The time stamps must have a uniform sample time, no gap and no backward step. Ev
 
 import hashlib
 import re
+import shlex
 import tomllib
 import zlib
 from collections import abc
@@ -332,7 +333,8 @@ def _read_log(
                 )
             left_out[role] = f"{numbers.size} rows long, not {time.size}"
             del channels[role]
-    clock = checked_clock(where, time, columns.place, step)
+    column = chosen["time"].name if "time" in chosen else "t"
+    clock = checked_clock(where, time, columns.place, step, column)
     origin = columns.metadata.get("provenance")
     return Log(
         name=name or str(columns.metadata.get("name") or where),
@@ -488,16 +490,19 @@ class Clock:
     jitter: float
 
 
-def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float | None = None) -> Clock:
+def checked_clock(
+    name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float | None = None, column: str = "t"
+) -> Clock:
     """Check that stamps in s, shape (n,), are uniform, and return their clock.
 
     With a `sample_time`, the stamps may be rounded, as long as every one is off by less than half a sample.
+    `column` is the name of the column of the stamps, for the remedy.
     Raises LogError with the file, the first bad row, its stamps and the remedy.
     """
     if time.size < LEAST_ROWS:
         raise LogError(f"{name}: has {time.size} row{'s' * (time.size != 1)}; a log needs at least {LEAST_ROWS}")
     if sample_time is not None:
-        return _fitted(name, time, place, sample_time)
+        return _fitted(name, time, place, sample_time, column)
     steps = np.diff(time)
     back = np.flatnonzero(steps <= 0.0)
     if back.size:
@@ -536,7 +541,7 @@ def checked_clock(name: str, time: np.ndarray, place: Callable[[int], str], samp
             f"{Quantity(time[k + 1] - time[k], 's'):6 SI}, the mean {Quantity(mean, 's'):6 SI}; resample the log to a "
             "uniform clock, or give the sample time if the stamps are only rounded"
         )
-    _check_plausible(name, mean)
+    _check_plausible(name, mean, column)
     largest = float(deviation[worst])
     del deviation, steps
     return Clock(_decimal(mean, time), largest)
@@ -550,8 +555,8 @@ def _grow(time: np.ndarray) -> bool:
     return bool(np.ptp(ratio) < 0.1 * np.mean(ratio))
 
 
-def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float) -> Clock:
-    _check_plausible(name, sample_time)
+def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_time: float, column: str) -> Clock:
+    _check_plausible(name, sample_time, column)
     off = (time - time[0]) / sample_time - np.arange(time.size)
     # from half a sample on, a stamp belongs to the row before or behind
     bad = np.flatnonzero(np.abs(off) >= 0.5)
@@ -565,7 +570,7 @@ def _fitted(name: str, time: np.ndarray, place: Callable[[int], str], sample_tim
     return Clock(units.decimal(sample_time), float(np.max(np.abs(np.diff(off)))))
 
 
-def _check_plausible(name: str, sample_time: float) -> None:
+def _check_plausible(name: str, sample_time: float, column: str) -> None:
     if not _FASTEST <= sample_time <= _SLOWEST:
         read = [Text(f"{unit} ({Quantity(step, 's')})") for unit, step in time_units(sample_time)]
         likely = f"; likeliest are {joined(' and ', read)} from one row to the next" if read else ""
@@ -573,7 +578,8 @@ def _check_plausible(name: str, sample_time: float) -> None:
         raise LogError(
             f"{name}: a sample time of {Quantity(sample_time, 's'):6 SI} is not one of a servo loop, "
             f"{span(_FASTEST, _SLOWEST, 's', '6 SI')}; is the time in "
-            f"another unit{likely}? Then state it: --time t:{unit}, or  time = {{ column = 't', unit = '{unit}' }}"
+            f"another unit{likely}? Then state it: --time {shlex.quote(f'{column}:{unit}')}, or  "
+            f"time = {{ column = '{column}', unit = '{unit}' }}"
         )
 
 
