@@ -355,7 +355,7 @@ def test_from_the_file_to_the_tuned_machine(tmp_path: Path) -> None:
     path = written(tmp_path, drawn(2))
     identified = identify.run(IdentifyRequest(log=path, out=tmp_path / "model"))
     assert not identified.judgment.bad
-    assert str(identified.notes[-1]) == f"Next: feeddrive tune {path}"
+    assert identified.then == f"feeddrive tune {path}"
     machine = machine_of_text((tmp_path / "model" / "machine.toml").read_text(encoding="utf-8"), "machine.toml")
     assert machine.loop(None).axis.rotary
     outcome = tune.run(TuneRequest(source=path, filters="kept", starts=1, out=tmp_path / "tuned"))

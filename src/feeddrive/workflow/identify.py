@@ -32,6 +32,7 @@ from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError, sentence
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
@@ -45,7 +46,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.tuning.filters import read_block
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.channels import ALL, Doubt, Mapped, mapped, no_column
-from feeddrive.workflow.command import Outcome, called, command
+from feeddrive.workflow.command import Outcome, called, command, line
 from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
 from feeddrive.workflow.identify_responses import (
     IdentifyRequest,
@@ -175,6 +176,9 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
     notes = [f"No machine file was written: {why}."] if why else []
     shown = [narrow(table) for table in tables(identified)]
     first = _estimates(identified)
+    judgment = identified.advice.judgment
+    # values that are in doubt or advised against are not to be tuned on
+    usable = judgment is Judgment.USE_VALUES and "Machine" in files
     return Outcome(
         identified,
         shown[:first],
@@ -183,8 +187,9 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         notes,
         files=files,
         details=shown[first:],
-        judgment=identified.advice.judgment,
+        judgment=judgment,
         page=page,
+        then=line("tune", files["Machine"], axis=request.axis) if usable else "",
     )
 
 

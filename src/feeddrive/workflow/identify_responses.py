@@ -38,7 +38,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import ALL, check_response, units_first
-from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, option
+from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, line, option
 from feeddrive.workflow.commissioning import NO_CLOCK, drive_axis
 from feeddrive.workflow.drive_logs import log_stem, narrow, write_report, written
 from feeddrive.workflow.force import DriveValues
@@ -116,7 +116,8 @@ def identify_commissioned(request: IdentifyRequest, file: Commissioning, progres
     remarks = [*axis.remarks, *fit.remarks]
     judged_by = advice(axis.result, turns=True)
     outcome = _outcome(request, axis.result, remarks, known, judged_by, text, reason, progress)
-    return outcome if reason else replace(outcome, notes=[*outcome.notes, f"Next: feeddrive tune {path}"])
+    # the file itself is tuned: the modes above the band of the model are in it alone
+    return outcome if reason or judged_by.judgment.bad else replace(outcome, then=line("tune", path))
 
 
 def _outcome(
@@ -147,6 +148,10 @@ def _outcome(
     unknown = [sentence(f"not identifiable: {name}: {why}") for name, why in open_.items()]
     notes = [f"No machine file was written: {reason}."] if reason else []
     details = [*compared, agreement, *unknown]
+    # a file without a control, as one that is new, has nothing that could be tuned
+    then = (
+        "" if "Machine" not in files or judgment.bad or request.machine is None else _tuning(request, files["Machine"])
+    )
     return Outcome(
         result,
         [own],
@@ -157,7 +162,16 @@ def _outcome(
         details=details,
         judgment=judgment,
         page=page,
+        then=then,
     )
+
+
+def _tuning(request: IdentifyRequest, machine: Path) -> str:
+    """Return the command that tunes on the measured responses, with the identified machine file as baseline."""
+    # named responses, and those whose unit or factor was given to this command, are tuned by the model
+    if request.motor or request.load or request.unit or request.force_constant is not None or request.lead is not None:
+        return line("tune", machine, axis=request.axis)
+    return line("tune", called(request.log), "--baseline", machine, axis=request.axis)
 
 
 def _facts(path: Path, chosen: Mapping[str, FRF], request: IdentifyRequest) -> dict[str, str]:

@@ -25,7 +25,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, capitalized
-from feeddrive.learning.iterative_feedforward import Iteration, begin_compensation, next_iteration
+from feeddrive.learning.iterative_feedforward import AT_REST, Iteration, begin_compensation, next_iteration
 from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero_phase
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
@@ -72,6 +72,12 @@ class IterateRequest(Request):
     gamma: float = option("share of the step; 0.5 if gains are known roughly", default=1.0)
     stribeck_velocity: float | None = option("adds a Stribeck column", unit="m/s", default=None)
     least_mass: float = option("lower bound of the mass", default=0.0, unit="kg")
+    at_rest: str | None = option(
+        "friction at rest: held, an unknown force that holds the axis, or none, the model's force (Wu's law); default: "
+        "held for a log, none for simulated trials",
+        default=None,
+        options=AT_REST,
+    )
     skip: int = option("samples at the start of the log that do not count", default=0)
     smoothing: int | None = option("samples over which the set position is averaged", default=None)
     set_position: str | None = option("column of the set position, name:unit", default=None)
@@ -142,6 +148,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
         gamma=request.gamma,
         columns=request.wanted,
         least_mass=request.least_mass,
+        at_rest=request.at_rest or "held",
         skip=request.skip,
     )
     moving = trial.starts_moving and request.skip == 0
@@ -162,6 +169,7 @@ def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple
         gamma=request.gamma,
         columns=request.wanted,
         least_mass=request.least_mass,
+        at_rest=request.at_rest or "none",
         seed=request.seed,
     )
     text = Text(
@@ -181,6 +189,8 @@ def _together(request: IterateRequest) -> Job | None:
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
     """Simulate learning trials of a job, from which all axes of the machine learn together."""
+    if request.at_rest == "held":
+        raise ParameterError("--at-rest held is for one axis; the axes of a job learn together with none: leave it out")
     file = read_machine(request.machine)
     machine = file.machine()
     paths = {file.named(job.axis): job.reference, **{name: other.reference for name, other in job.others.items()}}
