@@ -56,9 +56,9 @@ tests: $(VENV)/installed-dev
 slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow
 
-# what .ci/run adds to `make test`: 60 s of the slow proofs, drawn by the hash of the commit
+# what .ci/run adds to `make test`: 40 s of the slow proofs, drawn by the hash of the commit
 slow-share: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n 2 --slow-share 60
+	$(BIN)/python -m pytest -n 2 --slow-share 40
 
 # drawn tests on new seeds: before an issue is called resolved (make fresh SEEDS=20)
 SEEDS ?= 2

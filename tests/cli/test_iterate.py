@@ -63,6 +63,22 @@ def test_a_log_gives_the_parameters_of_the_run(call, tmp_path: Path) -> None:
         assert value == pytest.approx(expected[name], rel=0.01), name
 
 
+@pytest.mark.parametrize("at_rest", ["held", "none"])
+def test_friction_at_rest_is_an_option(call, at_rest: str, tmp_path: Path) -> None:
+    """Each gives what `next_iteration` gives, and the two differ: the trial dwells between its strokes."""
+    trial = fd.learning.simulated_trial(logged(MOVE), MOVE)
+    loop = fd.read_machine("xy_table").loop("x")
+    expected = {each: fd.learning.next_iteration(loop, trial, at_rest=each) for each in ("held", "none")}
+    mass = {each: found.after.parameters()["mass"] for each, found in expected.items()}
+    assert abs(mass["held"] - mass["none"]) > 1e-3 * mass["none"]
+    code, _, _ = call("run.csv", *AXIS, "--at-rest", at_rest, "--out", "next.toml")
+    assert code == 0
+    # the log has twelve digits: a thousandth of the difference of the two
+    found = section(tmp_path / "next.toml").parameters()["mass"]
+    other = mass["none" if at_rest == "held" else "held"]
+    assert abs(found - mass[at_rest]) < 0.01 * abs(found - other)
+
+
 def test_the_printed_section_is_the_written_one(call, tmp_path: Path) -> None:
     logged(MOVE)
     _, out, _ = call("run.csv", *AXIS, "--out", "next.toml")

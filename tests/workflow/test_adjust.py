@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,3 +119,22 @@ def test_a_guard_that_cannot_be_says_why(guard: str, reason: str) -> None:
 def test_a_number_that_is_given_twice_is_refused(given: dict[str, Any]) -> None:
     with pytest.raises(ParameterError, match="is given twice: leave one out"):
         fd.workflow.adjust("ball_screw", **given)
+
+
+def test_a_control_that_gets_a_guard_can_be_exported_and_holds_a_hanging_axis(tmp_path: Path) -> None:
+    """10 kg hang: the force while the loop is off is their weight, and the next command is the export."""
+    from feeddrive.files.machine import BUNDLED
+    from feeddrive.language.progress import Progress
+    from feeddrive.workflow.command import load
+
+    whole = (BUNDLED / "machines" / "emps.toml").read_text(encoding="utf-8")
+    text = re.sub(r"(?ms)^\[axis\.x\.control\.guard\]\n.*?(?=^\[)", "", whole)
+    path = tmp_path / "machine.toml"
+    for forces, held in (("", 0.0), ('\n[[axis.x.forces]]\nkind = "gravity"\nforce_N = -98.1\n', 98.1)):
+        path.write_text(text + forces, encoding="utf-8")
+        command = load("adjust")
+        done = command.run(command.build_request(machine=path, guard="velocity_limit=0.5", out=path), Progress())
+        guard = fd.read_machine(path).loop(None).control.guard
+        assert guard is not None
+        assert (guard.velocity_limit, guard.safe_force) == (0.5, held)
+        assert done.then == f"feeddrive export {path} -t c"

@@ -376,7 +376,15 @@ def test_the_command_to_type_next_is_one_that_can_be_typed(tmp_path: Path) -> No
     """Its words are parsed as those of a terminal, and the files that it names were written."""
     copied = tmp_path / "my axis.toml"
     copied.write_text((BUNDLED / "machines" / "linear_motor.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    bare = tmp_path / "bare.toml"
+    whole = (BUNDLED / "machines" / "emps.toml").read_text(encoding="utf-8")
+    without = re.sub(r"(?ms)^\[axis\.x\.control\.guard\]\n.*?(?=^\[)", "", whole)
+    bare.write_text(without, encoding="utf-8")
+    unguarded = load("certify").run(load("certify").build_request(source=str(bare)), Progress())
+    assert unguarded.then.startswith("feeddrive adjust ")
+    assert "put the limits of your machine" in unguarded.notes[-1]
     outcomes = [
+        unguarded,
         load("certify").run(load("certify").build_request(source=str(copied)), Progress()),
         load("export").run(
             load("export").build_request(source=str(copied), target="c", out=tmp_path / "the export"), Progress()

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from feeddrive.export.design import weight
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.language import tree
@@ -17,7 +18,7 @@ from feeddrive.language.table import UNIT, Cell, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.tuning.filters import Difference, difference, read_filter, with_filters, written_filter
-from feeddrive.workflow.command import Outcome, Request, argument, command, option
+from feeddrive.workflow.command import GUARD_LIMITS, Outcome, Request, argument, command, exporting, option
 from feeddrive.workflow.tune_files import machine_text
 
 
@@ -38,8 +39,8 @@ class AdjustRequest(Request):
         "a filter to remove, as filters.0, as the machine file numbers them; may be repeated", default=()
     )
     guard: str | None = option(
-        "NAME=VALUE,... of bounds beyond which the loop trips, in SI, as following_error_limit=0.001,velocity_limit=1; "
-        "a control without a guard gets one",
+        f"NAME=VALUE,... of bounds beyond which the loop trips, in SI, as {GUARD_LIMITS}; a control without a guard "
+        "gets one, whose safe force holds a hanging axis",
         default=None,
     )
     axis: str | None = option("its axis, if it has several", default=None)
@@ -86,6 +87,9 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     removed, added = _places(request.remove), tuple(read_filter(text) for text in request.add)
     edited = with_filters(loop.control, removed, added)
     bounds = {} if request.guard is None else _bounds(request.guard)
+    held = float(weight(loop.axis))
+    if bounds and edited.guard is None and held:
+        bounds = {"safe_force": held, **bounds}
     if bounds:
         edited = replace(edited, guard=replace(edited.guard or Guard(), **bounds))
     # --set names filters as they are numbered after --remove and --add, so its names belong to the edited control
@@ -110,7 +114,9 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     shown = Table(f"{machine.name}, axis {axis}: what was changed", ("what", "before", "now", "unit"), rows)
     # later edits of the result start from its text, so the text must hold the change too
     adjusted = replace(machine, loops=loops, file=replace(machine.file, text=text))
-    return Outcome(adjusted, [shown], files=files, rotary=loop.axis.rotary)
+    # a control that got its limits is ready to be exported
+    then = exporting(files["Machine"], request.axis, guarded=True)[0] if files and bounds else ""
+    return Outcome(adjusted, [shown], files=files, rotary=loop.axis.rotary, then=then)
 
 
 def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence[Cell]:

@@ -33,7 +33,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.operating_point import OperatingPoint
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, exporting, option, stem
 from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"
@@ -108,6 +108,8 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         files = {"Certificate": report.parent / FILE, "Report": report}
     topics = "; ".join(text.partition(":")[0] for text in certificate.outside)
     details = [certificate.document["claim"], *(f"outside: {text}" for text in certificate.outside)]
+    guarded = loop.control.guard is not None
+    then, notes = ("", ()) if machine is None else exporting(request.name, request.axis, guarded=guarded)
     return Outcome(
         certificate,
         [certificate.table()],
@@ -116,7 +118,8 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         files=files,
         rotary=loop.axis.rotary,
         page=partial(certificate_report, certificate, known, rotary=loop.axis.rotary),
-        then="" if machine is None else line("export", request.name, "-t", "c", axis=request.axis),
+        notes=notes,
+        then=then,
     )
 
 

@@ -254,6 +254,24 @@ def line(command: str, *words: object, axis: str | None = None) -> str:
     return shlex.join(("feeddrive", command, *map(str, words), *(("--axis", axis) if axis else ())))
 
 
+# limits that a new guard is shown with; each machine has its own
+GUARD_LIMITS = "following_error_limit=0.001,velocity_limit=1"
+
+
+def exporting(machine: str | Path, axis: str | None, *, guarded: bool) -> tuple[str, tuple[str, ...]]:
+    """Return the command line that leads from a machine file to its export, and what to know before it is typed.
+
+    Only a control with a guard is exported; without one the line adds it.
+    """
+    if guarded:
+        return line("export", machine, "-t", "c", axis=axis), ()
+    added = line("adjust", machine, "--guard", GUARD_LIMITS, "--out", machine, axis=axis)
+    return added, (
+        "The control has no guard, without which it is not exported: put the limits of your machine in place of "
+        f"{GUARD_LIMITS}.",
+    )
+
+
 def called(source: Any) -> str:
     """Return the display name of a source: its file, name or type; "none given" for None."""
     if source is None:

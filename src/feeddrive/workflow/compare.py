@@ -26,7 +26,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.control import Control
-from feeddrive.workflow.command import OUT, Outcome, argument, command, line, option, stem
+from feeddrive.workflow.command import OUT, Outcome, argument, command, exporting, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 TAKEN = "taken.toml"
@@ -87,24 +87,30 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
                 files["Machine"] = request.out / TAKEN
     refused = [f"'{refusal.name}' cannot control this axis: {refusal.reason}" for refusal in comparison.refusals]
     judgment, verdict = advice(comparison)
+    then, notes = _next(request, comparison, take, files.get("Machine"))
     return Outcome(
         comparison,
         [comparison.table()],
         [f"rule: {comparison.rule}", *in_short(comparison)],
         verdict,
+        notes,
         files=files,
         details=[*against_plain(comparison), *noisy(comparison), *refused],
         judgment=judgment,
         page=partial(comparison_report, comparison),
-        then=_next(request, files.get("Machine"), best_law(comparison)),
+        then=then,
     )
 
 
-def _next(request: CompareRequest, machine: Path | None, best: str) -> str:
-    """Return the command that exports the machine with the chosen law, or else the one that takes the best law."""
-    if machine is not None:
-        return line("export", machine, "-t", "c", axis=request.axis)
-    return "" if best in ("", TODAY) else f"{request.command_line('compare')} {shlex.join(('--take', best))}"
+def _next(
+    request: CompareRequest, comparison: Comparison, take: str | None, machine: Path | None
+) -> tuple[str, tuple[str, ...]]:
+    """Return the command towards an export with the chosen law, with its notes, or else the one that takes the best."""
+    if machine is not None and take is not None:
+        guarded = comparison[take].loop.control.guard is not None
+        return exporting(machine, request.axis, guarded=guarded)
+    best = best_law(comparison)
+    return "" if best in ("", TODAY) else f"{request.command_line('compare')} {shlex.join(('--take', best))}", ()
 
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:

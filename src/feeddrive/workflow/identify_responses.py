@@ -149,9 +149,7 @@ def _outcome(
     notes = [f"No machine file was written: {reason}."] if reason else []
     details = [*compared, agreement, *unknown]
     # a file without a control, as one that is new, has nothing that could be tuned
-    then = (
-        "" if "Machine" not in files or judgment.bad or request.machine is None else _tuning(request, files["Machine"])
-    )
+    tunable = "Machine" in files and request.machine is not None and not judgment.bad
     return Outcome(
         result,
         [own],
@@ -162,7 +160,7 @@ def _outcome(
         details=details,
         judgment=judgment,
         page=page,
-        then=then,
+        then=_tuning(request, files["Machine"]) if tunable else "",
     )
 
 

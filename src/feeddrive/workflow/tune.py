@@ -29,7 +29,19 @@ from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, frequencies, line, option, stem
+from feeddrive.workflow.command import (
+    OUT,
+    Outcome,
+    Request,
+    argument,
+    called,
+    command,
+    exporting,
+    frequencies,
+    line,
+    option,
+    stem,
+)
 from feeddrive.workflow.commissioning import DriveAxis, drive_axis
 from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
@@ -214,9 +226,9 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     taken = Judgment.LEAVE_CONTROL if tuned.verdict is Verdict.LEAVE else Judgment.TAKE_TUNING
     judgment = taken if tuned.holds else Judgment.DO_NOT_USE_TUNING
     written, told = files.get("Machine"), request.source if isinstance(request.source, str | Path) else None
-    then = ""
+    then, notes = "", tuple[str, ...]()
     if written is not None:
-        then = line("export", written, "-t", "c", axis=request.axis)
+        then, notes = exporting(written, request.axis, guarded=tuned.control.guard is not None)
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
         then = line("compare", told, axis=request.axis)
@@ -225,6 +237,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         [*shown[:first], *makers],
         remarks,
         tuned.recommendation(),
+        notes,
         files=files,
         details=details,
         judgment=judgment,
