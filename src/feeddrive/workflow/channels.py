@@ -771,7 +771,7 @@ def asked_for(need: Need, role: str) -> str:
     if signal in RELATIVE:
         of = {"torque": "torque", "force": "force", "current": "current"}.get(role, "value")
         shown = "percent" if signal == "percent" else "per mille"
-        example = {"force": "350:N", "current": "5.6:A --torque-constant 0.5"}.get(role, "3.2:Nm")
+        example = {"force": "350:N", "current": "5.6:A --torque-constant 0.5"}.get(role, "3.2:Nm, or 350:N of a force")
         return (
             f"'{name}' is in {shown} of a rated {of}: give what 100 % is, as --rated {example} (of the motor's data "
             "sheet or the drive's parameter)"
