@@ -236,16 +236,24 @@ _LAGS = 40  # lags of an autocorrelation
 _CUT = 0.3  # of an amplitude: lower end of error bars on the logarithmic scale
 
 
+def _apart(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows, shape (n,), with a gap (NaN) where rows between them were left out."""
+    steps = np.diff(time)
+    # rows stand a whole number of steps apart
+    ends = np.flatnonzero(steps > 1.5 * np.min(steps)) + 1 if steps.size else np.zeros(0, np.intp)
+    return np.insert(time, ends, time[ends]), np.insert(values, ends, np.nan)
+
+
 def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
     """Plot measured and fitted force versus time, and the residual."""
     unit, newton = unit_name(fit.frame.force), units.of(fit.frame.force)[1]
     measured, off = newton * fit.residuals.measured, newton * fit.residuals.values
     forces = (
         Curve(*envelope(fit.time, measured), "measured", chart.NEUTRAL, chart.DOTS),
-        Curve(*envelope(fit.time, measured - off), "fitted", 0),
+        Curve(*envelope(*_apart(fit.time, measured - off)), "fitted", 0),
     )
     caption = Text(f"{Quantity(fit.residuals.relative, 'share'):3} of the force's RMS")
-    left = Curve(*envelope(fit.time, off), "residual", 1, chart.THIN, caption=caption)
+    left = Curve(*envelope(*_apart(fit.time, off)), "residual", 1, chart.THIN, caption=caption)
     panels = Panel(f"force ({unit})", forces, share=2.0), Panel(f"residual ({unit})", (left,))
     return Chart("time (s)", panels, low=float(fit.time[0]), high=float(fit.time[-1]), height=3.8)
 
