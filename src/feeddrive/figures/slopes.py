@@ -397,16 +397,20 @@ def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarra
     complex plane, and the point of this circle that is closest to 0 may lie far from any line.
     """
     out = slack.copy()
-    for k in np.flatnonzero((slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:])) + 1:
-        if slack[k] >= _NEAR:
-            continue
-        u = x[[k - 1, k + 1]] - x[k]
-        sides = w[[k - 1, k + 1]]
-        b, c = np.linalg.solve(np.stack([u, -u * sides], axis=1), sides - w[k])
-        way = np.linspace(u[0], u[1], _POINTS)
-        under = np.abs(1.0 + c * way)
-        if np.min(under) > _POLE:
-            out[k] += min(float(np.min(np.log(np.abs((w[k] + b * way) / (1.0 + c * way))))) - np.log(np.abs(w[k])), 0.0)
+    low = (slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:]) & (slack[1:-1] < _NEAR)
+    k = np.flatnonzero(low) + 1
+    left, right = x[k - 1] - x[k], x[k + 1] - x[k]
+    # (w0 + b u)/(1 + c u) is the value of a side: b u - c u w = w - w0, two equations for b and c
+    before, after = w[k - 1] - w[k], w[k + 1] - w[k]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        c = (left * after - right * before) / (left * right * (w[k - 1] - w[k + 1]))
+        b = before / left + c * w[k - 1]
+        way = np.linspace(left, right, _POINTS, axis=1)
+        under = 1.0 + c[:, None] * way
+        least_w = np.min(np.abs((w[k, None] + b[:, None] * way) / under), axis=1)
+        lower = np.log(least_w / np.abs(w[k]))
+    fitted = (np.min(np.abs(under), axis=1) > _POLE) & ~np.isnan(lower)
+    out[k[fitted]] += np.minimum(lower[fitted], 0.0)
     return out
 
 
