@@ -48,7 +48,8 @@ def truth(log: ForeignLog) -> list[dict[str, float]]:
         pid = {"P": P, "I": I, "D": D, "FF1": FF1, "FF2": FF2}
         forms = [{name: value for name, value in pid.items() if value}]
         if not I:
-            forms.append({"Kv": P / D, "Kp": D, "velocity_feedforward": 1.0 + FF1 / D})
+            late = P / D * log.T if t["law.previous_target"] else 0.0
+            forms.append({"Kv": P / D, "Kp": D, "velocity_feedforward": 1.0 + FF1 / D - late})
         elif not FF1 and P * P > 4.0 * I * D:
             root = np.sqrt(P * P - 4.0 * I * D)
             forms += [{"Kv": (P + s * root) / (2.0 * D), "Kp": D, "Tn": 2.0 * D / (P - s * root)} for s in (1.0, -1.0)]

@@ -16,7 +16,8 @@ from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
 from feeddrive.identification.motion import law_search
 from feeddrive.identification.motion.control_law import check_law
 from feeddrive.identification.motion.identify_law import ControlFit, _judged, _known, identify_control
-from feeddrive.identification.motion.law_rows import Signals, steadied
+from feeddrive.identification.motion.law_rows import Signals, Twist, steadied
+from feeddrive.identification.motion.law_search import Instrumented
 from feeddrive.identification.motion.law_structures import CASCADE as CASCADE_FAMILY
 from feeddrive.identification.motion.law_structures import Fitted, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
@@ -207,10 +208,10 @@ class Stand(SimpleNamespace):
     """An object with the fields that a function reads."""
 
 
-def by_motion(*, ratio: float = 1.0, gain: float = 100.0, n: int = 1, d: int = 0) -> Any:
-    structure = Structure(CASCADE_FAMILY, True, n, d, compliance=1e-5)
+def by_motion(*, ratio: float = 1.0, gain: float = 100.0, n: int = 1, d: int = 0) -> Instrumented:
+    structure = Structure(CASCADE_FAMILY, True, n, d, twist=Twist(1e-5))
     fitted = Fitted(structure, np.array([3e5, 9e3, 1e4]), 20.0, 1.0)
-    return Stand(fitted=fitted, ratio=ratio, gain=gain, instruments=None)
+    return Instrumented(fitted, ratio, gain, (), np.zeros((0, 0)))
 
 
 @pytest.mark.parametrize(

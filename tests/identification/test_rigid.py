@@ -449,14 +449,14 @@ def test_a_residual_that_hardly_changes_widens_no_error_without_end() -> None:
 def test_counts_are_drawn_four_times() -> None:
     drawn: list[float] = []
 
-    def errors_of(readings: np.ndarray) -> np.ndarray:
+    def differenced(readings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         drawn.append(float(np.max(np.abs(readings))))
-        return np.zeros((2, 100))
+        return np.zeros(100), np.zeros(100)
 
     wave = np.arange(100.0)
     columns = np.column_stack([np.sin(wave), np.cos(wave), np.sin(2.0 * wave), np.cos(2.0 * wave)])
-    log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0))
-    rows: Any = SimpleNamespace(velocity=np.ones(100), errors=errors_of)
+    log: Any = SimpleNamespace(position=1e-6 * np.arange(100.0), sample_time=1e-3)
+    rows: Any = SimpleNamespace(velocity=np.ones(100), differenced=differenced, reduced=lambda values: values)
     solved = _Solved(np.ones(4), 0.5, columns, columns, np.ones(100), free=False, instrumented=False)
     _with_counts(log, rows, np.ones(100, bool), solved, ("mass", "viscous", "coulomb", "offset"))
     assert len(drawn) == 4

@@ -21,7 +21,7 @@ from feeddrive.identification.motion.motion_log import MotionLog, Preparation, c
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
 from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
-from feeddrive.identification.regression import SHAFT
+from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, FeeddriveError, LogError, NotIdentifiableError
 from feeddrive.language.judgment import Advice, Judgment
@@ -270,6 +270,7 @@ def beyond(delay: DelayFit, stated: float) -> int:
 
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
+SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 
@@ -343,12 +344,29 @@ class Identified(Result):
             return Judgment.DO_NOT_TUNE.because(Text(f"{why}, {_BENDS} (feeddrive excite)"))
         if why:
             return Judgment.DO_NOT_TRUST.because(why)
+        mass = self._mass
+        if mass.error > SURE_MASS * mass.value:
+            share = Quantity(NORMAL * mass.error / mass.value, "share")
+            low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
+            return Judgment.DO_NOT_TRUST.because(
+                Text(
+                    f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; record next moves "
+                    "whose inertial force is at least as large as friction for a tenth of the time, with ramps of "
+                    "30 ms or more"
+                )
+            )
         unused = Quantity(self.rigid.validation.relative, "share")
         reason = Text(f"they predict stretches of the log that were not used to {unused:3} of the force")
         if self.refinement is not None:
             off = self.log.distance(self.refinement.replay.rms("position_load"), 3)
             reason += Text(f", and in closed loop the position to {off} RMS")
         return Judgment.USE_VALUES.because(Text(f"{reason}{self._why_friction()}"))
+
+    @property
+    def _mass(self) -> Estimate:
+        """The mass that a machine file gets, of the closed loop if it was fitted."""
+        fitted = () if self.refinement is None else self.refinement.estimates
+        return next((one for one in fitted if one.name.endswith("plant.mass")), self.rigid["mass"])
 
     def _why_friction(self) -> str:
         criterion = self.rigid.criterion
@@ -640,6 +658,12 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
             ),
         )
         remarks.append(Text(f"the log gives evidence of a force along the travel: {names}; it is part of the model"))
+    if rigid.bends:
+        remarks.append(
+            "the axis bends: its force follows the fourth derivative of the position, too, as that of two masses on a "
+            "spring; this is part of the fit, so that the mass is not taken for less; measure a frequency response for "
+            "its modes (feeddrive excite, frf)"
+        )
     if rigid.slowest:
         remarks.append(
             Text(

@@ -31,11 +31,9 @@ from feeddrive.loop.control import Control
 ALIKE = 6.0  # difference of the criterion up to which two laws explain a log equally well: odds of 1 to 20
 WHITE = 0.15  # first autocorrelation that a law may add to that of the free law: dead bands add more than 0.5
 NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyond the free law
-RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 # of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
 MOST_NOISE = 0.6
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
-MOST_LAG = 1.5  # samples; filters of the law look like a twist with 2.5 samples and more
 SURE = 0.1  # largest relative error of Kp and Kv with which a law found by instruments counts as known
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
@@ -233,10 +231,8 @@ def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
     covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
     errors, gains = regression.errors(covariance)[: values.size], found.fitted.structure.gains
     sure = all(errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp"))
-    structure = found.fitted.structure
-    lag = 0.5 * (structure.n - 1) + structure.d
-    twisted = structure.compliance > 0.0 and found.gain > TWIST and lag <= MOST_LAG
-    return sure and found.ratio < RATIO and (twisted or memory < -WHITE)
+    twisted = found.fitted.structure.twist.compliance > 0.0 and found.gain > TWIST
+    return sure and (found.sound if twisted else found.ratio < law_search.RATIO and memory < -WHITE)
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:

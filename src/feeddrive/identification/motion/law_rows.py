@@ -12,7 +12,7 @@ from feeddrive.identification.motion.motion_log import MotionLog
 
 MOST_DELAY = 3  # samples between reading and command that are tried
 MOST_SAMPLES = 8  # over which a velocity may be computed by differences
-_AHEAD, _PAST = 2, 7  # samples of the set position that a column may use after and before row k
+_AHEAD, _PAST = 2, 7  # samples that a column may use after row k, and of the set position before it
 _CHANGES = MOST_SAMPLES + MOST_DELAY + 2  # past changes of the reading that a column may use
 _SIGNS = range(-1, MOST_DELAY + 2)  # samples by which the direction of the set motion may be older than row k
 _SKIP = 0.2  # s at the start: the filters and models of the law hold a past there that the log does not show
@@ -44,6 +44,19 @@ class Term(NamedTuple):
         return Term(factor * self.on)
 
 
+class Twist(NamedTuple):
+    """The motor, which the law reads, is ahead of the logged load by compliance (a - loss da/dt), a of the load.
+
+    compliance  m_load/k, s2;   loss  damping over stiffness d/k, s
+    """
+
+    compliance: float = 0.0
+    loss: float = 0.0
+
+
+STIFF = Twist()
+
+
 class Basis:
     """The basis columns of a log by name, and the regressors of a control law as sums of them.
 
@@ -56,7 +69,7 @@ class Basis:
     def __init__(self, T: float) -> None:
         self.T = T
         names = ["e", "Se", "s", "t"]
-        names += [f"dx{j}" for j in range(-1, _CHANGES)]
+        names += [f"dx{j}" for j in range(-_AHEAD, _CHANGES)]
         names += [f"ds{j}" for j in range(-_AHEAD, _PAST)]
         names += [f"sign{j}" for j in _SIGNS] + [f"moves{j}" for j in _SIGNS]
         self.names = names
@@ -93,42 +106,54 @@ class Basis:
         """Return x_set(k-d)."""
         return self.one("s") - self.many("ds", 0, d)
 
-    def error(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
+    def error(self, d: int, q: int = 0, twist: Twist = STIFF) -> Term:
         """Return x_set(k-d-q) - x(k-d)."""
         error = self.one("e") - self.many("ds", 0, d + q) + self.many("dx", 0, d)
-        return error - compliance * self._bend(d) if compliance else error
+        return error - self._ahead(d, twist) if twist.compliance else error
 
-    def error_sum(self, d: int, q: int = 0, compliance: float = 0.0) -> Term:
+    def error_sum(self, d: int, q: int = 0, twist: Twist = STIFF) -> Term:
         """Return T Σ e up to k-d."""
         total = self.one("Se") - self.T * float(q) * self.set_position(d)
         for i in range(d):
             total = total - self.T * self.error(i)
-        return total - (compliance / self.T) * self.one(f"dx{d - 1}") if compliance else total
+        if twist.compliance:
+            speed, rise = self.one(f"dx{d - 1}"), 0.5 * (self.one(f"dx{d - 2}") - self.one(f"dx{d}"))
+            total = total - (twist.compliance / self.T) * (speed - (twist.loss / self.T) * rise)
+        return total
 
     def reading(self, d: int) -> Term:
         """Return x(k-d)."""
         return self.set_position(d) - self.error(d)
 
-    def velocity(self, n: int, d: int, compliance: float = 0.0) -> Term:
+    def velocity(self, n: int, d: int, twist: Twist = STIFF) -> Term:
         """Return (x(k-d) - x(k-d-n)) / nT."""
         total = (1.0 / (n * self.T)) * self.many("dx", d, d + n)
-        if compliance:
-            total = total + (compliance / (n * self.T)) * (self._bend(d) - self._bend(d + n))
+        if twist.compliance:
+            total = total + (1.0 / (n * self.T)) * (self._ahead(d, twist) - self._ahead(d + n, twist))
         return total
 
-    def travel(self, n: int, d: int, compliance: float = 0.0) -> Term:
+    def travel(self, n: int, d: int, twist: Twist = STIFF) -> Term:
         """Return T Σ of `velocity`, the mean of the last n readings."""
         total = self.reading(d)
         for j in range(n - 1):
             total = total - ((n - 1.0 - j) / n) * self.one(f"dx{d + j}")
-        if compliance:
-            bend = self.one(f"dx{d - 1}") - self.one(f"dx{d + n - 1}")
-            total = total + (compliance / (n * self.T**2)) * bend
+        if twist.compliance:
+            # the sums of both ends telescope
+            new, old = (
+                self.one(f"dx{j - 1}") - (twist.loss / self.T) * (0.5 * (self.one(f"dx{j - 2}") - self.one(f"dx{j}")))
+                for j in (d, d + n)
+            )
+            total = total + (twist.compliance / (n * self.T**2)) * (new - old)
         return total
 
     def _bend(self, d: int) -> Term:
-        """Return the acceleration of the reading: a motor is ahead of its load by m_load/k times that."""
+        """Return the acceleration of the reading."""
         return (1.0 / self.T**2) * (self.one(f"dx{d - 1}") - self.one(f"dx{d}"))
+
+    def _ahead(self, d: int, twist: Twist) -> Term:
+        """Return by how much a motor is ahead of its load: h (a - loss da/dt)."""
+        rise = (0.5 / self.T) * (self._bend(d - 1) - self._bend(d + 1))
+        return twist.compliance * (self._bend(d) - twist.loss * rise)
 
     def set_velocity(self, d: int, *, central: bool) -> Term:
         """Return the set velocity by a backward or a central difference; the latter is the planner's own velocity."""
@@ -234,11 +259,11 @@ class LawRows:
 
     def signed(self, signals: Signals) -> LawRows:
         """Return the rows with the directions of the set motion as `signals` smooth them; all else is kept."""
-        whole = self.whole.copy()
-        for name in self.basis.names:
-            if name.startswith(("sign", "moves")):
-                whole[:, self.basis.names.index(name)] = signals.direction(name)
-        return replace(self, whole=whole, columns=self.centered(whole[self.places]), raw=signals)
+        whole, columns = self.whole.copy(), self.columns.copy()
+        signs = [k for k, name in enumerate(self.basis.names) if name.startswith(("sign", "moves"))]
+        whole[:, signs] = np.stack([signals.direction(self.basis.names[k]) for k in signs], axis=1)
+        columns[:, signs] = self.centered(whole[np.ix_(self.places, signs)])
+        return replace(self, whole=whole, columns=columns, raw=signals)
 
     def centered(self, values: np.ndarray) -> np.ndarray:
         """Return values without their mean over each stretch."""

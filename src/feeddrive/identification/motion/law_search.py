@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from feeddrive.identification.motion.law_rows import (
     LawRows,
     Reduced,
     Signals,
+    Twist,
     reduced,
     triangle,
 )
@@ -40,11 +41,16 @@ _REFITTED = 2  # fits that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_DAMPINGS = np.geomspace(0.005, 0.15, 5)  # damping ratios of an axis that twists
+_USUAL_DAMPING = 0.03  # with which samples, delay and corner are scanned
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
-_REFINED = 12  # fits by instruments whose twist is searched finely
+_REFINED = 6  # fits by instruments whose twist is searched finely
+_TURNS = 2  # in which twist and corner are searched, each with the other one held
+RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100
+MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
 
@@ -183,22 +189,21 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     `choices` are ways to read the log, likeliest first. Cheap searches of all come first; only if each misses
     something, models and low passes are tried, on the one that leaves least.
     """
-    found = list[tuple[Search, np.ndarray]]()
+    found = list[Search]()
     for signals in choices:
         keep = signals.free(limit)
-        first = _searched(signals, keep, deep=False)
+        first = _searched(signals, keep)
         if first is None:
             continue
-        found.append((first, keep))
+        found.append(first)
         for trial in (keep, *_trials(signals, keep, first)):
-            one = first if trial is keep else _searched(signals, trial, deep=False)
+            one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.misses(one.best):
-                return one
-            found += [] if one is None or one is first else [(one, trial)]
+                return _with_low_passes(one) if _late(one.best) else one
+            found += [] if one is None or one is first else [one]
     if not found:
         return None
-    best, keep = min(found, key=lambda pair: pair[0].floor.criterion(pair[0].best.fitted.ssr, 0))
-    return _searched(best.rows.raw, keep, deep=True) or best
+    return _deeper(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)))
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
@@ -213,11 +218,13 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
         strays[first.rows.places[far]] = True
         yield keep & ~strays
     # noise of the log hides that the command is held
-    yield keep & signals.below_plateau()
+    below = keep & signals.below_plateau()
+    if not np.array_equal(below, keep):
+        yield below
 
 
-def _searched(signals: Signals, keep: np.ndarray, *, deep: bool) -> Search | None:
-    """Return the search over the rows in `keep`; only a deep one tries models and low passes."""
+def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
+    """Return the search over the rows in `keep` without models and low passes, or None for too few rows."""
     rows = LawRows.of(signals, keep)
     if rows.force.size < _LEAST_ROWS:
         return None
@@ -227,29 +234,50 @@ def _searched(signals: Signals, keep: np.ndarray, *, deep: bool) -> Search | Non
     likely, least = _likely(floor, tried), next(iter(tried.values()))
     bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
     friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
+    every = (structure for n, d in likely for structure in structures(n, d, friction))
     scored = [
         Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
-        for n, d in likely
-        for structure in structures(n, d, friction)
-        for found in law_structures.minima(structure, basis, part)
+        for found in law_structures.minima(every, basis, part)
     ]
     if not scored:
         return None
-    scored.sort(key=lambda one: one.criterion)
-    # the cheap ones first: each is tried only while something is missed
-    further: tuple[Callable[[], list[Scored]], ...] = (
-        lambda: _smoothed(rows, floor, scored[0]),
-        # once more, with the samples that the first smoothed sign brought out
-        lambda: _smoothed(rows, floor, scored[0]),
-        lambda: _shifted(rows, floor, scored[0]),
-        lambda: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),
-        lambda: _again(rows, floor, _lags(rows.fewer(_FEWER), floor)),
-    )
-    for tried_next in further if deep else further[:3]:
+    # the second time with the samples that the first smoothed sign brought out
+    return _with_more(Search(rows, floor, tried, tuple(scored)), (_smoothed, _smoothed, _shifted))
+
+
+def _deeper(found: Search) -> Search:
+    """Return a search with reference models and low passes."""
+    rows, floor = found.rows, found.floor
+    found = _with_more(found, (lambda *_: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),))
+    return _with_low_passes(found) if floor.misses(found.best) else found
+
+
+def _with_low_passes(found: Search) -> Search:
+    """Return a search with low passes of the command."""
+    best, floor = found.best, found.floor
+    # friction feedforward keeps the direction that explains most so far
+    rows = found.rows if best.signals is found.rows.raw else found.rows.signed(best.signals)
+    more = _lags(rows.fewer(_FEWER), floor, friction=best.structure.friction is not None)
+    more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
+    for one in more[:1]:
+        more += _smoothed(found.rows, floor, one)
+    return replace(found, scored=tuple(sorted((*found.scored, *more), key=lambda one: one.criterion)))
+
+
+def _late(scored: Scored) -> bool:
+    """Return True if a law is so late that a low pass may be what delays it."""
+    return 0.5 * (scored.structure.n - 1) + scored.structure.d > MOST_LAG
+
+
+def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
+    """Return a search with further fits, best first; each step is tried only while the best fit misses something."""
+    rows, floor = found.rows, found.floor
+    scored = sorted(found.scored, key=lambda one: one.criterion)
+    for tried_next in further:
         if floor.misses(scored[0]):
-            scored += tried_next()
+            scored += tried_next(rows, floor, scored[0])
             scored.sort(key=lambda one: one.criterion)
-    return Search(rows, floor, tried, tuple(scored))
+    return replace(found, scored=tuple(scored))
 
 
 def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
@@ -310,37 +338,37 @@ def _models(rows: LawRows, floor: Floor) -> list[Scored]:
     return found
 
 
-def _lags(rows: LawRows, floor: Floor) -> list[Scored]:
-    """Return fits with a low pass of the command, for the likeliest structures."""
+def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
+    """Return fits with a low pass of the command, for the likeliest structures; `friction`: with its feedforward."""
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
-    motion = rows.basis.motion
+    own = np.arange(rows.basis.size) if friction else rows.basis.motion
     # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
     for _ in range(_ZOOMS):
         for share in map(float, grid):
             columns = np.zeros_like(rows.columns)
-            columns[:, motion] = law_structures.lagged(rows, 1.0 - share, motion)
-            factor = reduced(columns[:, motion], rows.force)
+            columns[:, own] = law_structures.lagged(rows, 1.0 - share, own)
+            factor = reduced(columns[:, own], rows.force)
             whole = np.zeros((factor.factor.shape[0], rows.basis.size))
-            whole[:, motion] = factor.factor
+            whole[:, own] = factor.factor
             parts[share] = Reduced(whole, factor.right)
-            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=False).items()]
+            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=friction).items()]
         step **= 0.4
         grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
     coarse = list[Fitted]()
     for _, share, (n, d) in sorted(scans)[:_LIKELY]:
         for fed in ("", "backward"):
-            for family in (CASCADE, PID):
-                for old in (0.0, 0.5):
-                    structure = Structure(family, True, n, d, fed=fed, lag=Lag(1.0 - share, old))
-                    fitted = law_structures.fit(structure, rows.basis, parts[share])
-                    coarse += [] if fitted is None else [fitted]
+            for old in (0.0, 0.5):
+                feed = 0 if friction else None
+                structure = Structure(CASCADE, True, n, d, fed=fed, friction=feed, lag=Lag(1.0 - share, old))
+                fitted = law_structures.fit(structure, rows.basis, parts[share])
+                coarse += [] if fitted is None else [fitted]
     coarse.sort(key=lambda one: one.ssr)
     # the best of each kind: another kind may be nearer to its minimum on the coarse grid
     kinds = dict[tuple[object, ...], Fitted]()
     for one in coarse:
         assert one.structure.lag is not None
-        kinds.setdefault((one.structure.family, one.structure.lag.old, one.structure.fed), one)
+        kinds.setdefault((one.structure.lag.old, one.structure.fed), one)
     fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
     found = list[Fitted]()
     for one in fine[:2] if len(fine) < 2 else sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
@@ -370,83 +398,170 @@ class Instrumented:
     likely: tuple[tuple[Fitted, float], ...]
     instruments: np.ndarray
 
+    @property
+    def sound(self) -> bool:
+        """True if no more than chance is left, by a law that is not so late that it may have a low pass."""
+        structure = self.fitted.structure
+        return self.ratio < RATIO and 0.5 * (structure.n - 1) + structure.d <= MOST_LAG
+
 
 def instrumented(rows: LawRows) -> Instrumented | None:
     """Return the likeliest cascade by instruments, or None.
 
     Errors of readings enter the columns and bias least squares; functions of the set motion do not hold them.
     """
-    Z = rows.instruments()
-    on = Z.T @ np.column_stack([rows.columns, rows.force])
-    part = Reduced(on[:, :-1], on[:, -1])
-    basis, spare = rows.basis, Z.shape[1]
-    scan = [
-        one
-        for n in (1, 2, 4, 8)
-        for d in (0, 1, 2)
-        for h in (0.0, *map(float, _BENDS))
-        for one in law_structures.minima(
-            Structure(CASCADE, True, n, d, fed="backward", friction=0, compliance=h, shifted=True), basis, part
+    problems = _ByMotion(rows)
+    plain = _instrumented(problems, problems.scan(None))
+    if plain is None or plain.sound:
+        return plain
+    passed = [one for share in _POLES for one in problems.scan(Lag(1.0 - float(share), 0.0))]
+    passed.sort(key=lambda one: one.ssr)
+    if not passed or passed[0].structure.lag is None:
+        return plain
+    # the corner about the best one of the grid, whose twist moves with it
+    lagged = _instrumented(problems, passed)
+    return lagged if lagged is not None and lagged.ratio < plain.ratio else plain
+
+
+class _ByMotion:
+    """The problems of cascades in the space of the instruments."""
+
+    def __init__(self, rows: LawRows) -> None:
+        self.rows, self.Z = rows, rows.instruments()
+        self._parts = dict[float | None, Reduced]()
+
+    def part(self, lag: Lag | None) -> Reduced:
+        """Return the reduced problem of all columns after a low pass."""
+        pole = None if lag is None else lag.pole
+        if pole not in self._parts:
+            on = self.Z.T @ np.column_stack([law_structures.with_drag(self.rows, lag), self.rows.force])
+            self._parts[pole] = Reduced(on[:, :-1], on[:, -1])
+        return self._parts[pole]
+
+    def minima(self, structures: Iterable[Structure]) -> list[Fitted]:
+        """Return all fits of structures with one low pass."""
+        tried = list(structures)
+        return law_structures.minima(tried, self.rows.basis, self.part(tried[0].lag)) if tried else []
+
+    def scan(self, lag: Lag | None) -> list[Fitted]:
+        """Return fits of the widest cascade for samples, delays and twists, the smallest residual first."""
+        bends = (0.0, *map(float, _BENDS if lag is None else _BENDS[::2]))
+        found = self.minima(
+            Structure(
+                CASCADE, True, n, d, fed="backward", friction=0, lag=lag, twist=_damped(h), drag=h > 0.0, shifted=True
+            )
+            for n in (1, 2, 4, 8)
+            for d in ((0, 1, 2) if lag is None else (0, 1))
+            for h in bends
         )
-    ]
+        return sorted(found, key=lambda one: one.ssr)
+
+    def refined(self, one: Fitted, *, twist_alone: bool) -> Fitted:
+        """Return a fit at its own minimum over the twist, or over twist, its loss and the corner, each in turn."""
+        if one.structure.twist.compliance == 0.0:
+            return one
+        if twist_alone:
+            return _profile(self.rows, self._along(one, _twisted), one.structure.twist.compliance * _AROUND**2) or one
+        for _ in range(_TURNS):
+            one = _profile(self.rows, self._along(one, _twisted), one.structure.twist.compliance * _AROUND**2) or one
+            losses = 2.0 * _DAMPINGS * math.sqrt(one.structure.twist.compliance)
+            lossy = _profile(self.rows, self._along(one, _lossy), losses)
+            one = lossy if lossy is not None and lossy.ssr < one.ssr else one
+            if one.structure.lag is not None:
+                one = _profile(self.rows, self._along(one, _passed), (1.0 - one.structure.lag.pole) * _AROUND) or one
+        return one
+
+    def _along(self, one: Fitted, change: Callable[[Structure, float], Structure]) -> Callable[[float], Fitted | None]:
+        def at(value: float) -> Fitted | None:
+            fits = self.minima([change(one.structure, value)])
+            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
+            return min(near, key=lambda other: other.ssr, default=None)
+
+        return at
+
+
+def _damped(compliance: float) -> Twist:
+    """Return a twist with the usual damping: d/k = 2 ζ / ω, ω = 1/√compliance."""
+    return Twist(compliance, 2.0 * _USUAL_DAMPING * math.sqrt(compliance))
+
+
+def _twisted(structure: Structure, compliance: float) -> Structure:
+    return replace(structure, twist=structure.twist._replace(compliance=compliance))
+
+
+def _lossy(structure: Structure, loss: float) -> Structure:
+    return replace(structure, twist=structure.twist._replace(loss=loss))
+
+
+def _passed(structure: Structure, share: float) -> Structure:
+    assert structure.lag is not None
+    return replace(structure, lag=structure.lag._replace(pole=1.0 - share))
+
+
+def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | None:
+    """Return the likeliest cascade with the twist and the low pass of the best fit of a scan."""
     if not scan:
         return None
-    scan.sort(key=lambda one: one.ssr)
-    h = scan[0].structure.compliance
-    noise = _slow_noise(rows, scan[0])
+    rows, spare = problems.rows, problems.Z.shape[1]
+    widest = problems.refined(scan[0], twist_alone=False)
+    twist, lag = widest.structure.twist, widest.structure.lag
+    noise = _slow_noise(rows, widest)
 
     def price(one: Fitted) -> float:
         return one.ssr / noise + one.structure.parameters * math.log(spare)
 
-    def best(n: int, d: int) -> list[Fitted]:
-        found = list[Fitted]()
+    def plain(n: int, d: int) -> Iterator[Structure]:
         for forward in law_structures.FORWARD:
             for fed in ("", "backward"):
                 for friction in (None, 0):
                     for integral in (True, False):
-                        plain = Structure(
-                            CASCADE, integral, n, d, forward=forward, fed=fed, friction=friction, shifted=integral
+                        stiff = Structure(
+                            CASCADE,
+                            integral,
+                            n,
+                            d,
+                            forward=forward,
+                            fed=fed,
+                            friction=friction,
+                            lag=lag,
+                            shifted=integral,
                         )
-                        for bend in (0.0, h) if h > 0.0 else (0.0,):
-                            found += law_structures.minima(replace(plain, compliance=bend), basis, part)
-        return found
+                        yield stiff
+                        if twist.compliance > 0.0:
+                            yield replace(stiff, twist=twist)
+                            yield replace(stiff, twist=twist, drag=True)
 
-    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:4]
-    found = sorted((one for pair in pairs for one in best(*pair)), key=price)
+    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:_KEPT]
+    found = problems.minima(one for pair in pairs for one in plain(*pair))
+    found.sort(key=price)
     if not found:
         return None
     # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
-    fine = list[Fitted]()
-    for one in found[:_REFINED]:
-        if one.structure.compliance == 0.0:
-            fine.append(one)
-            continue
-
-        def at(value: float, one: Fitted = one) -> Fitted | None:
-            structure = replace(one.structure, compliance=float(value))
-            fits = law_structures.minima(structure, basis, part)
-            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
-            return min(near, key=lambda other: other.ssr, default=None)
-
-        refined = _profile(rows, at, h * _AROUND**2)
-        fine += [] if refined is None else [refined]
+    fine = [problems.refined(one, twist_alone=True) for one in found[:_REFINED]]
     fine.sort(key=price)
     top = fine[0]
     likely = [one for one in fine if price(one) < price(top) + _ODD]
     ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
-    stiff = min((price(one) for one in found if one.structure.compliance == 0.0), default=math.inf)
-    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), Z)
+    stiff = min((price(one) for one in found if one.structure.twist.compliance == 0.0), default=math.inf)
+    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), problems.Z)
 
 
 def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
-    """Return the covariance of gains, 1/Tn and compliance that were found by instruments."""
+    """Return the covariance of gains, 1/Tn, compliance and pole that were found by instruments."""
     columns, size = law_structures.regressors(top, rows), top.values.size
     rest = rows.force - columns[:, :size] @ top.values
-    if top.structure.compliance > 0.0:
-        step = 0.01 * top.structure.compliance
-        other = replace(top, structure=replace(top.structure, compliance=top.structure.compliance + step))
+    twist = top.structure.twist
+    if twist.compliance > 0.0:
+        step = 0.01 * twist.compliance
+        other = replace(top, structure=_twisted(top.structure, twist.compliance + step))
         bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
         columns = np.column_stack([columns, bend])
+    lag = top.structure.lag
+    if lag is not None:
+        step = 1e-3 * (1.0 - lag.pole)
+        other = replace(top, structure=_passed(top.structure, 1.0 - lag.pole - step))
+        later = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
+        columns = np.column_stack([columns, later])
     return robust_covariance(Z @ (Z.T @ columns), rest, smooth=64)
 
 
@@ -471,22 +586,26 @@ def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted
 
 
 def _variants(structure: Structure) -> Iterator[Structure]:
-    """Yield a structure with all feedforwards, with and without an integral."""
-    for fed in ("", "backward", "central", "middle"):
-        for forward in law_structures.FORWARD if structure.family == CASCADE else ("free", "none"):
-            for integral in (True, False) if structure.family == CASCADE else (True,):
-                yield replace(structure, fed=fed, forward=forward, integral=integral)
+    """Yield a cascade with all feedforwards, with and without an integral."""
+    for friction in dict.fromkeys((None, structure.friction)):
+        for fed in ("", "backward", "central", "middle"):
+            for forward in law_structures.FORWARD:
+                for integral in (True, False):
+                    yield replace(structure, fed=fed, forward=forward, integral=integral, friction=friction)
 
 
 def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     """Return the structures with an integral of a reading with another zero than the logged one."""
-    found, part = list[Scored](), rows.reduced()
-    for structure in structures(best.structure.n, best.structure.d):
-        if structure.integral and structure.friction == best.structure.friction:
-            fitted = law_structures.fit(replace(structure, shifted=True), rows.basis, part)
-            if fitted is not None:
-                found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters), rows.raw))
-    return found
+    tried = (
+        replace(structure, shifted=True)
+        for structure in structures(best.structure.n, best.structure.d)
+        if structure.integral and structure.friction == best.structure.friction
+    )
+    least = dict[Structure, Fitted]()
+    for one in law_structures.minima(tried, rows.basis, rows.reduced()):
+        if one.structure not in least or one.ssr < least[one.structure].ssr:
+            least[one.structure] = one
+    return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in least.values()]
 
 
 def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
@@ -494,32 +613,40 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     if best.structure.friction is None:
         return []
     fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
-    found, again = dict[tuple[bool, float], Scored](), list[Scored]()
+    tried = list[Scored]()
     for sides in (False, True):
         structure = replace(best.structure, sides=sides, friction=0)
+        problems = law_structures.SignProblems(rows, structure)
 
-        def at(speed: float, structure: Structure = structure, sides: bool = sides) -> Fitted | None:
+        def at(speed: float, problems: law_structures.SignProblems = problems) -> Fitted | None:
             signals = replace(rows.raw, smoothing=speed * fastest)
-            changed = rows.signed(signals)
-            part, extra = law_structures.reduced_for(changed, structure)
-            fitted = law_structures.fit(structure, changed.basis, part, extra)
+            fitted = problems.fit(signals)
             if fitted is not None:
-                found[sides, speed] = Scored(fitted, floor.criterion(fitted.ssr, structure.parameters + 1), signals)
+                criterion = floor.criterion(fitted.ssr, fitted.structure.parameters + 1)
+                tried.append(Scored(fitted, criterion, signals))
             return fitted
 
         _profile(rows, at, _SMOOTH)
-    if not found:
+    if not tried:
         return []
-    top = min(found.values(), key=lambda one: one.criterion)
+    top = min(tried, key=lambda one: one.criterion)
+    if top.structure.lag is not None:
+        again = _along_lag(rows.signed(top.signals), top.structure, _CLOSE)
+        if again is None:
+            return [top]
+        return [top, Scored(again, floor.criterion(again.ssr, again.structure.parameters + 1), top.signals)]
     # samples and other feedforwards made up for the wrong sign before
     changed = rows.signed(top.signals)
     part = changed.reduced()
-    pairs = _scanned(changed, part)
-    for n, d in _likely(floor, pairs):
-        for structure in structures(n, d, (0,)):
-            for fitted in law_structures.minima(replace(structure, sides=top.structure.sides), changed.basis, part):
-                unknowns = fitted.structure.parameters + 1
-                again.append(Scored(fitted, floor.criterion(fitted.ssr, unknowns), top.signals))
+    every = (
+        replace(structure, sides=top.structure.sides)
+        for n, d in _likely(floor, _scanned(changed, part))
+        for structure in structures(n, d, (0,))
+    )
+    again = [
+        Scored(one, floor.criterion(one.ssr, one.structure.parameters + 1), top.signals)
+        for one in law_structures.minima(every, changed.basis, part)
+    ]
     return [top, *again]
 
 

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.identification.motion.law_rows import Basis, LawRows, Reduced, Term, filtered, reduced, triangle
+from feeddrive.identification.motion.law_rows import (
+    STIFF,
+    Basis,
+    LawRows,
+    Reduced,
+    Signals,
+    Term,
+    Twist,
+    filtered,
+    reduced,
+    triangle,
+)
 
 # 1/Tn in 1/s: integral times from 0.7 ms to 3 s; a slower integral is a constant within a move
 _SLOWEST, _FASTEST, _POINTS = 0.3, 1500.0, 33
@@ -67,7 +78,8 @@ class Structure:
     forward   velocity feedforward: of a cascade free, one or none; of a PID free (FF1) or none
     fed       when the set acceleration is taken that is fed forward; empty for none
     friction  samples by which the direction of the set motion is older that friction feedforward uses; None for none
-    compliance  s2: the law read a motor that is ahead of the logged load by this times its acceleration, m_load/k
+    twist     the law read a motor that is ahead of the logged load
+    drag      friction of the load twists the axis, so that the motor is ahead by a constant in the direction of motion
     shifted   the zero of the logged reading is not that of the law: its integral then rises by a straight line
     sides     friction feedforward has a level for each direction
     """
@@ -84,7 +96,8 @@ class Structure:
     sides: bool = False
     model: Model | None = None
     lag: Lag | None = None
-    compliance: float = 0.0
+    twist: Twist = STIFF
+    drag: bool = False
     shifted: bool = False
 
     @property
@@ -98,6 +111,7 @@ class Structure:
         if self.friction is not None:
             names += ["friction", *(["difference"] if self.sides else [])]
         names += ["slope"] if self.shifted else []
+        names += ["drag"] if self.drag else []
         return tuple(names)
 
     @property
@@ -109,7 +123,12 @@ class Structure:
     def parameters(self) -> int:
         """The number of unknowns; discrete choices do not count."""
         return (
-            len(self.gains) + self.curved + (self.model is not None) + (self.lag is not None) + (self.compliance > 0.0)
+            len(self.gains)
+            + self.curved
+            + (self.model is not None)
+            + (self.lag is not None)
+            + (self.twist.compliance > 0.0)
+            + (self.twist.loss > 0.0)
         )
 
     def terms(self, basis: Basis) -> tuple[list[Term], list[Term]]:
@@ -125,7 +144,7 @@ class Structure:
 
     def _terms(self, basis: Basis, d: int) -> tuple[list[Term], list[Term]]:
         n, q, zero = self.n, self.older, basis.zero()
-        h = float(self.compliance)
+        h = self.twist
         e, Se, v = basis.error(d, q, h), basis.error_sum(d, q, h), basis.velocity(n, d, h)
         wanted = basis.set_velocity(d + q, central=self.central)
         if self.family == PID:
@@ -189,93 +208,137 @@ class Problem(NamedTuple):
     y: np.ndarray
 
 
-def problem(structure: Structure, basis: Basis, part: Reduced, extra: int = 0) -> Problem:
-    """Return the reduced problem of a structure; `extra` columns behind the basis belong to a reference model."""
+def problem(structure: Structure, basis: Basis, part: Reduced) -> Problem:
+    """Return the reduced problem of a structure; columns of `part` behind the basis belong to a model or a drag."""
     A, B = structure.terms(basis)
-    on_a = np.stack([np.pad(term.on, (0, extra)) for term in A], axis=1)
-    on_b = np.stack([np.pad(term.on, (0, extra)) for term in B], axis=1)
+    on_a, on_b = np.zeros((2, part.factor.shape[1], len(structure.gains)))
+    for k, (a, b) in enumerate(zip(A, B, strict=True)):
+        on_a[: basis.size, k], on_b[: basis.size, k] = a.on, b.on
+    if structure.drag:
+        on_a[: basis.size, -1], on_b[-1, -1] = basis.one(f"sign{structure.d}").on, 1.0
     if structure.model is not None:
         # the integral compares with the velocity of the model: Se and the set travel pass through it
         on_b[:, 0], on_b[-2, 0] = 0.0, 1.0
         if structure.forward != "none":
-            own = -np.pad(basis.travel(structure.n, structure.d).on, (0, extra)) if structure.forward == "one" else 0.0
-            on_b[:, 1] = own
+            on_b[:, 1] = 0.0
+            if structure.forward == "one":
+                on_b[: basis.size, 1] = -basis.travel(structure.n, structure.d).on
             on_b[-1, 1] += 1.0
     return Problem(part.factor @ on_a, part.factor @ on_b, part.right)
 
 
-def lefts(task: Problem, rates: np.ndarray) -> np.ndarray:
-    """Return the sum of squares that is left for each 1/Tn, with the best gains."""
-    C = task.A[None] + rates[:, None, None] * task.B[None]
-    sizes = np.linalg.norm(C, axis=1, keepdims=True)
-    Q, _ = np.linalg.qr(C / np.where(sizes > 0.0, sizes, 1.0))
-    z = np.einsum("krp,r->kp", Q, task.y)
-    rest = task.y - np.einsum("krp,kp->kr", Q, z)
-    return np.einsum("kr,kr->k", rest, rest)
+def fits(structures: Sequence[Structure], tasks: Sequence[Problem]) -> list[Fitted]:
+    """Return the fits of structures: one for each local minimum over 1/Tn, as Kv and 1/Tn may change places.
+
+    All problems have equally many rows. Those with equally many gains are solved at once.
+    """
+    found = list[tuple[int, Fitted]]()
+    alike = dict[tuple[bool, int], list[int]]()
+    for k, (structure, task) in enumerate(zip(structures, tasks, strict=True)):
+        alike.setdefault((structure.curved, task.A.shape[1]), []).append(k)
+    for (curved, _), members in alike.items():
+        stack = _stacked([tasks[k] for k in members])
+        which, rates = np.arange(len(members)), np.zeros(len(members))
+        if curved:
+            which, rates = _minima(stack, [structures[members[k]].gains.index("Kp") for k in which])
+        values, left = _gains(stack, which, rates)
+        found += [
+            (members[k], Fitted(structures[members[k]], gains, float(rate), float(ssr)))
+            for k, rate, gains, ssr in zip(which, rates, values, left, strict=True)
+        ]
+    found.sort(key=lambda pair: pair[0])
+    return [one for _, one in found]
 
 
-def gains(task: Problem, rate: float) -> tuple[np.ndarray, float]:
-    """Return the gains for one 1/Tn, and the sum of squares that is left."""
-    C = task.A + rate * task.B
-    sizes = np.linalg.norm(C, axis=0)
+def _stacked(tasks: Sequence[Problem]) -> Problem:
+    """Return problems of one size as one, with one more axis in front, and with no more rows than unknowns need."""
+    A, B, y = (np.stack(parts) for parts in zip(*tasks, strict=True))
+    p = A.shape[2]
+    if A.shape[1] <= 2 * p + 1:
+        return Problem(A, B, y)
+    R = np.linalg.qr(np.concatenate([A, B, y[..., None]], axis=2), mode="r")
+    return Problem(R[..., :p], R[..., p : 2 * p], R[..., -1])
+
+
+def _columns(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the columns of unit size at each 1/Tn of the problems `which`, their sizes, and the force."""
+    C = stack.A[which] + rates[:, None, None] * stack.B[which]
+    sizes = np.linalg.norm(C, axis=1)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    values = np.linalg.lstsq(C / sizes, task.y, rcond=1e-13)[0] / sizes
-    rest = task.y - C @ values
-    return values, float(rest @ rest)
+    return C / sizes[:, None, :], sizes, stack.y[which]
 
 
-def fits(structure: Structure, task: Problem) -> Iterator[Fitted]:
-    """Yield the fits of a structure: one for each local minimum over 1/Tn, as Kv and 1/Tn may change places."""
-    if not structure.curved:
-        yield Fitted(structure, *_with(task, 0.0))
-        return
+def _lefts(stack: Problem, which: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Return the sum of squares that is left of the problems `which` (k,) with the best gains, for 1/Tn (k, m)."""
+    C, _, y = _columns(stack, np.repeat(which, rates.shape[1]), rates.ravel())
+    Q, _ = np.linalg.qr(C)
+    rest = y - (Q @ (y[:, None, :] @ Q).transpose(0, 2, 1))[..., 0]
+    return np.einsum("kr,kr->k", rest, rest).reshape(rates.shape)
+
+
+def _gains(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gains of the problems `which` (k,) at one 1/Tn each, (k, p), and the sums of squares left, (k,)."""
+    C, sizes, y = _columns(stack, which, rates)
+    scaled = (np.linalg.pinv(C, rcond=1e-13) @ y[..., None])[..., 0]
+    rest = y - (C @ scaled[..., None])[..., 0]
+    return scaled / sizes, np.einsum("kr,kr->k", rest, rest)
+
+
+def _minima(stack: Problem, damping: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return all local minima over 1/Tn: the places of their problems, ascending, and 1/Tn.
+
+    `damping`: the place of the gain Kp in each problem.
+    """
     grid = np.geomspace(_SLOWEST, _FASTEST, _POINTS)
-    left = lefts(task, grid)
-    lowest = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] <= left[2:])) + 1
+    left = _lefts(stack, np.arange(len(damping)), np.tile(grid, (len(damping), 1)))
     # a minimum at an end of the range is a law without an integral, or with nothing else
-    found = [_lowest(task, math.log(grid[k - 1]), math.log(grid[k + 1])) for k in lowest]
-    for rate in list(found):
-        values, _ = gains(task, rate)
-        Kv = float(values[0] / values[structure.gains.index("Kp")])
-        # Kv and 1/Tn exchanged, which the grid may hide between two points
-        if Kv > 0.0 and all(abs(math.log(Kv / other)) > _MERGED for other in found):
-            low, high = math.log(Kv) - _MERGED, math.log(Kv) + _MERGED
-            other = _lowest(task, low, high)
-            if low + 0.01 < math.log(other) < high - 0.01:
-                found.append(other)
-    for rate in found:
-        yield Fitted(structure, *_with(task, rate))
+    which, at = np.nonzero((left[:, 1:-1] <= left[:, :-2]) & (left[:, 1:-1] <= left[:, 2:]))
+    rates = _lowest(stack, which, np.log(grid[at]), np.log(grid[at + 2]))
+    values, _ = _gains(stack, which, rates)
+    Kp = values[np.arange(which.size), np.asarray(damping)[which]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        Kv = values[:, 0] / Kp
+    # Kv and 1/Tn exchanged, which the grid may hide between two points
+    known = [[math.log(rate) for rate in rates[which == k]] for k in range(len(damping))]
+    hidden = [
+        k
+        for k, own in enumerate(which)
+        if Kv[k] > 0.0 and all(abs(math.log(Kv[k]) - other) > _MERGED for other in known[own])
+    ]
+    if hidden:
+        low, high = np.log(Kv[hidden]) - _MERGED, np.log(Kv[hidden]) + _MERGED
+        others = _lowest(stack, which[hidden], low, high)
+        inside = (np.log(others) > low + 0.01) & (np.log(others) < high - 0.01)
+        which, rates = np.append(which, which[hidden][inside]), np.append(rates, others[inside])
+    order = np.argsort(which, kind="stable")
+    return which[order], rates[order]
 
 
-def _lowest(task: Problem, low: float, high: float) -> float:
-    """Return the 1/Tn that leaves least, between two logarithms."""
-    rate = math.exp(0.5 * (low + high))
-    for _ in range(_ROUNDS):
-        near = np.linspace(low, high, _WITHIN)
-        best = int(np.argmin(lefts(task, np.exp(near))))
-        low, high = near[max(best - 1, 0)], near[min(best + 1, _WITHIN - 1)]
-        rate = math.exp(near[best])
-    return rate
+def _lowest(stack: Problem, which: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the 1/Tn (k,) that leave least of the problems `which`, between two logarithms each."""
+    rates, every = np.exp(0.5 * (low + high)), np.arange(which.size)
+    for _ in range(_ROUNDS if which.size else 0):
+        near = np.linspace(low, high, _WITHIN, axis=1)
+        best = np.argmin(_lefts(stack, which, np.exp(near)), axis=1)
+        low, high = near[every, np.maximum(best - 1, 0)], near[every, np.minimum(best + 1, _WITHIN - 1)]
+        rates = np.exp(near[every, best])
+    return rates
 
 
-def _with(task: Problem, rate: float) -> tuple[np.ndarray, float, float]:
-    values, ssr = gains(task, rate)
-    return values, rate, ssr
-
-
-def fit(structure: Structure, basis: Basis, part: Reduced, extra: int = 0) -> Fitted | None:
+def fit(structure: Structure, basis: Basis, part: Reduced) -> Fitted | None:
     """Return the sensible fit with the smallest residual, or None."""
-    return sensible(structure, problem(structure, basis, part, extra))
+    return sensible(structure, problem(structure, basis, part))
 
 
-def minima(structure: Structure, basis: Basis, part: Reduced) -> list[Fitted]:
-    """Return all sensible fits: where Kv and 1/Tn may change places, there are two."""
-    return [one for one in fits(structure, problem(structure, basis, part)) if one.sensible]
+def minima(structures: Iterable[Structure], basis: Basis, part: Reduced) -> list[Fitted]:
+    """Return all sensible fits of structures: where Kv and 1/Tn may change places, there are two."""
+    tried = list(structures)
+    return [one for one in fits(tried, [problem(one, basis, part) for one in tried]) if one.sensible]
 
 
 def sensible(structure: Structure, task: Problem) -> Fitted | None:
     """Return the fit of a problem with the smallest residual among those that act against the error, or None."""
-    found = [one for one in fits(structure, task) if one.sensible]
+    found = [one for one in fits([structure], [task]) if one.sensible]
     return min(found, key=lambda one: one.ssr, default=None)
 
 
@@ -326,27 +389,23 @@ def _low_pass(pole: float) -> tuple[np.ndarray, np.ndarray]:
 
 def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
     """Return the derivatives of the force with respect to the gains and 1/Tn over the rows."""
-    structure, basis = found.structure, rows.basis
+    structure = found.structure
     columns = rows.columns if structure.lag is None else lagged(rows, structure.lag.pole)
-    extra = 0
+    if structure.drag:
+        columns = with_drag(rows, structure.lag)
     if structure.model is not None:
         more = through_model(rows, structure.model, structure.d, structure.older, central=structure.central)
-        columns, extra = np.hstack([columns, more]), more.shape[1]
-    whole = Reduced(columns, rows.force)
-    task = problem(structure, basis, whole, extra)
+        columns = np.hstack([columns, more])
+    task = problem(structure, rows.basis, Reduced(columns, rows.force))
     C = task.A + found.rate * task.B
     return np.column_stack([C, task.B @ found.values]) if structure.curved else C
 
 
-def reduced_for(rows: LawRows, structure: Structure) -> tuple[Reduced, int]:
-    """Return the reduced problem in which a structure with a model or a low pass is linear but for 1/Tn."""
-    columns, extra = rows.columns, 0
-    if structure.lag is not None:
-        columns = lagged(rows, structure.lag.pole)
-    if structure.model is not None:
-        more = through_model(rows, structure.model, structure.d, structure.older, central=structure.central)
-        columns, extra = np.hstack([columns, more]), more.shape[1]
-    return reduced(columns, rows.force), extra
+def with_drag(rows: LawRows, lag: Lag | None) -> np.ndarray:
+    """Return the basis columns over the rows after a low pass, and behind them T Σ of the direction of motion."""
+    direction = rows.whole @ rows.basis.one("sign0").on
+    whole = np.column_stack([rows.whole, rows.basis.T * np.cumsum(direction)])
+    return rows.centered(whole[rows.places]) if lag is None else filtered(rows, _low_pass(lag.pole), whole)
 
 
 class ModelProblems:
@@ -381,3 +440,40 @@ class ModelProblems:
         A, B = columns[forward]
         structure = Structure(CASCADE, True, self.n, self.d, forward=forward, model=model)
         return sensible(structure, Problem(np.stack(A, 1), np.stack(B, 1), y))
+
+
+class SignProblems:
+    """The problems of one structure with friction feedforward and any smoothing of its direction."""
+
+    def __init__(self, rows: LawRows, structure: Structure) -> None:
+        self.rows, self.structure = rows, structure
+        A, B = structure.terms(rows.basis)
+        assert structure.friction is not None
+        age = structure.d + structure.friction
+        self.names = [f"sign{age}", *([f"moves{age}"] if structure.sides else [])]
+        self.first = structure.gains.index("friction")
+        self.signs = slice(self.first, self.first + len(self.names))
+        self.p = len(A)
+        on = np.stack([term.on for term in (*A, *B)], axis=1)
+        on[:, self.signs] = 0.0
+        columns = self._passed(rows.whole @ on) if structure.lag else rows.columns @ on
+        # a triangle of columns that are all 0 in places is still one
+        self.Q, R = np.linalg.qr(np.column_stack([columns, rows.force]))
+        self.own, self.y = R[:, :-1], R[:, -1]
+
+    def fit(self, signals: Signals) -> Fitted | None:
+        """Return the fit with the directions of the set motion as `signals` smooth them, or None."""
+        # `old` of a low pass shifts the direction by half a sample, which the smoothing hides
+        more = np.stack([signals.direction(name) for name in self.names], axis=1)
+        more = self._passed(more) if self.structure.lag else self.rows.centered(more[self.rows.places])
+        on = self.Q.T @ more
+        outside = triangle(more - self.Q @ on)
+        A = np.vstack([self.own[:, : self.p], np.zeros((len(outside), self.p))])
+        A[:, self.signs] = np.vstack([on, outside])
+        B = np.vstack([self.own[:, self.p :], np.zeros((len(outside), self.p))])
+        return sensible(self.structure, Problem(A, B, np.append(self.y, np.zeros(len(outside)))))
+
+    def _passed(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns over the whole log after the low pass of the structure, in the rows."""
+        assert self.structure.lag is not None
+        return filtered(self.rows, _low_pass(self.structure.lag.pole), columns)

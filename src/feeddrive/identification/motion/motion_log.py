@@ -503,11 +503,6 @@ class Prepared:
         """Return velocity and acceleration of another position, filtered like that of the log, at each sample."""
         return _differenced(position, self.cutoff, self.sample_time, self.how)
 
-    def errors(self, position: np.ndarray) -> np.ndarray:
-        """Return the effect of position errors (m, one per sample) on acceleration and velocity, shape (2, n)."""
-        velocity, acceleration = self.differenced(position)
-        return self.reduced(np.array([acceleration, velocity]))
-
 
 def prepare(log: MotionLog, how: Preparation) -> Prepared:
     """Return the filtered and decimated rows of a log for least squares.

@@ -86,6 +86,7 @@ class RigidFit(Result):
                 the reaction of the control to disturbances cause
     left_out    rows that do not count, by cause (`motion_log.CAUSES`)
     periods     lengths after which a force along the travel repeats; infinite for one proportional to the position
+    bends       True if the log shows that the axis bends: a force follows the fourth derivative of the position, too
     travel      smallest and largest position in the log
     """
 
@@ -103,6 +104,7 @@ class RigidFit(Result):
     instruments: bool = False
     left_out: Mapping[str, int] = field(default_factory=dict[str, int])
     periods: tuple[float, ...] = ()
+    bends: bool = False
     travel: tuple[float, float] = (0.0, 0.0)
     counts: tuple[float, float] = (0.0, 0.0)
 
@@ -259,22 +261,70 @@ def identify_rigid(
     """
     if friction not in (*FRICTIONS, "best"):
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
-    start = how or Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
-    rows = motion_log.prepare(log, start)
+    models = tuple(FRICTIONS) if friction == "best" else (friction,)
+    if how is not None:
+        return _identified(log, models, how, folds, judged=False)
+    start = Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
+    return _identified(log, models, start, folds, judged=True)
+
+
+def _identified(log: MotionLog, models: Sequence[str], how: Preparation, folds: int, *, judged: bool) -> RigidFit:
+    """Identify with one preparation; `judged`: with rows and further terms by evidence, and a free dead time."""
+    rows = motion_log.prepare(log, how)
     check_motion(log.name, rows.velocity, log.frame)
-    instruments = None
-    if how is None:
+    used, instruments, terms = np.ones(rows.time.size, bool), None, Terms()
+    if judged:
         instruments = instruments_of(log, rows)
         faster = _without_slow_rows(log, rows, instruments)
         if faster is not rows:
             rows, instruments = faster, instruments_of(log, faster)
-    models = tuple(FRICTIONS) if friction == "best" else (friction,)
-    used = np.ones(rows.time.size, bool) if how is not None else _without_pulses(log, rows, instruments)
-    periods = () if how is not None else _periods(log, rows, used, instruments)
-    fits = [_fit(log, rows, used, instruments, model, folds, periods, free=how is None) for model in models]
+        used = _without_pulses(log, rows, instruments)
+        terms = _by_evidence(log, rows, used, instruments)
+    fits = [_fit(log, rows, used, instruments, model, folds, terms, free=judged) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
     return replace(best, criterion=criterion)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What acts beside mass and friction: a force along the travel, and the bending of the axis.
+
+        slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
+
+    periods  the periods of the force along the travel; infinite: proportional to the position
+    bends    True with the last term. Two masses on a spring need, well below their resonance f, the force
+             M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, whose motor is ahead
+    """
+
+    periods: tuple[float, ...] = ()
+    bends: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the parameters."""
+        return [*place_names(self.periods), *(["bend"] if self.bends else [])]
+
+    def columns(self, log: MotionLog, rows: Prepared, position: np.ndarray) -> np.ndarray:
+        """Return the columns of the terms in the rows of a fit, from any position over time."""
+        parts = [place_columns(position, self.periods, _middle(log)[2])]
+        if self.bends:
+            acceleration = rows.differenced(position)[1]
+            parts.append(_twice(acceleration, log.sample_time)[:, None])
+        whole = np.hstack(parts)
+        return rows.reduced(whole.T).T if whole.shape[1] else np.zeros((rows.time.size, 0))
+
+    def instruments(self, log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> np.ndarray | None:
+        """Return the instruments with those of the terms, from the set position."""
+        if instruments is None or log.set_position is None or not self.names:
+            return instruments
+        added = self.columns(log, rows, log.set_position)
+        sizes = np.linalg.norm(added, axis=0)
+        return np.column_stack([instruments, added[:, sizes > 0.0] / sizes[sizes > 0.0]])
+
+
+def _twice(values: np.ndarray, T: float) -> np.ndarray:
+    return motion_log.central_difference(motion_log.central_difference(values, T), T)
 
 
 def place_names(periods: Sequence[float]) -> list[str]:
@@ -299,62 +349,49 @@ def _middle(log: MotionLog) -> tuple[float, float, float]:
     return begin, end, 0.5 * (begin + end)
 
 
-def _place_rows(log: MotionLog, rows: Prepared, position: np.ndarray, periods: Sequence[float]) -> np.ndarray:
-    """Return the columns of a force along the travel in the rows of a fit, from any position over time."""
-    if not periods:
-        return np.zeros((rows.time.size, 0))
-    return rows.reduced(place_columns(position, periods, _middle(log)[2]).T).T
+def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> Terms:
+    """Return the terms of which the log gives evidence.
 
-
-def _periods(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> tuple[float, ...]:
-    """Return the periods of a force along the travel, as far as the log gives evidence of one.
-
-    Tried are a force proportional to the position, and one periodic along the travel: on an axis that turns one turn
-    (the weight of an arm), else the period that explains most of the residual. A term is taken if it lowers the
-    information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors.
+    Tried are the bending of the axis, a force proportional to the position, and one periodic along the travel: on an
+    axis that turns one turn (the weight of an arm), else the period that explains most of the residual. A term is taken
+    if it lowers the information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors, and not if
+    it would hide the mass (see `_hides`); bending by instruments only.
     """
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns[used] != 0.0, axis=0)]
-    chosen: tuple[float, ...] = ()
+    chosen = Terms()
     best = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
     criterion = regression.information(best.residual, best.values.size)
-    for periodic in (False, True):
-        period = 2.0 * np.pi if periodic else np.inf
-        if periodic and log.frame is regression.TABLE:
-            # the low pass of the rows shrinks a constant, and so a position
-            places = rows.reduced(log.position) / rows.constant
-            period = _strongest(places[used], best.columns, best.residual, end - begin)
-        if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
-            continue
-        tried = (*chosen, period)
-        added = _place_rows(log, rows, log.position, tried)
+    for kind in ("bend", "slope", "period"):
+        tried = replace(chosen, bends=True)
+        if kind != "bend":
+            period = np.inf if kind == "slope" else 2.0 * np.pi
+            if kind == "period" and log.frame is regression.TABLE:
+                # the low pass of the rows shrinks a constant, and so a position
+                places = rows.reduced(log.position) / rows.constant
+                period = _strongest(places[used], best.columns, best.residual, end - begin)
+            if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
+                continue
+            tried = replace(chosen, periods=(*chosen.periods, period))
+        added = tried.columns(log, rows, log.position)
         wider = np.column_stack([columns, added])
-        if _dependent(wider[used]):
+        if _dependent(wider[used]) or _hides(columns[used], wider[used]):
             continue
-        seen = instruments
-        if instruments is not None and log.set_position is not None:
-            seen = _with_places(log, rows, instruments, tried)
+        seen = tried.instruments(log, rows, instruments)
         solved = _solve(log, rows, wider, rows.how.delay, free=True, instruments=seen, used=used)
         lower = regression.information(solved.residual, solved.values.size)
-        count = 1 if np.isinf(period) else 2
-        at = slice(columns.shape[1] + added.shape[1] - count, columns.shape[1] + added.shape[1])
-        values, covariance = solved.values[at], solved.covariance[at, at]
+        new = [columns.shape[1] + k for k, name in enumerate(tried.names) if name not in chosen.names]
+        values, covariance = solved.values[new], solved.covariance[np.ix_(new, new)]
         # without any residual there is no error either, and no evidence
-        known = np.linalg.matrix_rank(covariance) == count
+        known = np.linalg.matrix_rank(covariance) == len(new)
         sure = known and float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
+        # through the control, counts of the readings look like bending; instruments do not hold them
+        if kind == "bend" and not solved.instrumented:
+            continue
         if criterion - lower > _EVIDENCE and sure:
             chosen, criterion, best = tried, lower, solved
     return chosen
-
-
-def _with_places(log: MotionLog, rows: Prepared, instruments: np.ndarray, periods: Sequence[float]) -> np.ndarray:
-    """Return the instruments with those of a force along the travel, from the set position."""
-    if not periods or log.set_position is None:
-        return instruments
-    added = _place_rows(log, rows, log.set_position, periods)
-    sizes = np.linalg.norm(added, axis=0)
-    return np.column_stack([instruments, added[:, sizes > 0.0] / sizes[sizes > 0.0]])
 
 
 def _dependent(columns: np.ndarray) -> bool:
@@ -364,6 +401,17 @@ def _dependent(columns: np.ndarray) -> bool:
         return True
     variance = np.diag(regression.inverse_gram(columns / sizes))
     return bool(np.any(~(variance < 1.0 / LEAST_INDEPENDENT**2)))
+
+
+def _hides(columns: np.ndarray, wider: np.ndarray) -> bool:
+    """Return True if the further columns of `wider` hide the mass, the first column: its variance rises by more than
+    `_MOST_LOSS`.
+
+    On a circle x'' = -w² x: a force proportional to the position is then nearly the inertial force.
+    """
+    alone, beside = (float(regression.inverse_gram(x)[0, 0]) for x in (columns, wider))
+    # negated, so that NaN counts
+    return not beside <= _MOST_LOSS * alone
 
 
 def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
@@ -638,15 +686,14 @@ def _fit(
     instruments: np.ndarray | None,
     friction: str,
     folds: int,
-    periods: tuple[float, ...],
+    terms: Terms,
     *,
     free: bool,
 ) -> RigidFit:
-    names = (*NAMES[friction], *place_names(periods))
-    columns = np.column_stack([columns_of(rows, friction), _place_rows(log, rows, log.position, periods)])
+    names = (*NAMES[friction], *terms.names)
+    columns = np.column_stack([columns_of(rows, friction), terms.columns(log, rows, log.position)])
     check_columns(log.name, columns[used], names)
-    if instruments is not None:
-        instruments = _with_places(log, rows, instruments, periods)
+    instruments = terms.instruments(log, rows, instruments)
     solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments, used=used)
     columns = columns[used]
     p = len(names)
@@ -660,6 +707,7 @@ def _fit(
     ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
     special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
+    special["bend"] = f"{frame.inertia} s^2"
     units = [special.get(name.split("_")[0], frame.force) for name in names]
     estimates = tuple(
         Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
@@ -680,7 +728,8 @@ def _fit(
         dead_time=Estimate("dead_time", late, "samples", error, white),
         how=replace(rows.how, delay=motion_log.HOLD + late),
         instruments=solved.instrumented,
-        periods=periods,
+        periods=terms.periods,
+        bends=terms.bends,
         travel=_middle(log)[:2],
         left_out=rows.left_out | {"pulse": int(np.sum(~used))},
         # quantization acts alike in used and in unused rows
@@ -706,13 +755,13 @@ def _with_counts(
     ways = {"viscous_positive": velocity > 0.0, "viscous_negative": velocity < 0.0}
     residuals, shifts = [], []
     for _ in range(_DRAWN):
-        changes, slow = rows.errors(count * random.uniform(-0.5, 0.5, log.position.size))[:, used]
-        noise = np.column_stack(
-            [
-                changes if name == "mass" else slow * ways.get(name, 1.0) if name.startswith("viscous") else 0.0 * slow
-                for name in names
-            ]
-        )
+        slow, changes = rows.differenced(count * random.uniform(-0.5, 0.5, log.position.size))
+        bends = _twice(changes, log.sample_time) if "bend" in names else changes
+        changes, slow, bends = rows.reduced(np.array([changes, slow, bends]))[:, used]
+        in_column = {"mass": changes, "bend": bends} | {
+            name: slow * ways.get(name, 1.0) for name in names if name.startswith("viscous")
+        }
+        noise = np.column_stack([in_column.get(name, np.zeros_like(slow)) for name in names])
         if solved.free:
             # the slope of the force holds no reading
             noise = np.column_stack([noise, np.zeros(noise.shape[0])])
