@@ -34,7 +34,8 @@ NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyon
 # of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
 MOST_NOISE = 0.6
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
-SURE = 0.1  # largest relative error of Kp and Kv with which a law found by instruments counts as known
+SURE = 0.1  # largest relative error of Kp and Kv, or of P and D, with which a law counts as known
+MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 _SHOWN = 3  # laws that are named
@@ -55,6 +56,11 @@ class LawReading:
 
     def __getitem__(self, name: str) -> Estimate:
         return next(estimate for estimate in self.estimates if estimate.name == name)
+
+    @property
+    def doubt(self) -> float:
+        """The largest relative error of its gains Kv and Kp, or P and D."""
+        return max(e.error / abs(e.value) for e in self.estimates if e.name in ("Kv", "Kp", "P", "D"))
 
     def value(self, name: str, default: float = 0.0) -> float:
         """Return a gain, or `default` if this law has none of that name."""
@@ -160,19 +166,17 @@ def identify_control(log: MotionLog) -> ControlFit:
             "motion of lower acceleration"
         )
     verdict = _judged(found)
-    if (verdict.law or verdict.near) and found.floor.left > MOST_NOISE:
+    if verdict.instrumented is not None:
+        return _by_instruments(log, found, verdict.instrumented)
+    if verdict.silent:
         raise NotIdentifiableError(
             f"{log.name}: even a free linear law of set position and position leaves "
             f"{Quantity(found.floor.left, 'share'):3} of the force, more than {Quantity(MOST_NOISE, 'share'):6}: the "
             "columns are not what the law read and commanded, as those of another encoder; state the law in a machine "
             "file"
         )
-    if verdict.law:
-        return _fit(log, found, near=False)
-    if verdict.instrumented is not None:
-        return _by_instruments(log, found, verdict.instrumented)
-    if verdict.near:
-        return _fit(log, found, near=True)
+    if verdict.law or verdict.near:
+        return _fit(log, found, near=verdict.near)
     power = found.floor.power
     best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
     free = Quantity(found.floor.left, "share")
@@ -196,12 +200,17 @@ def _searched(log: MotionLog, signals: Signals) -> Search | None:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """What a search shows: the law, a law near to it, or none; `bent` if nonlinear functions explain the rest."""
+    """What a search shows: the law, a law near to it, or none.
+
+    bent    nonlinear functions of the signals explain what is left
+    silent  even a free law of the signals leaves more than `MOST_NOISE` of the force
+    """
 
     law: bool
     near: bool
     bent: bool
     instrumented: Instrumented | None
+    silent: bool = False
 
 
 def _judged(found: Search) -> _Verdict:
@@ -212,13 +221,17 @@ def _judged(found: Search) -> _Verdict:
     added = abs(law_search.correlation(rest)) - abs(floor.memory)
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
-    explains = best.criterion < floor.price and not floor.misses(best)
-    if explains and added < WHITE and not bent:
+    close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
+    explains = close and best.criterion < floor.price and not floor.misses(best)
+    # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
+    silent = floor.left > MOST_NOISE
+    if explains and added < WHITE and not bent and not silent:
         return _Verdict(True, False, False, None)
     by_motion = law_search.instrumented(found.rows)
     if by_motion is not None and _known(found.rows, by_motion, floor.memory):
         return _Verdict(False, False, bent, by_motion)
-    return _Verdict(False, left < NEAR and added < WHITE and not bent, bent, None)
+    near = left < NEAR and added < WHITE and not bent and not silent
+    return _Verdict(False, near, bent, None, silent)
 
 
 def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
@@ -249,6 +262,14 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         # fits that differ in samples alone are one law; a far 1/Tn is another one
         if not any(reading.name == _title(one.structure) and _near(reading, one) for reading in readings):
             readings.append(_reading(log, found, one, alike))
+    unsure = min(readings, key=lambda reading: reading.doubt)
+    readings = [reading for reading in readings if reading.doubt < SURE]
+    if not readings:
+        raise NotIdentifiableError(
+            f"{log.name}: {unsure.name} explains the force, but the log tells its gains to "
+            f"+-{Quantity(regression.NORMAL * unsure.doubt, 'share'):2} only: record a longer motion with ramps, or "
+            "state the law in a machine file"
+        )
     ordered = sorted(readings, key=_unusual)
     first = ordered[0]
     power = found.floor.power

@@ -49,7 +49,7 @@ _TURNS = 2  # in which twist and corner are searched, each with the other one he
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
-_LEAST_ROWS = 100
+_LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 

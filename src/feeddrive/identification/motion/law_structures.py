@@ -192,8 +192,10 @@ class Fitted:
 
     @property
     def sensible(self) -> bool:
-        """True if the law acts against the error: its loop gains are positive."""
+        """True if the law acts against the error, and its friction feedforward against friction."""
         kind = self.structure
+        if kind.friction is not None and self["friction"] < 0.0:
+            return False
         if kind.family == PID:
             return self["P"] > 0.0 and self["D"] > 0.0 and (not kind.integral or self["I"] > 0.0)
         forward = self["Kp ff"] > -0.05 * self["Kp"] if kind.forward == "free" else True
@@ -256,7 +258,7 @@ def _stacked(tasks: Sequence[Problem]) -> Problem:
     p = A.shape[2]
     if A.shape[1] <= 2 * p + 1:
         return Problem(A, B, y)
-    R = np.linalg.qr(np.concatenate([A, B, y[..., None]], axis=2), mode="r")
+    R = np.asarray(np.linalg.qr(np.concatenate([A, B, y[..., None]], axis=2), mode="r"))
     return Problem(R[..., :p], R[..., p : 2 * p], R[..., -1])
 
 
