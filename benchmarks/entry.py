@@ -70,7 +70,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
     """Return the options that name all columns with their units."""
     turning = {"position": "angle", "setpoint": "set_angle", "force": "torque"}
     roles = turning if rotary else {"setpoint": "set_position"}
-    # with two encoders the one of the load is the position of the axis
+    # with two encoders the one of the load is the position of the axis, and the other one is not needed
     taken = ["time", "setpoint", "position_load" if two else "position", "force"]
     typed: dict[str, Any] = {}
     for role in taken:
@@ -79,11 +79,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
         factor = {"%": written.rated / 100.0, "A": written.rated}.get(unit)
         scaled = f"{name}:{unit}" if factor is None else f"{name}*{factor:.10g}:{'Nm' if rotary else 'N'}"
         typed[roles.get(what, what)] = scaled
-    # the other encoder is not named, and its column may state no unit
-    heads = written.path.read_text(encoding="utf-8").splitlines()[0].split(written.delimiter)
-    bare = two and not rotary and written.units["position"] != "m" and written.names["position"] in heads
-    others = {"unit": (written.units["position"],)} if bare else dict[str, Any]()
-    return typed | others | ({"rotary": True} if rotary else {})
+    return typed | ({"rotary": True} if rotary else {})
 
 
 def identified(path: Path, out: Path, **typed: Any) -> tuple[Identified, Any]:

@@ -43,10 +43,11 @@ _RATIOS = {
 
 @dataclass(frozen=True)
 class RoleDoubt:
-    """A contradiction between the roles of columns and their samples.
+    """A contradiction between the roles of columns and their samples, or roles that the samples do not confirm.
 
     roles    the roles concerned, the one to correct first
-    kind     swapped, encoders, velocity, axis, sign, unit, force or late
+    kind     swapped, encoders, velocity, axis, sign, unit, force, late, or open: the samples neither confirm nor
+             contradict the roles
     why      the sentence: what the samples show, and the option that corrects it
     certain  True if a result with these roles would be wrong; otherwise it is a remark
     """
@@ -172,6 +173,13 @@ class _Check:
                     f"the two columns are exchanged ({self.exchange(role, position)})"
                 )
                 doubts.append(RoleDoubt((role, position), "late", why, certain=False))
+            elif first < 1.0 and not shapes.smoother(goal, actual):
+                why = Text(
+                    f"the samples do not tell which of '{a}' and '{b}' is the set position: neither leads clearly, the "
+                    f"force follows both alike, and '{a}' is not the smoother one; if they are exchanged: "
+                    f"{self.exchange(role, position)}"
+                )
+                doubts.append(RoleDoubt((role, position), "open", why, certain=False))
         return doubts
 
     @property
@@ -244,6 +252,14 @@ class _Check:
                     f"in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
                 )
                 return [RoleDoubt((motor, table), "encoders", why, certain=first < -shapes.SURE)]
+            if first < shapes.LIKELY:
+                a, b = self.name(motor), self.name(table)
+                why = Text(
+                    f"the samples do not tell which of '{a}' and '{b}' is at the motor: neither runs ahead of the "
+                    f"other while the axis accelerates ({number(first, 2)} standard errors); if '{b}' is, give them "
+                    f"the other way round in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
+                )
+                return [RoleDoubt((motor, table), "open", why, certain=False)]
         return []
 
     def velocities(self, position: str) -> list[RoleDoubt | None]:
@@ -349,6 +365,18 @@ class _Check:
                 f"{Quantity(max(as_position.explained, 0.0), 'share'):2}: it is of another axis, or no force{instead}"
             )
             return [RoleDoubt((role, position), "force", why, certain=bool(best))]
+        left = 1.0 - as_position.explained
+        for other, what in ((as_velocity.explained, "a velocity"), (as_position.as_power, "")):
+            if 1.0 - other > shapes.AGREES * left:
+                continue
+            told = Text(f"'{a}' is a position or {what}") if what else Text(f"'{b}' is a force or a power")
+            named = position if what else role
+            why = Text(
+                f"the samples do not tell whether {told}: the one explains {Quantity(1.0 - left, 'share'):3} of "
+                f"'{b}', the other {Quantity(other, 'share'):3}; name the right column with "
+                f"{self.option(named, Column(name='COLUMN'))} if it is another one"
+            )
+            return [RoleDoubt((named, role if what else position), "open", why, certain=False)]
         return []
 
 

@@ -28,6 +28,7 @@ BETTER = 0.25  # unexplained share of one reading over that of another, from whi
 PROPORTIONAL = 0.98  # share of a command that the velocity alone explains, from which on it commands a velocity
 CLEAR = 1.0  # sample by which one channel must lead another one: less may be the recorder's order
 AGREES = 2.0  # times that one position explains more of the force than another, to confirm the lead: noise makes 1.2
+SMOOTH = 0.5  # of the third differences of a reading, below which those of a set position are; 0.34 is usual
 FAR = 8.0  # times that one position explains more of the force than another, against the lead: 5 occur by counts
 LIKELY = 2.5  # standard errors from which on that effect is worth a remark
 SURE = 5.0  # standard errors of an effect that decides between motor and table
@@ -203,6 +204,14 @@ def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: flo
     if lead == side:
         return lead if times > AGREES else 0.5 * lead
     return side if times > FAR else 0.5 * lead
+
+
+def smoother(one: np.ndarray, other: np.ndarray) -> bool:
+    """Return True if the third differences of the first channel are clearly smaller: a planner is smooth, readings
+    have counts and noise.
+    """
+    rough, rougher = (float(np.sqrt(np.mean(np.diff(x, 3) ** 2))) for x in (one, other))
+    return rough < SMOOTH * rougher
 
 
 def _wide_rate(grid: Grid, x: np.ndarray) -> np.ndarray:

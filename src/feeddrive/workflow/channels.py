@@ -549,6 +549,9 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
     return role, column
 
 
+_PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
+
+
 def _guessed_roles(
     path: OpenedFile,
     told: abc.Mapping[str, Column],
@@ -568,6 +571,13 @@ def _guessed_roles(
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
     guessed = {role: column for role, column in guessed.items() if column.name not in taken}
+    if any(role in told for role in _PLACES):
+        # a person who named the position needs no other one, whose unit may be unknown
+        guessed = {
+            role: column
+            for role, column in guessed.items()
+            if role not in _PLACES or column.unit or column.factor is not None or stated(path, column.name, role)
+        }
     if guessed or any(role not in told for role in guess.needs):
         show(guess, path, progress)
     mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}

@@ -19,7 +19,7 @@ from feeddrive.identification.motion.control_law import LawCheck
 from feeddrive.identification.motion.identify_law import ControlFit, identify_control
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
-from feeddrive.identification.motion.rigid import DelayFit, RigidFit, find_delay, identify_rigid
+from feeddrive.identification.motion.rigid import SURE_MASS, DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
@@ -270,7 +270,7 @@ def beyond(delay: DelayFit, stated: float) -> int:
 
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
-SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
+USABLE_MASS = 0.1  # the same of a mass that a machine file may hold: a start law keeps its margin over 20 %
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 
@@ -325,7 +325,21 @@ class Identified(Result):
                 f"those that were used {Quantity(rigid.residuals.relative, 'share'):3}, so the axis changed along the "
                 "log"
             )
+        mass = self._mass
+        if mass.error > USABLE_MASS * mass.value:
+            return self._unsure
         return ""
+
+    @property
+    def _unsure(self) -> Text:
+        """A phrase that says how well the log tells the mass."""
+        mass = self._mass
+        share = Quantity(NORMAL * mass.error / mass.value, "share")
+        low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
+        return Text(
+            f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; record next moves whose "
+            "inertial force is at least as large as friction for a tenth of the time, with ramps of 30 ms or more"
+        )
 
     @property
     def recommendation(self) -> str:
@@ -346,15 +360,7 @@ class Identified(Result):
             return Judgment.DO_NOT_TRUST.because(why)
         mass = self._mass
         if mass.error > SURE_MASS * mass.value:
-            share = Quantity(NORMAL * mass.error / mass.value, "share")
-            low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
-            return Judgment.DO_NOT_TRUST.because(
-                Text(
-                    f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; record next moves "
-                    "whose inertial force is at least as large as friction for a tenth of the time, with ramps of "
-                    "30 ms or more"
-                )
-            )
+            return Judgment.DO_NOT_TRUST.because(self._unsure)
         unused = Quantity(self.rigid.validation.relative, "share")
         reason = Text(f"they predict stretches of the log that were not used to {unused:3} of the force")
         if self.refinement is not None:

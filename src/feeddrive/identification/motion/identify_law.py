@@ -34,7 +34,7 @@ NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyon
 # of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
 MOST_NOISE = 0.6
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
-SURE = 0.1  # largest relative error of Kp and Kv, or of P and D, with which a law counts as known
+SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
@@ -59,8 +59,11 @@ class LawReading:
 
     @property
     def doubt(self) -> float:
-        """The largest relative error of its gains Kv and Kp, or P and D."""
-        return max(e.error / abs(e.value) for e in self.estimates if e.name in ("Kv", "Kp", "P", "D"))
+        """The largest relative error of its gains Kp, or P and D.
+
+        Not that of Kv, whose error has no bound where Kv and 1/Tn are alike: only their sum and product are told.
+        """
+        return max(e.error / abs(e.value) for e in self.estimates if e.name in ("Kp", "P", "D"))
 
     def value(self, name: str, default: float = 0.0) -> float:
         """Return a gain, or `default` if this law has none of that name."""
@@ -219,18 +222,20 @@ def _judged(found: Search) -> _Verdict:
         return _Verdict(True, False, False, None)
     rest = found.residual(best)
     added = abs(law_search.correlation(rest)) - abs(floor.memory)
+    # a smoothed direction, which the free law lacks, may leave less than it, and another memory
+    quiet = added < WHITE or best.fitted.ssr < floor.ssr
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = close and best.criterion < floor.price and not floor.misses(best)
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
-    if explains and added < WHITE and not bent and not silent:
+    if explains and quiet and not bent and not silent:
         return _Verdict(True, False, False, None)
     by_motion = law_search.instrumented(found.rows)
     if by_motion is not None and _known(found.rows, by_motion, floor.memory):
         return _Verdict(False, False, bent, by_motion)
-    near = left < NEAR and added < WHITE and not bent and not silent
+    near = left < NEAR and quiet and not bent and not silent
     return _Verdict(False, near, bent, None, silent)
 
 

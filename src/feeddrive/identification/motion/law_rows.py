@@ -262,7 +262,7 @@ class LawRows:
         whole, columns = self.whole.copy(), self.columns.copy()
         signs = [k for k, name in enumerate(self.basis.names) if name.startswith(("sign", "moves"))]
         whole[:, signs] = np.stack([signals.direction(self.basis.names[k]) for k in signs], axis=1)
-        columns[:, signs] = self.centered(whole[np.ix_(self.places, signs)])
+        columns[:, signs] = self.centered(whole[self.places][:, signs])
         return replace(self, whole=whole, columns=columns, raw=signals)
 
     def centered(self, values: np.ndarray) -> np.ndarray:

@@ -51,6 +51,7 @@ _ODD = 12.0  # difference of the criterion up to which such a fit counts when er
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
+_TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
 
@@ -98,6 +99,10 @@ class Floor:
         """Return True if a structure leaves more than chance lets a law leave beyond the free one."""
         spare = self.unknowns - scored.structure.parameters
         return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
+
+    def wants_more(self, scored: Scored) -> bool:
+        """Return True if a structure misses something, or leaves so much more that further ones are worth a trial."""
+        return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr
 
     def gain(self, more: float, less: float) -> float:
         """Return n ln(more / less) of two sums of squares."""
@@ -198,7 +203,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         found.append(first)
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
-            if one is not None and not one.floor.misses(one.best):
+            if one is not None and not one.floor.wants_more(one.best):
                 return _with_low_passes(one) if _late(one.best) else one
             found += [] if one is None or one is first else [one]
     if not found:
@@ -249,7 +254,7 @@ def _deeper(found: Search) -> Search:
     """Return a search with reference models and low passes."""
     rows, floor = found.rows, found.floor
     found = _with_more(found, (lambda *_: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),))
-    return _with_low_passes(found) if floor.misses(found.best) else found
+    return _with_low_passes(found) if floor.wants_more(found.best) else found
 
 
 def _with_low_passes(found: Search) -> Search:
@@ -274,7 +279,7 @@ def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored
     rows, floor = found.rows, found.floor
     scored = sorted(found.scored, key=lambda one: one.criterion)
     for tried_next in further:
-        if floor.misses(scored[0]):
+        if floor.wants_more(scored[0]):
             scored += tried_next(rows, floor, scored[0])
             scored.sort(key=lambda one: one.criterion)
     return replace(found, scored=tuple(scored))

@@ -18,7 +18,7 @@ from feeddrive.identification.motion import motion_log
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
 from feeddrive.language.block import Number
-from feeddrive.language.errors import NotIdentifiableError, ParameterError
+from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
@@ -67,6 +67,8 @@ _LEAST_REPEATS = 2.0  # periods in the travel: fewer are a bow of the friction, 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
+SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
+_FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the rows that are tried where the usual ones tell less
 _EXACT = 1e-3  # share of the RMS force: the filters alone leave about as much of a log without noise
 _DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
@@ -265,11 +267,46 @@ def identify_rigid(
     if how is not None:
         return _identified(log, models, how, folds, judged=False)
     start = Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
-    return _identified(log, models, start, folds, judged=True)
+    unknown: _MassUnknownError | None = None
+    fit: RigidFit | None = None
+    try:
+        fit = _identified(log, models, start, folds, judged=True)
+        if _doubt(fit) <= SURE_MASS:
+            return fit
+    except _MassUnknownError as error:
+        unknown = error
+    # ramps that last two or three rows tell little of a mass; finer rows may tell more
+    try:
+        step = max(1, round(_FINER_STEP / log.sample_time))
+        finer = replace(start, cutoff=_FINER_CUTOFF, decimation=step)
+        other = _identified(log, models, finer, folds, judged=True, straight=True)
+        if fit is None or _doubt(other) < _doubt(fit):
+            return other
+    except (LogError, NotIdentifiableError):
+        if unknown is not None:
+            raise unknown from None
+    assert fit is not None
+    return fit
 
 
-def _identified(log: MotionLog, models: Sequence[str], how: Preparation, folds: int, *, judged: bool) -> RigidFit:
-    """Identify with one preparation; `judged`: with rows and further terms by evidence, and a free dead time."""
+def _doubt(fit: RigidFit) -> float:
+    return fit["mass"].error / fit["mass"].value
+
+
+def _identified(
+    log: MotionLog,
+    models: Sequence[str],
+    how: Preparation,
+    folds: int,
+    *,
+    judged: bool,
+    straight: bool = False,
+) -> RigidFit:
+    """Identify with one preparation.
+
+    judged    with rows and further terms by evidence, and a free dead time
+    straight  raise _MassUnknownError for an axis that seems to bend, if no instruments tell by how much
+    """
     rows = motion_log.prepare(log, how)
     check_motion(log.name, rows.velocity, log.frame)
     used, instruments, terms = np.ones(rows.time.size, bool), None, Terms()
@@ -280,6 +317,8 @@ def _identified(log: MotionLog, models: Sequence[str], how: Preparation, folds: 
             rows, instruments = faster, instruments_of(log, faster)
         used = _without_pulses(log, rows, instruments)
         terms = _by_evidence(log, rows, used, instruments)
+        if straight and terms.suspected:
+            raise _MassUnknownError(f"{log.name}: mass is not identifiable: the axis bends in its ramps")
     fits = [_fit(log, rows, used, instruments, model, folds, terms, free=judged) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
@@ -293,12 +332,14 @@ class Terms:
         slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
 
     periods  the periods of the force along the travel; infinite: proportional to the position
+    suspected  True if least squares finds bending, which may be an effect of counts
     bends    True with the last term. Two masses on a spring need, well below their resonance f, the force
              M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, whose motor is ahead
     """
 
     periods: tuple[float, ...] = ()
     bends: bool = False
+    suspected: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -386,10 +427,12 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
         # without any residual there is no error either, and no evidence
         known = np.linalg.matrix_rank(covariance) == len(new)
         sure = known and float(values @ np.linalg.solve(covariance, values)) > _SURE_TERM**2
+        if not (criterion - lower > _EVIDENCE and sure):
+            continue
         # through the control, counts of the readings look like bending; instruments do not hold them
         if kind == "bend" and not solved.instrumented:
-            continue
-        if criterion - lower > _EVIDENCE and sure:
+            chosen = replace(chosen, suspected=True)
+        else:
             chosen, criterion, best = tried, lower, solved
     return chosen
 
@@ -828,6 +871,10 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
             )
 
 
+class _MassUnknownError(NotIdentifiableError):
+    """The log tells no mass, or one with too large an error."""
+
+
 def check_mass(name: str, value: float, error: float, unit: str) -> None:
     """Raise NotIdentifiableError for a mass that is not positive or too uncertain."""
     if value < 0.0 and error < LARGEST_ERROR * -value:
@@ -837,7 +884,7 @@ def check_mass(name: str, value: float, error: float, unit: str) -> None:
             "--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
         )
     if value <= 0.0 or error > LARGEST_ERROR * value:
-        raise NotIdentifiableError(
+        raise _MassUnknownError(
             f"{name}: mass is not identifiable: {Quantity(value, unit):3} with a standard error of "
             f"{Quantity(error, unit):2}; {_next('mass')}"
         )
