@@ -70,7 +70,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
     """Return the options that name all columns with their units."""
     turning = {"position": "angle", "setpoint": "set_angle", "force": "torque"}
     roles = turning if rotary else {"setpoint": "set_position"}
-    # with two encoders the one of the load is the position of the axis, and the other one is not needed
+    # with two encoders the one of the load is the position of the axis; the other one keeps its guess
     taken = ["time", "setpoint", "position_load" if two else "position", "force"]
     typed: dict[str, Any] = {}
     for role in taken:

@@ -31,6 +31,7 @@ from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -155,10 +156,44 @@ def test_a_sum_of_masses_that_is_5_percent_off_is_said(off: float, said: bool) -
 
 @pytest.mark.parametrize(("left", "usable"), [(0.12, True), (0.2, False)])
 def test_values_that_leave_15_percent_of_the_force_are_not_used(left: float, usable: bool) -> None:
-    rigid: Any = SimpleNamespace(left=left, changed=False, friction="symmetric")
-    anything: Any = None
-    found = Identified(anything, rigid, anything, None, None, None, None, ())
+    found = judged(left, Estimate("mass", 100.0, "kg", 0.1, 0.1))
     assert (found.unusable == "") is usable
+
+
+def judged(left: float, mass: Estimate) -> Identified:
+    class Rigid(SimpleNamespace):
+        def __getitem__(self, _: str) -> Estimate:
+            return mass
+
+    rigid: Any = Rigid(
+        left=left,
+        changed=False,
+        friction="symmetric",
+        criterion={"symmetric": 0.0},
+        validation=SimpleNamespace(relative=0.01),
+    )
+    anything: Any = None
+    return Identified(anything, rigid, anything, None, None, None, None, ())
+
+
+@pytest.mark.parametrize(
+    ("error", "judgment", "usable"),
+    [
+        (2.0, Judgment.USE_VALUES, True),
+        (3.0, Judgment.DO_NOT_TRUST, True),
+        (9.0, Judgment.DO_NOT_TRUST, True),
+        (11.0, Judgment.DO_NOT_TRUST, False),
+    ],
+)
+def test_a_mass_is_recommended_within_5_percent_and_used_within_20(
+    error: float, judgment: Judgment, usable: bool
+) -> None:
+    """95 % intervals of 100 kg: +-3.9, 5.9, 17.6 and 21.6 kg."""
+    found = judged(0.01, Estimate("mass", 100.0, "kg", error, error))
+    assert found.advice.judgment is judgment
+    assert (found.unusable == "") is usable
+    if judgment is Judgment.DO_NOT_TRUST:
+        assert "the log tells the mass to +-" in found.recommendation
 
 
 @pytest.mark.parametrize(("times", "kind"), [(1.012, "stribeck"), (1.035, "coulomb")])

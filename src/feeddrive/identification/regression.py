@@ -423,12 +423,14 @@ class Validation(Result):
 
     relative  RMS of all errors on unused rows over the RMS of the measured values
     values    shape (stretches, parameters)
+    expected  the part of `relative` that the errors of the parameters of these fits explain
     """
 
     errors: np.ndarray
     relative: float
     values: np.ndarray
     unit: str
+    expected: float = 0.0
 
     def table(self) -> Table:
         """Return a table with one row for each stretch."""
@@ -437,27 +439,41 @@ class Validation(Result):
         return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
 
 
-def cross_validated(columns: np.ndarray, measured: np.ndarray, folds: int, unit: str) -> Validation:
+def cross_validated(
+    columns: np.ndarray, measured: np.ndarray, folds: int, unit: str, widened: float = 1.0
+) -> Validation:
     """Predict each stretch of rows by a fit without it and without `GAP` rows on both sides.
 
     If only one stretch contains a direction or a speed, the fit without it lacks this information, and the
-    prediction error is large.
+    prediction error is large; `expected` then is, too.
+
+        expected² = Σ x' S x,   S = s² (X'X)⁻¹ widened²,   s² and X of the rows of each fit, x of the rows predicted
+
+    widened  errors of the parameters over those for a white residual
     """
     n = measured.size
     if not 2 <= folds <= n // (4 * GAP):
         raise ParameterError(f"folds = {folds} must be >= 2 and <= {n // (4 * GAP)}, for {n} rows")
     edges = np.linspace(0, n, folds + 1).astype(int)
-    squares, sizes, parameters = [], [], []
+    squares, sizes, parameters, chance = [], [], [], 0.0
     for begin, end in pairwise(edges):
         used = np.ones(n, dtype=bool)
         used[max(0, begin - GAP) : end + GAP] = False
         values = np.linalg.lstsq(columns[used], measured[used], rcond=None)[0]
         off = measured[begin:end] - columns[begin:end] @ values
+        left = measured[used] - columns[used] @ values
+        if np.all(np.any(columns[used] != 0.0, axis=0)):
+            variance = float(left @ left) / max(1, left.size - values.size) * inverse_gram(columns[used])
+            chance += widened**2 * float(np.einsum("ip,pq,iq->", columns[begin:end], variance, columns[begin:end]))
+        else:
+            # the others hold no motion in one direction, and say nothing of it
+            chance += float(off @ off)
         squares.append(float(off @ off))
         sizes.append(float(measured[begin:end] @ measured[begin:end]))
         parameters.append(values)
     relative = np.sqrt(np.array(squares) / np.maximum(np.array(sizes), np.finfo(float).tiny))
-    return Validation(relative, float(np.sqrt(sum(squares) / sum(sizes))), np.array(parameters), unit)
+    expected = float(np.sqrt(max(0.0, chance) / sum(sizes)))
+    return Validation(relative, float(np.sqrt(sum(squares) / sum(sizes))), np.array(parameters), unit, expected)
 
 
 B = TypeVar("B", bound=Block)

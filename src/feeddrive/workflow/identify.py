@@ -132,6 +132,7 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         raise ParameterError("--law is for a log without a machine file, which states the law: leave one of them out")
     loop = None if machine is None else machine.loop(request.axis)
     read: Mapped | None = None
+    motor: np.ndarray | None = None
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
     else:
@@ -153,10 +154,11 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
             machine, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
         )
         channels = _channels(source, read.log, drive, read.named)
+        motor = _motor(channels, read.log)
     mapping, unused = ({}, ()) if read is None else (read.columns, read.unused)
     channels["turning"] = _turning(request, loop, channels)
     progress.step("fitting")
-    identified = _identified(channels, loop, request, read, progress)
+    identified = _identified(channels, motor, loop, request, read, progress)
     if unused:
         identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
     identified = _started(identified)
@@ -250,6 +252,7 @@ _NO_LAW = "the law that ran is not known; give it with --machine, or by its numb
 
 def _identified(
     channels: Mapping[str, Any],
+    motor: np.ndarray | None,
     loop: Loop | None,
     request: IdentifyRequest,
     read: Mapped | None,
@@ -266,7 +269,7 @@ def _identified(
         motion = MotionLog(**channels)
         law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
         identified = identify_motion(
-            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear
+            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear, motor=motor
         )
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
@@ -311,6 +314,13 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
         "force_limit": None if limit is None or rotary else float(limit),
         "rotary": rotary,
     }
+
+
+def _motor(channels: Mapping[str, Any], log: Log) -> np.ndarray | None:
+    """Return the readings of the motor's encoder if the position is that of the load; else None."""
+    motor, load = ("angle_motor", "angle_load") if channels["rotary"] else ("position_motor", "position_load")
+    there = motor in log.channels and load in log.channels and channels["position"] is log.channels[load]
+    return log.channels[motor] if there else None
 
 
 def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> tuple[str, str]:

@@ -210,11 +210,20 @@ def agreed(
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
     """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which fit the log better.
 
+    None, too, if the closed loop does not tell the mass to `SURE_MASS` and the inverse dynamics are surer of it.
     The force residuals of both are compared in the rows of the inverse dynamics; a contradiction is a difference of
     more than three joint standard errors between the masses.
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
+    if mass is not None and mass.error > max(SURE_MASS * abs(mass.value), rigid_mass.error):
+        remarks.append(
+            Text(
+                f"the closed loop says a mass of {Quantity(mass.value, rigid_mass.unit, mass.error)}, the inverse "
+                f"dynamics {rigid_mass.quantity}: these, which are surer of it, are taken"
+            )
+        )
+        return None
     if mass is None or abs(mass.value - rigid_mass.value) < control_law.SURE * math.hypot(mass.error, rigid_mass.error):
         return fit
     rows = prepare(log, how)
@@ -394,6 +403,7 @@ def identify_motion(
     how: Preparation | None = None,
     lead: float | None = None,
     gear: float = 1.0,
+    motor: np.ndarray | None = None,
 ) -> Identified:
     """Identify a rigid drive from a log of position and force, and of the set position if available.
 
@@ -401,6 +411,8 @@ def identify_motion(
     law        the law of this loop, if `start` is not given; None: it is identified
     friction   "best", "symmetric" or "directional"
     lead, gear for a log in shaft units: lead in m and gear ratio, with which the result is referred to the table
+    motor      readings of the motor's encoder if the position is that of the load: the law is searched in them first,
+               since most drives read that one
 
     A step that fails results in a remark instead of an error; only the rigid drive must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for an unusable log.
@@ -412,7 +424,9 @@ def identify_motion(
     if check is None or not check.proves:
         log, spikes = whole.without_spikes()
         remarks += spikes
-    control = _attempted(lambda: identify_control(log), remarks) if start is None and law is None and closed else None
+    control, law_log = None, log
+    if start is None and law is None and closed:
+        control, law_log = _law_of(log, motor, remarks)
     # a wrong sign gives gains that no law can have: the fit of the rigid drive reports it
     blocks = None
     if control is not None:
@@ -420,7 +434,7 @@ def identify_motion(
         blocks = control.control(log.force_limit)
         # other readings than those of the law contradict any law; it was found in spite of them
         if not control.instruments:
-            blocks, check = _as_blocks(log, control, blocks, remarks)
+            blocks, check = _as_blocks(law_log, control, blocks, remarks)
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
     stated = 0.0 if start is None else float(start.axis.actuator.dead_time) / log.sample_time
@@ -463,6 +477,17 @@ def identify_motion(
     final = loop if refinement is None else refinement.loop
     doubt = _doubt(log, rigid, remarks)
     return Identified(log, rigid, delay, control, refinement, seen, final, tuple(remarks), doubt, check)
+
+
+def _law_of(log: MotionLog, motor: np.ndarray | None, remarks: list[str]) -> tuple[ControlFit | None, MotionLog]:
+    """Return the law, and the log with the readings that it had: those of the motor if they explain the force."""
+    if motor is not None:
+        read = replace(log, position=motor)
+        found = _attempted(lambda: identify_control(read), [])
+        if found is not None and not found.instruments and not found.near:
+            remarks.append("the law reads the encoder of the motor, by which its gains were found")
+            return found, read
+    return _attempted(lambda: identify_control(log), remarks), log
 
 
 def _as_blocks(

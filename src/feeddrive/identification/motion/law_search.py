@@ -204,7 +204,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
-                return _with_low_passes(one) if _late(one.best) else one
+                return _with_low_passes(one) if _late(one.best) else _with_models(one) if _is_loose(one.best) else one
             found += [] if one is None or one is first else [one]
     if not found:
         return None
@@ -252,9 +252,14 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
 
 def _deeper(found: Search) -> Search:
     """Return a search with reference models and low passes."""
-    rows, floor = found.rows, found.floor
-    found = _with_more(found, (lambda *_: _again(rows, floor, _models(rows.fewer(_FEWER), floor)),))
-    return _with_low_passes(found) if floor.wants_more(found.best) else found
+    found = _with_models(found)
+    return _with_low_passes(found) if found.floor.wants_more(found.best) else found
+
+
+def _with_models(found: Search) -> Search:
+    """Return a search with reference models in the integral."""
+    more = _again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor))
+    return replace(found, scored=tuple(sorted((*found.scored, *more), key=lambda one: one.criterion)))
 
 
 def _with_low_passes(found: Search) -> Search:
@@ -267,6 +272,12 @@ def _with_low_passes(found: Search) -> Search:
     for one in more[:1]:
         more += _smoothed(found.rows, floor, one)
     return replace(found, scored=tuple(sorted((*found.scored, *more), key=lambda one: one.criterion)))
+
+
+def _is_loose(scored: Scored) -> bool:
+    """Return True for a PID with velocity feedforward of its own: a cascade with a reference model looks like it."""
+    structure = scored.structure
+    return structure.family == PID and structure.forward == "free" and structure.older == 0
 
 
 def _late(scored: Scored) -> bool:

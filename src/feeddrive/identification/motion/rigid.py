@@ -69,6 +69,7 @@ _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
 SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
 _FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the rows that are tried where the usual ones tell less
+_WIDEST = 10.0  # errors over those for a white residual
 _EXACT = 1e-3  # share of the RMS force: the filters alone leave about as much of a log without noise
 _DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
@@ -122,8 +123,13 @@ class RigidFit(Result):
 
     @property
     def changed(self) -> bool:
-        """True if the error in unused rows is 50 % larger than in used ones, without the effect of quantization."""
-        beyond = np.sqrt(max(0.0, self.validation.relative**2 - self.counts[1] ** 2))
+        """True if the error in unused rows is 50 % larger than in used ones.
+
+        That without the effect of quantization, and without twice what the errors of the fits without these rows
+        explain: a stretch that alone holds the fast motion is predicted badly by the others.
+        """
+        chance = self.counts[1] ** 2 + (2.0 * self.validation.expected) ** 2
+        beyond = np.sqrt(max(0.0, self.validation.relative**2 - chance))
         return bool(beyond > max(1.5 * self.residuals.relative, _EXACT))
 
     def __getitem__(self, parameter: str) -> Estimate:
@@ -755,6 +761,8 @@ def _fit(
     estimates = tuple(
         Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
     )
+    # at least as wide as the white ones, and not more than a residual with a long memory makes them
+    widened = float(np.clip(np.max(regression.errors(solved.covariance)[:p] / ols[:p]), 1.0, _WIDEST))
     check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
     late, _ = _dead_time(solved)
     error, white = (float(regression.errors(robust)[-1]), float(ols[-1])) if solved.free else (0.0, 0.0)
@@ -764,7 +772,7 @@ def _fit(
         estimates=estimates,
         covariance=robust[:p, :p],
         residuals=Residuals(residual, force, float(np.linalg.cond(columns)), frame.force),
-        validation=regression.cross_validated(columns, force, folds, frame.force),
+        validation=regression.cross_validated(columns, force, folds, frame.force, widened),
         criterion={friction: regression.information(residual, p)},
         time=rows.time[used],
         frame=frame,
