@@ -439,6 +439,10 @@ class Validation(Result):
         return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
 
 
+# of columns of unit size: a smaller singular value, a direction or a speed in one row of a thousand, says nothing
+_ALIKE = 1e-3
+
+
 def cross_validated(
     columns: np.ndarray, measured: np.ndarray, folds: int, unit: str, widened: float = 1.0
 ) -> Validation:
@@ -462,11 +466,13 @@ def cross_validated(
         values = np.linalg.lstsq(columns[used], measured[used], rcond=None)[0]
         off = measured[begin:end] - columns[begin:end] @ values
         left = measured[used] - columns[used] @ values
-        if np.all(np.any(columns[used] != 0.0, axis=0)):
+        sizes_of = np.linalg.norm(columns[used], axis=0)
+        scaled = columns[used] / np.where(sizes_of > 0.0, sizes_of, 1.0)
+        if np.linalg.matrix_rank(scaled, tol=_ALIKE) == values.size:
             variance = float(left @ left) / max(1, left.size - values.size) * inverse_gram(columns[used])
             chance += widened**2 * float(np.einsum("ip,pq,iq->", columns[begin:end], variance, columns[begin:end]))
         else:
-            # the others hold no motion in one direction, and say nothing of it
+            # the others hold hardly any motion in one direction, and say nothing of it
             chance += float(off @ off)
         squares.append(float(off @ off))
         sizes.append(float(measured[begin:end] @ measured[begin:end]))
