@@ -84,15 +84,13 @@ def counts(seed: int, structures: int, count: int) -> tuple[Counter[str], Counte
 
 @pytest.mark.slow(reason="60 logs of a foreign simulator, each with nine wrong sets of roles")
 def test_no_true_log_is_refused_and_no_wrong_guess_is_silent() -> None:
-    """No true log is refused. Up to 6 % may be silent: half of the logs hold pulses that nobody logged, in which
-    encoders and velocities hide, and set and actual less than a sample apart are the same to a mass.
-    """
+    """No true log is refused. One wrong set of roles in 200 may be silent: what the samples do not confirm is said."""
     rightly, answers, shapes = counts(400, 10, 6)
     assert rightly["logs"] > 40
     assert rightly["certain"] == 0
     total = sum(answers.values())
     silent = {kind: number for (kind, told), number in answers.items() if told == "silent"}
-    assert sum(silent.values()) <= 0.06 * total, silent
+    assert sum(silent.values()) <= 0.005 * total, silent
     assert shapes["wrong"] <= 0.05 * (shapes["right"] + shapes["wrong"])
 
 

@@ -51,7 +51,7 @@ from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.frequency_response import FRF
-from feeddrive.workflow.command import Outcome, argument, command, option
+from feeddrive.workflow.command import Outcome, argument, command, line, option
 from feeddrive.workflow.force import DriveValues, scale_of
 
 ALL = "all"  # in place of the name of an axis
@@ -701,13 +701,14 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
         return _each_axis(file, time, request, values)
     guess = proposed(file, request.axis, time, request.sample_time, values)
     shown, remarks = _shown(guess), told_of(guess)
-    command_line = f"feeddrive identify {path}"
     if out is None:
-        verdict = f"Next: {command_line}{_axis_option(guess)}, or --out roles.toml to write the roles and edit them"
-        return Outcome(guess, shown, remarks, verdict, section=guess.toml(path))
+        verdict = "A role that is wrong is corrected by the option of its row; --out roles.toml writes all of them"
+        axis = guess.mapping.axis if len(guess.axes) > 1 else None
+        then = line("identify", path, axis=axis)
+        return Outcome(guess, shown, remarks, verdict, section=guess.toml(path), then=then)
     _write_beside(out, guess, path)
     files = {"Written": f"{out}; correct it and give it with --channels {out}"}
-    return Outcome(guess, shown, remarks, f"Next: {command_line} --channels {out}", files=files)
+    return Outcome(guess, shown, remarks, files=files, then=line("identify", path, "--channels", out))
 
 
 def _each_axis(
@@ -726,8 +727,7 @@ def _each_axis(
             place = request.out.with_name(f"{request.out.stem}_{axis}{request.out.suffix}") if axis else request.out
             _write_beside(place, guess, file.path)
             files[f"Axis {axis}"] = place
-    verdict = f"Next: feeddrive identify {file.path} --axis {next(iter(guesses))}, or --axis {ALL} for each of them"
-    return Outcome(guesses, shown, remarks, verdict, files=files)
+    return Outcome(guesses, shown, remarks, files=files, then=line("identify", file.path, axis=ALL))
 
 
 def _write_beside(out: Path, guess: Guess, path: Path) -> None:
@@ -738,10 +738,6 @@ def _write_beside(out: Path, guess: Guess, path: Path) -> None:
 def _shown(guess: Guess) -> list[Table | str]:
     """Return the tables of a guess: roles, and peak figures if there is a motion."""
     return [guess.table(), *([] if guess.preview is None else [guess.preview.table()])]
-
-
-def _axis_option(guess: Guess) -> str:
-    return f" --axis {guess.mapping.axis}" if len(guess.axes) > 1 else ""
 
 
 def told_of(guess: Guess) -> list[str]:

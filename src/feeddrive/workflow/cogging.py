@@ -34,7 +34,7 @@ from feeddrive.language.units import rounded
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
-from feeddrive.workflow.command import Outcome, argument, called, command, option
+from feeddrive.workflow.command import Outcome, argument, called, command, line, option
 from feeddrive.workflow.drive_logs import DriveLogsRequest
 
 _POSITIONS = ("position_motor", "position_load", "angle_motor")
@@ -127,7 +127,8 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     shown = Table(full.title, full.columns[:-1], [row[:-1] for row in full.rows])
     notes = [f"No machine file was written: {why}."] if text is None else []
     remarks = [sentence(text) for text in (*seen.doubts, *fit.remarks)]
-    return Outcome(fit, [shown], remarks, verdict, notes, files=files, judgment=judgment, page=page)
+    then = line("tune", files["Machine"], axis=request.axis) if "Machine" in files and not judgment.bad else ""
+    return Outcome(fit, [shown], remarks, verdict, notes, files=files, judgment=judgment, page=page, then=then)
 
 
 def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None, progress: Progress) -> _Seen:

@@ -41,6 +41,7 @@ from feeddrive.workflow.command import (
     called,
     command,
     frequencies,
+    line,
     option,
 )
 from feeddrive.workflow.drive_logs import log_stem
@@ -139,7 +140,11 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
         report = write_estimates(estimates, request.out, page())
         files |= {"Report": report, "Responses": report.parent / "frf.csv"}
     judgment, verdict = judged_by or (Judgment.DONE, "")
-    return Outcome(estimates, shown, [*remarks, *doubts], verdict, files=files, judgment=judgment, page=page)
+    # of two encoders the one whose name says so is at the motor
+    seen = sorted((estimate.frf.output for estimate in estimates), key=lambda name: "motor" not in name)
+    named = [word for pair in zip(("--motor", "--load"), seen, strict=False) for word in pair] if len(seen) > 1 else []
+    then = "" if judgment.bad or "Responses" not in files else line("identify", files["Responses"], *named)
+    return Outcome(estimates, shown, [*remarks, *doubts], verdict, files=files, judgment=judgment, page=page, then=then)
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:

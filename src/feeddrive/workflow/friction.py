@@ -34,7 +34,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow import drive_logs
 from feeddrive.workflow.channels import units_first
-from feeddrive.workflow.command import Outcome, argument, called, command, option
+from feeddrive.workflow.command import Outcome, argument, called, command, line, option
 from feeddrive.workflow.drive_logs import DriveLogsRequest
 
 _POOR = 0.15  # residual over the force's RMS beyond which a curve is rejected
@@ -108,6 +108,7 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
         files=files,
         judgment=judgment,
         page=page,
+        then=line("tune", files["Machine"], axis=request.axis) if "Machine" in files and not judgment.bad else "",
     )
 
 

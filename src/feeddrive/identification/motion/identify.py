@@ -379,9 +379,15 @@ class Identified(Result):
 
     @property
     def _mass(self) -> Estimate:
-        """The mass that a machine file gets, of the closed loop if it was fitted."""
+        """The mass that a machine file gets, of the closed loop if it was fitted.
+
+        Its error holds half of the distance to the mass of the inverse dynamics: what both models lack, as the spring
+        of an axis that bends, moves them apart.
+        """
         fitted = () if self.refinement is None else self.refinement.estimates
-        return next((one for one in fitted if one.name.endswith("plant.mass")), self.rigid["mass"])
+        rigid = self.rigid["mass"]
+        mass = next((one for one in fitted if one.name.endswith("plant.mass")), rigid)
+        return replace(mass, error=math.hypot(mass.error, 0.5 * (mass.value - rigid.value)))
 
     def _why_friction(self) -> str:
         criterion = self.rigid.criterion

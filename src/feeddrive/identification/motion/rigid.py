@@ -271,21 +271,22 @@ def identify_rigid(
         raise ParameterError(f"friction = {friction!r} must be one of best, {', '.join(FRICTIONS)}")
     models = tuple(FRICTIONS) if friction == "best" else (friction,)
     if how is not None:
-        return _identified(log, models, how, folds, judged=False)
+        return _identified(log, _moving(log, how), models, folds, judged=False)
     start = Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
-    unknown: _MassUnknownError | None = None
+    rows = _moving(log, start)
+    unknown: NotIdentifiableError | None = None
     fit: RigidFit | None = None
     try:
-        fit = _identified(log, models, start, folds, judged=True)
+        fit = _identified(log, rows, models, folds, judged=True)
         if _doubt(fit) <= SURE_MASS:
             return fit
-    except _MassUnknownError as error:
+    except NotIdentifiableError as error:
         unknown = error
     # ramps that last two or three rows tell little of a mass; finer rows may tell more
     try:
         step = max(1, round(_FINER_STEP / log.sample_time))
-        finer = replace(start, cutoff=_FINER_CUTOFF, decimation=step)
-        other = _identified(log, models, finer, folds, judged=True, straight=True)
+        finer = _moving(log, replace(start, cutoff=_FINER_CUTOFF, decimation=step))
+        other = _identified(log, finer, models, folds, judged=True, straight=True)
         if fit is None or _doubt(other) < _doubt(fit):
             return other
     except (LogError, NotIdentifiableError):
@@ -295,26 +296,30 @@ def identify_rigid(
     return fit
 
 
+def _moving(log: MotionLog, how: Preparation) -> Prepared:
+    rows = motion_log.prepare(log, how)
+    check_motion(log.name, rows.velocity, log.frame)
+    return rows
+
+
 def _doubt(fit: RigidFit) -> float:
     return fit["mass"].error / fit["mass"].value
 
 
 def _identified(
     log: MotionLog,
+    rows: Prepared,
     models: Sequence[str],
-    how: Preparation,
     folds: int,
     *,
     judged: bool,
     straight: bool = False,
 ) -> RigidFit:
-    """Identify with one preparation.
+    """Identify with the rows of one preparation.
 
     judged    with rows and further terms by evidence, and a free dead time
-    straight  raise _MassUnknownError for an axis that seems to bend, if no instruments tell by how much
+    straight  raise NotIdentifiableError for an axis that seems to bend, if no instruments tell by how much
     """
-    rows = motion_log.prepare(log, how)
-    check_motion(log.name, rows.velocity, log.frame)
     used, instruments, terms = np.ones(rows.time.size, bool), None, Terms()
     if judged:
         instruments = instruments_of(log, rows)
@@ -324,7 +329,7 @@ def _identified(
         used = _without_pulses(log, rows, instruments)
         terms = _by_evidence(log, rows, used, instruments)
         if straight and terms.suspected:
-            raise _MassUnknownError(f"{log.name}: mass is not identifiable: the axis bends in its ramps")
+            raise NotIdentifiableError(f"{log.name}: mass is not identifiable: the axis bends in its ramps")
     fits = [_fit(log, rows, used, instruments, model, folds, terms, free=judged) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
@@ -762,7 +767,11 @@ def _fit(
         Estimate(*row) for row in zip(names, values, units, regression.errors(robust)[:p], ols[:p], strict=True)
     )
     # at least as wide as the white ones, and not more than a residual with a long memory makes them
-    widened = float(np.clip(np.max(regression.errors(solved.covariance)[:p] / ols[:p]), 1.0, _WIDEST))
+    widened = float(
+        np.clip(
+            np.max(regression.errors(solved.covariance)[:p] / np.maximum(ols[:p], np.finfo(float).tiny)), 1.0, _WIDEST
+        )
+    )
     check_mass(log.name, estimates[0].value, estimates[0].error, estimates[0].unit)
     late, _ = _dead_time(solved)
     error, white = (float(regression.errors(robust)[-1]), float(ols[-1])) if solved.free else (0.0, 0.0)
@@ -879,10 +888,6 @@ def check_columns(name: str, columns: np.ndarray, names: tuple[str, ...]) -> Non
             )
 
 
-class _MassUnknownError(NotIdentifiableError):
-    """The log tells no mass, or one with too large an error."""
-
-
 def check_mass(name: str, value: float, error: float, unit: str) -> None:
     """Raise NotIdentifiableError for a mass that is not positive or too uncertain."""
     if value < 0.0 and error < LARGEST_ERROR * -value:
@@ -892,7 +897,7 @@ def check_mass(name: str, value: float, error: float, unit: str) -> None:
             "--torque 'm*-1' on the command line, factor = -1.0 in a file for --channels"
         )
     if value <= 0.0 or error > LARGEST_ERROR * value:
-        raise _MassUnknownError(
+        raise NotIdentifiableError(
             f"{name}: mass is not identifiable: {Quantity(value, unit):3} with a standard error of "
             f"{Quantity(error, unit):2}; {_next('mass')}"
         )
