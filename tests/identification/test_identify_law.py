@@ -253,7 +253,8 @@ def test_a_law_adds_little_memory_and_little_force(
     """`extra`: of the force, beyond what the free law leaves (`free`); more than nothing misses something here."""
     fitted = Stand(ssr=1.0 + 1e4 * extra**2)
     floor = Stand(ssr=1.0, power=1e4, memory=0.5, price=10.0, left=free, misses=lambda _: extra > 0.0)
-    found: Any = Stand(best=Stand(fitted=fitted, criterion=5.0), floor=floor, rows=None, residual=lambda _: None)
+    rows = Stand(force=np.zeros(2000))
+    found: Any = Stand(best=Stand(fitted=fitted, criterion=5.0), floor=floor, rows=rows, residual=lambda _: None)
     monkeypatch.setattr(law_search, "correlation", lambda _: 0.5 + added)
     monkeypatch.setattr(law_search, "nonlinear", lambda *_: -1.0)
     monkeypatch.setattr(law_search, "instrumented", lambda _: None)
@@ -262,12 +263,17 @@ def test_a_law_adds_little_memory_and_little_force(
     assert (verdict.law, verdict.near) == (law, near_)
 
 
-@pytest.mark.parametrize(("excess", "law"), [(0.1, True), (0.2, False)])
-def test_a_law_leaves_little_more_than_the_free_law(monkeypatch: pytest.MonkeyPatch, excess: float, law: bool) -> None:
-    """With few independent rows chance explains much, but not a seventh of what is left."""
+@pytest.mark.parametrize(("excess", "rows", "law"), [(0.1, 1200, True), (0.2, 1200, False), (0.1, 800, False)])
+def test_a_law_leaves_little_more_than_the_free_law(
+    monkeypatch: pytest.MonkeyPatch, excess: float, rows: int, law: bool
+) -> None:
+    """With few independent rows chance explains much, but not a seventh of what is left; 20 rows for an unknown."""
     floor = Stand(ssr=1.0, power=1e4, memory=0.5, price=10.0, left=0.01, misses=lambda _: False)
     found: Any = Stand(
-        best=Stand(fitted=Stand(ssr=1.0 + excess), criterion=5.0), floor=floor, rows=None, residual=lambda _: None
+        best=Stand(fitted=Stand(ssr=1.0 + excess), criterion=5.0),
+        floor=floor,
+        rows=Stand(force=np.zeros(rows)),
+        residual=lambda _: None,
     )
     monkeypatch.setattr(law_search, "correlation", lambda _: 0.5)
     monkeypatch.setattr(law_search, "nonlinear", lambda *_: -1.0)

@@ -175,7 +175,7 @@ def test_lead_and_force_tell_the_setpoint_together(lag: float, times: float, tol
 
 
 @pytest.mark.parametrize(
-    ("errors", "kinds", "certain"), [(1.8, set(), False), (3.5, {"encoders"}, False), (7.0, {"encoders"}, True)]
+    ("errors", "kinds", "certain"), [(1.8, {"open"}, False), (3.5, {"encoders"}, False), (7.0, {"encoders"}, True)]
 )
 def test_five_standard_errors_tell_motor_and_table_apart(errors: float, kinds: set[str], certain: bool) -> None:
     """The second encoder runs ahead by a compliance that is so many of its standard errors."""

@@ -173,7 +173,7 @@ class _Check:
                     f"the two columns are exchanged ({self.exchange(role, position)})"
                 )
                 doubts.append(RoleDoubt((role, position), "late", why, certain=False))
-            elif first < 1.0 and not shapes.smoother(goal, actual):
+            elif first < 1.0 and np.ptp(goal) > 0.0 and not shapes.smoother(goal, actual):
                 why = Text(
                     f"the samples do not tell which of '{a}' and '{b}' is the set position: neither leads clearly, the "
                     f"force follows both alike, and '{a}' is not the smoother one; if they are exchanged: "

@@ -34,6 +34,7 @@ NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyon
 # of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
 MOST_NOISE = 0.6
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
+LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
@@ -227,7 +228,7 @@ def _judged(found: Search) -> _Verdict:
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
-    explains = close and best.criterion < floor.price and not floor.misses(best)
+    explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
     if explains and quiet and not bent and not silent:
