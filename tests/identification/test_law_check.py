@@ -26,6 +26,7 @@ from feeddrive.identification.motion.control_law import (
 )
 from feeddrive.identification.motion.identify import _as_blocks
 from feeddrive.identification.motion.identify_law import identify_control
+from feeddrive.identification.motion.law_rows import LawRows, Signals
 from sliding_mass import Cascade, Drive, Pid, run, strokes, unknown
 from slow_share import all_but
 

@@ -214,3 +214,11 @@ def test_a_power_is_no_force() -> None:
 def test_nothing_is_said_of_a_log_at_rest() -> None:
     rest = np.full(1000, 0.3)
     assert doubts(setpoint_position=rest, position_load=rest, force=rest) == {}
+
+
+@pytest.mark.parametrize(("rough", "smooth"), [(0.4, True), (0.7, False)])
+def test_a_set_position_is_smoother(rough: float, smooth: bool) -> None:
+    """`rough`: its noise over that of the reading, whose third differences have the same ratio."""
+    x, noise = move(), noise_of(move().size, 3)
+    other = noise_of(move().size, 4)
+    assert shapes.smoother(x + rough * 1e-5 * noise, x + 1e-5 * other) is smooth
