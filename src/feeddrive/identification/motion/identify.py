@@ -216,7 +216,7 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
-    if mass is not None and mass.error > max(SURE_MASS * abs(mass.value), rigid_mass.error):
+    if mass is not None and mass.error > max(SURE_MASS * abs(mass.value), SURER * rigid_mass.error):
         remarks.append(
             Text(
                 f"the closed loop says a mass of {Quantity(mass.value, rigid_mass.unit, mass.error)}, the inverse "
@@ -279,6 +279,7 @@ def beyond(delay: DelayFit, stated: float) -> int:
 
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
+SURER = 2.0  # times that an error of the closed loop must be larger for the inverse dynamics to be taken
 USABLE_MASS = 0.1  # the same of a mass that a machine file may hold: a start law keeps its margin over 20 %
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"

@@ -11,7 +11,7 @@ import numpy as np
 
 from feeddrive.analysis.replay import Replay, estimate_start, path_of, replay
 from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of, drawn, spread, unknown_force
-from feeddrive.identification.regression import Estimate, errors, estimates_table, robust_covariance
+from feeddrive.identification.regression import Estimate, errors, estimates_table, inverse_gram, robust_covariance
 from feeddrive.language import tree
 from feeddrive.language.errors import DivergedError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -229,6 +229,7 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
             break
         sizes = _sizes(measured - model)
     left = (measured - model) / sizes
+    _require_effect(log, columns, names)
     # with both signals divided by their own RMS the sum over them is one least-squares problem
     covariance = robust_covariance(columns, left)
     try:
@@ -274,6 +275,7 @@ def _with_counts(
         weighed = _Weighed.of(loop, log, names, skip, count, unknown)
         if turn == 0:
             unknown = weighed.unknown
+    _require_effect(log, weighed.columns, names)
     # other draws than those of the fit, which lie too close to their own mean
     others = drawn(loop, log, skip, count, _RUNS, 2, unknown)
     others = (others - np.mean(others, axis=0)) / weighed.scale
@@ -324,7 +326,7 @@ def _estimates(
     loop: Loop, names: tuple[str, ...], columns: np.ndarray, left: np.ndarray, robust: np.ndarray
 ) -> tuple[Estimate, ...]:
     flat = columns.reshape(-1, len(names))
-    white = errors(np.linalg.inv(flat.T @ flat) * float(np.mean(left**2)))
+    white = errors(inverse_gram(flat) * float(np.mean(left**2)))
     return tuple(
         Estimate(name, float(tree.get(loop, name)), tree.declaration(loop, name).unit, float(e), float(o))
         for name, e, o in zip(names, robust, white, strict=True)
@@ -364,15 +366,19 @@ def _columns(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int, mode
 
 
 def _step(log: MotionLog, columns: np.ndarray, left: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    flat = columns.reshape(-1, len(names))
-    sizes = np.linalg.norm(flat, axis=0)
+    _require_effect(log, columns, names)
+    return _solved(columns, left)
+
+
+def _require_effect(log: MotionLog, columns: np.ndarray, names: tuple[str, ...]) -> None:
+    """Raise NotIdentifiableError for a parameter whose column is 0, or is not finite."""
+    sizes = np.linalg.norm(columns.reshape(-1, len(names)), axis=0)
     for name, size in zip(names, sizes, strict=True):
         if size == 0.0 or not np.isfinite(size):
             raise NotIdentifiableError(
                 f"{log.name}: {name} is not identifiable: the run does not change with it; record next a motion in "
                 f"which it acts, or leave it out"
             )
-    return _solved(columns, left)
 
 
 def _advance(
