@@ -79,6 +79,7 @@ def test_bending_is_said_and_the_law_is_found_behind_the_load() -> None:
     assert found.control["Tn"].value == pytest.approx(1.0 / 8.0, rel=0.05)
 
 
+@pytest.mark.slow(reason="a search through all structures by instruments, some 4 s")
 def test_a_low_pass_is_found_behind_the_load() -> None:
     """A corner of 2 ms beside the twist: gains within 5 %; half a sample of the velocity may count as its lag."""
     found = identify_control(log_of(tau=2e-3))
@@ -101,6 +102,7 @@ def test_the_law_is_taken_from_the_reading_that_it_had() -> None:
     assert found.rigid["mass"].value == identify_rigid(load, dead_time=found.delay.dead_time)["mass"].value
 
 
+@pytest.mark.slow(reason="a search through all structures by instruments, some 4 s")
 def test_a_law_of_the_load_stays_one_if_the_motor_explains_nothing() -> None:
     noise = np.random.default_rng(1).normal(size=log_of().position.size)
     found = identify_motion(log_of(), motor=np.cumsum(noise) * 1e-6)
