@@ -214,6 +214,8 @@ def test_a_power_is_no_force() -> None:
 def test_nothing_is_said_of_a_log_at_rest() -> None:
     rest = np.full(1000, 0.3)
     assert doubts(setpoint_position=rest, position_load=rest, force=rest) == {}
+    short = 1e-3 * np.linspace(0.0, 1.0, 150) ** 2
+    assert doubts(position_motor=short, position_load=1.0001 * short) == {}
 
 
 @pytest.mark.parametrize(("rough", "smooth"), [(0.4, True), (0.7, False)])

@@ -252,7 +252,8 @@ class _Check:
                     f"in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
                 )
                 return [RoleDoubt((motor, table), "encoders", why, certain=first < -shapes.SURE)]
-            if first < shapes.LIKELY:
+            # 0 of a log that is too short or at rest, which tells nothing
+            if 0.0 != first < shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
                 why = Text(
                     f"the samples do not tell which of '{a}' and '{b}' is at the motor: neither runs ahead of the "

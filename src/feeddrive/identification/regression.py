@@ -152,6 +152,8 @@ _MEMORIES = np.linspace(0.0, 0.98, 99)
 SHOWN_LAGS = (1, 2, 5, 10, 20)
 # rows next to a stretch that are left out of its fit, too: their residuals are correlated
 GAP = 5
+# of columns of unit size: a smaller singular value, a direction or a speed in one row of a thousand, says nothing
+_ALIKE = 1e-3
 
 
 # standard deviations from its neighbors beyond which a sample is no noise: one normal value in 1e15
@@ -437,10 +439,6 @@ class Validation(Result):
         rows = [[i + 1, float(error)] for i, error in enumerate(self.errors)]
         columns = ["stretch", Column("error", "share", "3")]
         return Table(f"unused rows: {Quantity(self.relative, 'share'):3} RMS", columns, rows)
-
-
-# of columns of unit size: a smaller singular value, a direction or a speed in one row of a thousand, says nothing
-_ALIKE = 1e-3
 
 
 def cross_validated(

@@ -39,7 +39,7 @@ from feeddrive.files.mapping import (
 from feeddrive.files.names import RELATIVE
 from feeddrive.files.preview import Preview, preview_of
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
-from feeddrive.files.role_checks import RoleDoubt, doubts_of, option_for
+from feeddrive.files.role_checks import POSITIONS, RoleDoubt, doubts_of, option_for
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
 from feeddrive.language import tree, units
@@ -549,9 +549,6 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
     return role, column
 
 
-_PLACES = ("position_load", "position_motor", "angle_load", "angle_motor")
-
-
 def _guessed_roles(
     path: OpenedFile,
     told: abc.Mapping[str, Column],
@@ -571,12 +568,12 @@ def _guessed_roles(
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
     guessed = {role: column for role, column in guessed.items() if column.name not in taken}
-    if any(role in told for role in _PLACES):
+    if any(role in told for role in POSITIONS):
         # a person who named the position needs no other one, whose unit may be unknown
         guessed = {
             role: column
             for role, column in guessed.items()
-            if role not in _PLACES or column.unit or column.factor is not None or stated(path, column.name, role)
+            if role not in POSITIONS or column.unit or column.factor is not None or stated(path, column.name, role)
         }
     if guessed or any(role not in told for role in guess.needs):
         show(guess, path, progress)

@@ -19,7 +19,7 @@ from feeddrive.identification.motion.control_law import LawCheck
 from feeddrive.identification.motion.identify_law import ControlFit, identify_control
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
-from feeddrive.identification.motion.rigid import SURE_MASS, DelayFit, RigidFit, find_delay, identify_rigid
+from feeddrive.identification.motion.rigid import MORE_RAMPS, SURE_MASS, DelayFit, RigidFit, find_delay, identify_rigid
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
@@ -280,7 +280,7 @@ def beyond(delay: DelayFit, stated: float) -> int:
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
 SURER = 2.0  # times that an error of the closed loop must be larger for the inverse dynamics to be taken
-USABLE_MASS = 0.1  # the same of a mass that a machine file may hold: a start law keeps its margin over 20 %
+USABLE_MASS = 0.1  # largest relative standard error of a mass in a machine file: a start law keeps its margin over 20 %
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 
@@ -346,10 +346,7 @@ class Identified(Result):
         mass = self._mass
         share = Quantity(NORMAL * mass.error / mass.value, "share")
         low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
-        return Text(
-            f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; record next moves whose "
-            "inertial force is at least as large as friction for a tenth of the time, with ramps of 30 ms or more"
-        )
+        return Text(f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; {MORE_RAMPS}")
 
     @property
     def recommendation(self) -> str:

@@ -179,6 +179,10 @@ class Search:
         """The structure with the best criterion."""
         return self.scored[0]
 
+    def with_fits(self, more: Iterable[Scored]) -> Search:
+        """Return the search with further fits, best first."""
+        return replace(self, scored=tuple(sorted((*self.scored, *more), key=lambda one: one.criterion)))
+
     def residual(self, scored: Scored) -> np.ndarray:
         """Return what a structure leaves of the force, over the rows."""
         found = scored.fitted
@@ -204,7 +208,10 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
-                return _with_low_passes(one) if _late(one.best) else _with_models(one) if _is_loose(one.best) else one
+                # what is so late may be delayed by a low pass
+                if one.best.structure.late > MOST_LAG:
+                    return _with_low_passes(one)
+                return _with_models(one) if _is_loose(one.best) else one
             found += [] if one is None or one is first else [one]
     if not found:
         return None
@@ -258,8 +265,7 @@ def _deeper(found: Search) -> Search:
 
 def _with_models(found: Search) -> Search:
     """Return a search with reference models in the integral."""
-    more = _again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor))
-    return replace(found, scored=tuple(sorted((*found.scored, *more), key=lambda one: one.criterion)))
+    return found.with_fits(_again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor)))
 
 
 def _with_low_passes(found: Search) -> Search:
@@ -271,7 +277,7 @@ def _with_low_passes(found: Search) -> Search:
     more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
     for one in more[:1]:
         more += _smoothed(found.rows, floor, one)
-    return replace(found, scored=tuple(sorted((*found.scored, *more), key=lambda one: one.criterion)))
+    return found.with_fits(more)
 
 
 def _is_loose(scored: Scored) -> bool:
@@ -280,20 +286,13 @@ def _is_loose(scored: Scored) -> bool:
     return structure.family == PID and structure.forward == "free" and structure.older == 0
 
 
-def _late(scored: Scored) -> bool:
-    """Return True if a law is so late that a low pass may be what delays it."""
-    return 0.5 * (scored.structure.n - 1) + scored.structure.d > MOST_LAG
-
-
 def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
     """Return a search with further fits, best first; each step is tried only while the best fit misses something."""
-    rows, floor = found.rows, found.floor
-    scored = sorted(found.scored, key=lambda one: one.criterion)
+    found = found.with_fits(())
     for tried_next in further:
-        if floor.wants_more(scored[0]):
-            scored += tried_next(rows, floor, scored[0])
-            scored.sort(key=lambda one: one.criterion)
-    return replace(found, scored=tuple(scored))
+        if found.floor.wants_more(found.best):
+            found = found.with_fits(tried_next(found.rows, found.floor, found.best))
+    return found
 
 
 def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
@@ -417,8 +416,7 @@ class Instrumented:
     @property
     def sound(self) -> bool:
         """True if no more than chance is left, by a law that is not so late that it may have a low pass."""
-        structure = self.fitted.structure
-        return self.ratio < RATIO and 0.5 * (structure.n - 1) + structure.d <= MOST_LAG
+        return self.ratio < RATIO and self.fitted.structure.late <= MOST_LAG
 
 
 def instrumented(rows: LawRows) -> Instrumented | None:
@@ -432,7 +430,7 @@ def instrumented(rows: LawRows) -> Instrumented | None:
         return plain
     passed = [one for share in _POLES for one in problems.scan(Lag(1.0 - float(share), 0.0))]
     passed.sort(key=lambda one: one.ssr)
-    if not passed or passed[0].structure.lag is None:
+    if not passed:
         return plain
     # the corner about the best one of the grid, whose twist moves with it
     lagged = _instrumented(problems, passed)
@@ -472,14 +470,19 @@ class _ByMotion:
         )
         return sorted(found, key=lambda one: one.ssr)
 
-    def refined(self, one: Fitted, *, twist_alone: bool) -> Fitted:
-        """Return a fit at its own minimum over the twist, or over twist, its loss and the corner, each in turn."""
+    def twisted(self, one: Fitted) -> Fitted:
+        """Return a fit at its own minimum over the twist."""
+        compliance = one.structure.twist.compliance
+        if compliance == 0.0:
+            return one
+        return _profile(self.rows, self._along(one, _twisted), compliance * _AROUND**2) or one
+
+    def refined(self, one: Fitted) -> Fitted:
+        """Return a fit at its own minimum over twist, loss and corner, each in turn."""
         if one.structure.twist.compliance == 0.0:
             return one
-        if twist_alone:
-            return _profile(self.rows, self._along(one, _twisted), one.structure.twist.compliance * _AROUND**2) or one
         for _ in range(_TURNS):
-            one = _profile(self.rows, self._along(one, _twisted), one.structure.twist.compliance * _AROUND**2) or one
+            one = self.twisted(one)
             losses = 2.0 * _DAMPINGS * math.sqrt(one.structure.twist.compliance)
             lossy = _profile(self.rows, self._along(one, _lossy), losses)
             one = lossy if lossy is not None and lossy.ssr < one.ssr else one
@@ -519,7 +522,7 @@ def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | Non
     if not scan:
         return None
     rows, spare = problems.rows, problems.Z.shape[1]
-    widest = problems.refined(scan[0], twist_alone=False)
+    widest = problems.refined(scan[0])
     twist, lag = widest.structure.twist, widest.structure.lag
     noise = _slow_noise(rows, widest)
 
@@ -553,7 +556,7 @@ def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | Non
     if not found:
         return None
     # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
-    fine = [problems.refined(one, twist_alone=True) for one in found[:_REFINED]]
+    fine = [problems.twisted(one) for one in found[:_REFINED]]
     fine.sort(key=price)
     top = fine[0]
     likely = [one for one in fine if price(one) < price(top) + _ODD]
@@ -595,7 +598,7 @@ def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted
     assert lag is not None
 
     def at(share: float) -> Fitted | None:
-        other = replace(structure, lag=lag._replace(pole=1.0 - share))
+        other = _passed(structure, share)
         return law_structures.sensible(other, law_structures.lagged_problem(rows, other))
 
     return _profile(rows, at, (1.0 - lag.pole) * about)

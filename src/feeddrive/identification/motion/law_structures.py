@@ -120,6 +120,11 @@ class Structure:
         return self.family == CASCADE and self.integral
 
     @property
+    def late(self) -> float:
+        """Samples from the motion to the command that answers it, but for a low pass."""
+        return 0.5 * (self.n - 1) + self.d
+
+    @property
     def parameters(self) -> int:
         """The number of unknowns; discrete choices do not count."""
         return (
@@ -451,29 +456,34 @@ class SignProblems:
         self.rows, self.structure = rows, structure
         A, B = structure.terms(rows.basis)
         assert structure.friction is not None
-        age = structure.d + structure.friction
-        self.names = [f"sign{age}", *([f"moves{age}"] if structure.sides else [])]
-        self.first = structure.gains.index("friction")
-        self.signs = slice(self.first, self.first + len(self.names))
+        self.age = structure.d + structure.friction
+        self.kinds = ("sign", "moves") if structure.sides else ("sign",)
+        first = structure.gains.index("friction")
+        self.signs = slice(first, first + len(self.kinds))
         self.p = len(A)
         on = np.stack([term.on for term in (*A, *B)], axis=1)
         on[:, self.signs] = 0.0
         columns = self._passed(rows.whole @ on) if structure.lag else rows.columns @ on
-        # a triangle of columns that are all 0 in places is still one
         self.Q, R = np.linalg.qr(np.column_stack([columns, rows.force]))
         self.own, self.y = R[:, :-1], R[:, -1]
 
     def fit(self, signals: Signals) -> Fitted | None:
         """Return the fit with the directions of the set motion as `signals` smooth them, or None."""
-        # `old` of a low pass shifts the direction by half a sample, which the smoothing hides
-        more = np.stack([signals.direction(name) for name in self.names], axis=1)
-        more = self._passed(more) if self.structure.lag else self.rows.centered(more[self.rows.places])
+        more = self._directions(signals, self.age)
+        lag = self.structure.lag
+        if lag is None:
+            more = self.rows.centered(more[self.rows.places])
+        else:
+            more = self._passed((1.0 - lag.old) * more + lag.old * self._directions(signals, self.age + 1))
         on = self.Q.T @ more
         outside = triangle(more - self.Q @ on)
         A = np.vstack([self.own[:, : self.p], np.zeros((len(outside), self.p))])
         A[:, self.signs] = np.vstack([on, outside])
         B = np.vstack([self.own[:, self.p :], np.zeros((len(outside), self.p))])
         return sensible(self.structure, Problem(A, B, np.append(self.y, np.zeros(len(outside)))))
+
+    def _directions(self, signals: Signals, age: int) -> np.ndarray:
+        return np.stack([signals.direction(f"{kind}{age}") for kind in self.kinds], axis=1)
 
     def _passed(self, columns: np.ndarray) -> np.ndarray:
         """Return columns over the whole log after the low pass of the structure, in the rows."""

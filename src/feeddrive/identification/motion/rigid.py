@@ -67,6 +67,10 @@ _LEAST_REPEATS = 2.0  # periods in the travel: fewer are a bow of the friction, 
 _MOST_REPEATS = 200.0  # periods in the travel: shorter ones are no shape of an axis
 _FINER = 3  # grids of periods, each ten times finer than the one before
 _MAP_ENTRIES = 65  # of a force along the travel: 32 repeats are still seen
+MORE_RAMPS = (
+    "record next moves with short ramps, but of 30 ms or more: the inertial force should be at least as large as "
+    "friction for a tenth of the time"
+)
 SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
 _FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the rows that are tried where the usual ones tell less
 _WIDEST = 10.0  # errors over those for a white residual
@@ -343,9 +347,9 @@ class Terms:
         slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
 
     periods  the periods of the force along the travel; infinite: proportional to the position
-    suspected  True if least squares finds bending, which may be an effect of counts
     bends    True with the last term. Two masses on a spring need, well below their resonance f, the force
              M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, whose motor is ahead
+    suspected  True if least squares finds bending that instruments do not confirm: it may be an effect of counts
     """
 
     periods: tuple[float, ...] = ()
@@ -905,10 +909,7 @@ def check_mass(name: str, value: float, error: float, unit: str) -> None:
 
 def _next(parameter: str) -> str:
     if parameter.startswith(("mass", "inertia")):
-        return (
-            "the log holds hardly any acceleration; record next moves with short ramps: the inertial force should be "
-            "at least as large as friction for a tenth of the time"
-        )
+        return f"the log holds hardly any acceleration; {MORE_RAMPS}"
     if parameter.startswith("viscous"):
         return "the speed hardly changes; record next moves at three speeds at least, in both directions"
     return "record next moves at several speeds in both directions, with ramps between them"
