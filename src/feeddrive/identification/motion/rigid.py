@@ -277,27 +277,23 @@ def identify_rigid(
     if how is not None:
         return _identified(log, _moving(log, how), models, folds, judged=False)
     start = Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
-    rows = _moving(log, start)
-    unknown: NotIdentifiableError | None = None
-    fit: RigidFit | None = None
-    try:
-        fit = _identified(log, rows, models, folds, judged=True)
-        if _doubt(fit) <= SURE_MASS:
-            return fit
-    except NotIdentifiableError as error:
-        unknown = error
     # ramps that last two or three rows tell little of a mass; finer rows may tell more
-    try:
-        step = max(1, round(_FINER_STEP / log.sample_time))
-        finer = _moving(log, replace(start, cutoff=_FINER_CUTOFF, decimation=step))
-        other = _identified(log, finer, models, folds, judged=True, straight=True)
-        if fit is None or _doubt(other) < _doubt(fit):
-            return other
-    except (LogError, NotIdentifiableError):
-        if unknown is not None:
-            raise unknown from None
-    assert fit is not None
-    return fit
+    step = max(1, round(_FINER_STEP / log.sample_time))
+    fits: list[RigidFit] = []
+    refusals: list[LogError | NotIdentifiableError] = []
+    for tried in (start, replace(start, cutoff=_FINER_CUTOFF, decimation=step)):
+        try:
+            fits.append(_identified(log, _moving(log, tried), models, folds, judged=True))
+        except (LogError, NotIdentifiableError) as error:
+            refusals.append(error)
+    if not fits:
+        raise refusals[0]
+    if len(fits) == 1:
+        return fits[0]
+    usual, finer = fits
+    if _doubt(usual) > SURE_MASS and _doubt(finer) < _doubt(usual):
+        return _contradicted(finer, usual)
+    return _contradicted(usual, finer)
 
 
 def _moving(log: MotionLog, how: Preparation) -> Prepared:
@@ -310,20 +306,28 @@ def _doubt(fit: RigidFit) -> float:
     return fit["mass"].error / fit["mass"].value
 
 
-def _identified(
-    log: MotionLog,
-    rows: Prepared,
-    models: Sequence[str],
-    folds: int,
-    *,
-    judged: bool,
-    straight: bool = False,
-) -> RigidFit:
-    """Identify with the rows of one preparation.
+def _contradicted(fit: RigidFit, other: RigidFit) -> RigidFit:
+    """Return a fit with errors that cover how far a fit of other rows of the same log contradicts it.
 
-    judged    with rows and further terms by evidence, and a free dead time
-    straight  raise NotIdentifiableError for an axis that seems to bend, if no instruments tell by how much
+        error² + max(0, d² - |error² - error_other²|),   d the difference of the two values
+
+    Without an error of the model the less precise of two fits differs from the more precise one by the difference of
+    their variances; what is beyond it is caused by something that the model lacks.
+    Source: Hausman 1978.
     """
+    wider = np.ones(len(fit.estimates))
+    others = {estimate.name: estimate for estimate in other.estimates}
+    for k, one in enumerate(fit.estimates):
+        if (second := others.get(one.name)) is None or not one.error:
+            continue
+        beyond = (one.value - second.value) ** 2 - abs(one.error**2 - second.error**2)
+        wider[k] = np.sqrt(1.0 + max(0.0, beyond) / one.error**2)
+    estimates = tuple(replace(one, error=one.error * w) for one, w in zip(fit.estimates, wider.tolist(), strict=True))
+    return replace(fit, estimates=estimates, covariance=fit.covariance * np.outer(wider, wider))
+
+
+def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: int, *, judged: bool) -> RigidFit:
+    """Identify with the rows of one preparation; `judged`: rows and terms by evidence, and a free dead time."""
     used, instruments, terms = np.ones(rows.time.size, bool), None, Terms()
     if judged:
         instruments = instruments_of(log, rows)
@@ -332,8 +336,6 @@ def _identified(
             rows, instruments = faster, instruments_of(log, faster)
         used = _without_pulses(log, rows, instruments)
         terms = _by_evidence(log, rows, used, instruments)
-        if straight and terms.suspected:
-            raise NotIdentifiableError(f"{log.name}: mass is not identifiable: the axis bends in its ramps")
     fits = [_fit(log, rows, used, instruments, model, folds, terms, free=judged) for model in models]
     criterion = {fit.friction: fit.criterion[fit.friction] for fit in fits}
     best = min(fits, key=lambda fit: criterion[fit.friction])
@@ -411,16 +413,17 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
     Tried are the bending of the axis, a force proportional to the position, and one periodic along the travel: on an
     axis that turns one turn (the weight of an arm), else the period that explains most of the residual. A term is taken
     if it lowers the information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors, and not if
-    it would hide the mass (see `_hides`); bending by instruments only.
+    it would hide the mass (see `_hides`); bending by instruments only. Where least squares alone finds bending, further
+    terms must be evident beside it.
     """
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns[used] != 0.0, axis=0)]
-    chosen = Terms()
+    chosen = beside = Terms()
     best = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
     criterion = regression.information(best.residual, best.values.size)
     for kind in ("bend", "slope", "period"):
-        tried = replace(chosen, bends=True)
+        tried = replace(beside, bends=True)
         if kind != "bend":
             period = np.inf if kind == "slope" else 2.0 * np.pi
             if kind == "period" and log.frame is regression.TABLE:
@@ -429,7 +432,7 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
                 period = _strongest(places[used], best.columns, best.residual, end - begin)
             if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
                 continue
-            tried = replace(chosen, periods=(*chosen.periods, period))
+            tried = replace(beside, periods=(*beside.periods, period))
         added = tried.columns(log, rows, log.position)
         wider = np.column_stack([columns, added])
         if _dependent(wider[used]) or _hides(columns[used], wider[used]):
@@ -437,7 +440,7 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
         seen = tried.instruments(log, rows, instruments)
         solved = _solve(log, rows, wider, rows.how.delay, free=True, instruments=seen, used=used)
         lower = regression.information(solved.residual, solved.values.size)
-        new = [columns.shape[1] + k for k, name in enumerate(tried.names) if name not in chosen.names]
+        new = [columns.shape[1] + k for k, name in enumerate(tried.names) if name not in beside.names]
         values, covariance = solved.values[new], solved.covariance[np.ix_(new, new)]
         # without any residual there is no error either, and no evidence
         known = np.linalg.matrix_rank(covariance) == len(new)
@@ -448,7 +451,8 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
         if kind == "bend" and not solved.instrumented:
             chosen = replace(chosen, suspected=True)
         else:
-            chosen, criterion, best = tried, lower, solved
+            chosen = replace(tried, bends=tried.bends and not chosen.suspected, suspected=chosen.suspected)
+        beside, criterion, best = tried, lower, solved
     return chosen
 
 
@@ -760,8 +764,12 @@ def _fit(
     folds = min(folds, max(2, force.size // (4 * regression.GAP)))
     counted, shifts = _with_counts(log, rows, used, solved, names)
     size = float(np.sqrt(np.mean(force**2)))
-    # the bias due to quantization is not removed but counts as an error
+    # the bias due to quantization is not removed but counts as an error, and so does that of doubtful bending
     robust = solved.covariance + np.outer(shifts, shifts)
+    if terms.suspected:
+        bent = replace(terms, bends=True).columns(log, rows, log.position)[used, -1:]
+        moved = np.linalg.lstsq(np.column_stack([solved.columns, bent]), force, rcond=None)[0][:-1] - solved.values
+        robust += np.outer(moved, moved)
     ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
     special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
