@@ -1,6 +1,7 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Self, cast
@@ -18,7 +19,7 @@ from feeddrive.identification.motion import motion_log
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, Prepared
 from feeddrive.identification.regression import Estimate, Frame, Residuals, Validation
 from feeddrive.language.block import Number
-from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
+from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
@@ -277,13 +278,17 @@ def identify_rigid(
     if how is not None:
         return _identified(log, _moving(log, how), models, folds, judged=False)
     start = Preparation(delay=motion_log.HOLD + (dead_time or 0.0))
-    # ramps that last two or three rows tell little of a mass; finer rows may tell more
-    step = max(1, round(_FINER_STEP / log.sample_time))
+    # a log without motion is refused as one
+    rows = [_moving(log, start)]
+    with suppress(LogError, NotIdentifiableError):
+        # ramps that last two or three rows tell little of a mass; finer rows may tell more
+        step = max(1, round(_FINER_STEP / log.sample_time))
+        rows.append(_moving(log, replace(start, cutoff=_FINER_CUTOFF, decimation=step)))
     fits: list[RigidFit] = []
-    refusals: list[LogError | NotIdentifiableError] = []
-    for tried in (start, replace(start, cutoff=_FINER_CUTOFF, decimation=step)):
+    refusals: list[FeeddriveError] = []
+    for tried in rows:
         try:
-            fits.append(_identified(log, _moving(log, tried), models, folds, judged=True))
+            fits.append(_identified(log, tried, models, folds, judged=True))
         except (LogError, NotIdentifiableError) as error:
             refusals.append(error)
     if not fits:
