@@ -179,10 +179,14 @@ def test_a_load_encoder_is_seen_and_the_gains_of_the_motors_loop_are_found() -> 
         assert fit[name].value == pytest.approx(value, rel=0.05)
 
 
-def test_a_dead_band_is_refused_with_the_share_of_a_free_law() -> None:
-    """`benchmarks/control_laws.py` has more laws outside of the families."""
-    with pytest.raises(NotIdentifiableError, match="a free linear law of the same signals"):
-        found("Cascade", **PI, dead_band=4e-5)
+@pytest.mark.parametrize("dead_band", [40e-6, 7e-6])
+def test_a_dead_band_is_refused_with_the_share_of_a_free_law(dead_band: float) -> None:
+    """With 7 um, seven counts, its force is within the noise but follows what the band takes from the error.
+
+    `benchmarks/control_laws.py` has more laws outside of the families.
+    """
+    with pytest.raises(NotIdentifiableError, match="a free linear law of the same signals .* a nonlinear part"):
+        found("Cascade", **PI, dead_band=dead_band)
 
 
 def test_a_notch_in_the_law_makes_the_nearest_cascade_near_and_not_the_law() -> None:

@@ -48,6 +48,7 @@ _REFINED = 6  # fits by instruments whose twist is searched finely
 _TURNS = 2  # in which twist and corner are searched, each with the other one held
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
+_BANDS = np.geomspace(1e-3, 0.1, 5)  # of the usual error: half widths of a dead band that are tried
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
@@ -140,29 +141,41 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     """Return by how much nonlinear functions of the signals explain what a law leaves, as a criterion: > 0 if they do.
 
     A dead band, a limit inside of the law or friction compensation by the measured velocity leave what no linear law
-    explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)
+    explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)  Dead bands of
+    several widths are tried each alone.
     """
     n, d = found.structure.n, found.structure.d
     few = rows.fewer(_FEWER)
     basis, whole = few.basis, few.whole
     e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
     e = e - np.mean(e[few.places])
-    columns = []
+    bends = []
     for signal in (e, v):
         size = 1.4826 * float(np.median(np.abs(signal[few.places]))) or float(np.std(signal))
-        columns += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
-        columns += [np.abs(signal)]
-    more = few.centered(np.stack(columns, axis=1)[few.places])
+        bends += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
+        bends += [np.abs(signal)]
+    # a dead band takes what is within it from the error, and its integral from that of the law
+    usual = 1.4826 * float(np.median(np.abs(e[few.places])))
+    within = [np.clip(e, -width, width) for width in _BANDS * usual if width > 0.0]
+    kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
+    more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
     own = law_structures.regressors(found, few)
     rest = few.force - own[:, : found.values.size] @ found.values
     linear = np.hstack([own, few.columns])
     both = np.column_stack([linear, more, rest])
     sizes = np.linalg.norm(both[:, :-1], axis=0)
-    R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))
+    # what the linear columns leave of the others
+    R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))[linear.shape[1] :, linear.shape[1] :]
     noise = ROUNDING**2 * float(few.force @ few.force)
-    least, other = float(np.sum(R[linear.shape[1] :, -1] ** 2)), float(R[-1, -1] ** 2)
     effective = floor.effective * few.force.size / rows.force.size
-    return effective * math.log((least + noise) / (other + noise)) - more.shape[1] * math.log(effective)
+    least, first, explained = float(np.sum(R[:, -1] ** 2)), 0, []
+    for kind in kinds:
+        chosen = R[:, first : first + len(kind)]
+        other = R[:, -1] - chosen @ np.linalg.lstsq(chosen, R[:, -1], rcond=1e-9)[0]
+        gain = effective * math.log((least + noise) / (float(other @ other) + noise))
+        explained.append(gain - len(kind) * math.log(effective))
+        first += len(kind)
+    return max(explained)
 
 
 @dataclass(frozen=True, eq=False)
