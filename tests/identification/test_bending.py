@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from feeddrive.identification.motion.identify_law import identify_control
 from feeddrive.identification.motion.law_rows import LawRows, Signals
 from feeddrive.identification.motion.law_structures import CASCADE, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.rigid import _hides, identify_rigid
+from feeddrive.identification.motion.rigid import RigidFit, _contradicted, _hides, identify_rigid
 from feeddrive.identification.regression import cross_validated
 
 T = 5e-4
@@ -185,3 +186,33 @@ def test_a_smoothed_direction_is_fitted_as_in_the_whole_problem() -> None:
     assert one.ssr == pytest.approx(other.ssr, rel=1e-8)
     assert one.values == pytest.approx(other.values, rel=1e-5, abs=1e-6)
     assert one["friction"] == pytest.approx(20.0, rel=0.03)
+
+
+def test_two_fits_that_contradict_each_other_are_both_doubted() -> None:
+    """Hausman: 100 +- 1 and 100 + d +- 2 kg agree up to d = sqrt(3); what is beyond it widens the error."""
+    fit = identify_rigid(log_of(stiff=True), friction="symmetric")
+    mass = fit.estimates[0]
+
+    def of(value: float, error: float) -> RigidFit:
+        return replace(fit, estimates=(replace(mass, value=value, error=error), *fit.estimates[1:]))
+
+    assert _contradicted(of(100.0, 1.0), of(101.7, 2.0))["mass"].error == 1.0
+    wide = _contradicted(of(100.0, 1.0), of(104.0, 2.0))
+    assert wide["mass"].error == pytest.approx(np.sqrt(1.0 + 16.0 - 3.0))
+    assert wide["mass"].value == 100.0
+    # the other parameters agree, and the covariance follows the error
+    assert [e.error for e in wide.estimates[1:]] == [e.error for e in fit.estimates[1:]]
+    assert wide.covariance[0, 1] == pytest.approx(fit.covariance[0, 1] * np.sqrt(14.0))
+
+
+def test_bending_that_no_instrument_confirms_widens_the_error_by_what_it_would_change() -> None:
+    """Without the set position least squares alone sees it: 80 kg at 45 Hz are 0.7 kg less without the term."""
+    log = replace(log_of(), set_position=None)
+    fit = identify_rigid(log)
+    assert not fit.bends
+    off = abs(fit["mass"].value - MASS)
+    # three white errors, 0.23 kg each, would not reach the truth
+    assert off > 3.0 * fit["mass"].ols
+    assert off < 1.5 * fit["mass"].error
+    stiff = identify_rigid(replace(log_of(stiff=True), set_position=None))
+    assert stiff["mass"].error < 0.1 * fit["mass"].error

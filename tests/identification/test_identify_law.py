@@ -185,7 +185,7 @@ def test_a_dead_band_is_refused_with_the_share_of_a_free_law(dead_band: float) -
 
     `benchmarks/control_laws.py` has more laws outside of the families.
     """
-    with pytest.raises(NotIdentifiableError, match="a free linear law of the same signals .* a nonlinear part"):
+    with pytest.raises(NotIdentifiableError, match=r"a free linear law of the same signals .* a nonlinear part"):
         found("Cascade", **PI, dead_band=dead_band)
 
 
