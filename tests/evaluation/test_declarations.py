@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from dask_cluster import DaskCluster, dask_cluster
 from feeddrive.benchmark.benchmark import score
 from feeddrive.benchmark.report import summary
 from feeddrive.benchmark.rules import read_rules
@@ -26,6 +25,9 @@ from feeddrive.language.progress import Progress
 from feeddrive.workflow.benchmark import BenchmarkRequest, benchmark
 from feeddrive.workflow.compare import CompareRequest, compare
 from feeddrive.workflow.run_job import RunRequest, run
+
+if TYPE_CHECKING:
+    from dask_cluster import DaskCluster
 
 SHORT = SnapLimitedMove(
     distance=0.02, velocity=0.2, acceleration=5.0, jerk=400.0, snap=4e4, back=True, dwell_before=0.5, dwell_after=0.2
@@ -45,6 +47,8 @@ def alone() -> Comparison:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskCluster]:
+    from dask_cluster import dask_cluster  # takes half a second, which each process of the engine would spend, too
+
     with dask_cluster(tmp_path_factory.mktemp("cluster"), 2) as found:
         yield found
 

@@ -8,12 +8,11 @@ import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pytest
 
-from dask_cluster import DaskCluster, dask_cluster
 from feeddrive.evaluation.case import Case, content_digest
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.store import Folder
@@ -21,6 +20,9 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import CancelledError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
+
+if TYPE_CHECKING:
+    from dask_cluster import DaskCluster
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,8 @@ WANTED = [case.outcome(Progress()) for case in CASES]
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskCluster]:
+    from dask_cluster import dask_cluster  # takes half a second, which each process of the engine would spend, too
+
     with dask_cluster(tmp_path_factory.mktemp("cluster"), 0) as own:
         own.start_workers(2, environment={"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])})
         yield own

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+import forked_jobs
+from feeddrive.studio import jobs
 from feeddrive.studio.server import PAGE
 from studio_server import CHROMIUM, cookie_of
 
@@ -90,6 +92,15 @@ class Studio:
         self.server.wait(20.0)
         if self.server.stdout is not None:
             self.server.stdout.close()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _forked() -> Iterator[None]:
+    """Jobs of pages that have no server of their own are forked, with what they need and without pictures."""
+    with pytest.MonkeyPatch.context() as patch:
+        if (context := forked_jobs.forking()) is not None:
+            patch.setattr(jobs, "_CONTEXT", context)
+        yield
 
 
 @pytest.fixture(scope="module")

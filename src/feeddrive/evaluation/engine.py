@@ -40,6 +40,8 @@ _AHEAD = 2
 _LOOK = 0.1  # s after which a cancel is seen
 # times in a row, without a finished case in between, that processes may be killed
 _LOSSES = 3
+# a fresh interpreter each: a fork would copy the locks of the caller's threads
+_CONTEXT = multiprocessing.get_context("spawn")
 
 
 def by_threads(cases: Iterable[C], workers: int, progress: Progress) -> Generator[tuple[C, Any]]:
@@ -141,13 +143,11 @@ def _window(
 @contextmanager
 def _processes(workers: int, common: tuple[Any, ...]) -> Generator[tuple[Executor, Any]]:
     """Yield a pool of processes that hold the shared fields, and their message queue; an error terminates them."""
-    # a fresh interpreter each: a fork would copy the locks of the caller's threads
-    context = multiprocessing.get_context("spawn")
-    news: Any = context.Queue()
+    news: Any = _CONTEXT.Queue()
     with one_thread():
         # the calling program may have other child processes, which must survive
         before = set(multiprocessing.active_children())
-        pool = ProcessPoolExecutor(workers, context, _begin, (common, news))
+        pool = ProcessPoolExecutor(workers, _CONTEXT, _begin, (common, news))
         try:
             yield pool, news
         except BaseException:

@@ -277,10 +277,13 @@ def _columns(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.n
 
 def _lefts(stack: Problem, which: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Return the sum of squares that is left of the problems `which` (k,) with the best gains, for 1/Tn (k, m)."""
-    C, _, y = _columns(stack, np.repeat(which, rates.shape[1]), rates.ravel())
-    Q, _ = np.linalg.qr(C)
-    rest = y - (Q @ (y[:, None, :] @ Q).transpose(0, 2, 1))[..., 0]
-    return np.einsum("kr,kr->k", rest, rest).reshape(rates.shape)
+    p = stack.A.shape[2]
+    both = np.empty((*rates.shape, stack.A.shape[1], p + 1))
+    both[..., :p] = stack.A[which][:, None] + rates[..., None, None] * stack.B[which][:, None]
+    both[..., p] = stack.y[which][:, None]
+    # the last entry of the triangular factor of columns and force; `raw` is that factor, transposed, with more below
+    factor, _ = np.linalg.qr(both, mode="raw")
+    return factor[..., p, p] ** 2
 
 
 def _gains(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
