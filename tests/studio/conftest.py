@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -16,6 +17,8 @@ import forked_jobs
 from feeddrive.studio import jobs
 from feeddrive.studio.server import PAGE
 from studio_server import CHROMIUM, cookie_of
+
+TESTS = Path(__file__).parents[1]
 
 
 class Opened:
@@ -57,8 +60,10 @@ class Studio:
     def __init__(self, browser: Any, folder: Path, *words: str) -> None:
         self.browser, self.folder = browser, folder
         command = [sys.executable, "-c", "from feeddrive.cli.commands import app; app()", "studio", *words]
+        paths = [str(TESTS / "empty_pictures"), str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])]
         self.server = subprocess.Popen(
             [*command, "--no-browser", "--folder", str(folder)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,

@@ -44,16 +44,30 @@ def readout(page: Any, picture: str, across: float = 0.5, up: float = 0.5) -> st
     return str(page.locator(f"#{picture} .readout").first.inner_text())
 
 
+_FIND = """(content, steps) => {
+  const box = content.getBoundingClientRect();
+  for (let i = 0; i < steps; i++) {
+    for (let k = 0; k < steps; k++) {
+      const [clientX, clientY] = [box.x + (i + 0.5) / steps * box.width, box.y + (k + 0.5) / steps * box.height];
+      content.dispatchEvent(new MouseEvent('mousemove', {clientX, clientY, bubbles: true, view: window}));
+      if (content.style.cursor === 'pointer') return [clientX, clientY];
+    }
+  }
+  return null;
+}"""
+
+
 def found_mark(page: Any, picture: str, steps: int = 24) -> str:
     """Move over a picture until a mark that can be clicked is pointed at; what the picture says of it."""
     content = page.locator(f"#{picture} .u-over").first
     content.scroll_into_view_if_needed()
-    box = content.bounding_box()
-    for i in range(steps):
-        for k in range(steps):
-            page.mouse.move(box["x"] + (i + 0.5) / steps * box["width"], box["y"] + (k + 0.5) / steps * box["height"])
-            if content.evaluate("each => each.style.cursor") == "pointer":
-                return str(page.locator(f"#{picture} .readout").first.inner_text()).splitlines()[-1]
+    # looked for within the page, since each move from here takes some ms; the place is then pointed at for real
+    place = content.evaluate(_FIND, steps)
+    if place is not None:
+        page.mouse.move(*place)
+        page.wait_for_timeout(60)
+        assert content.evaluate("each => each.style.cursor") == "pointer"
+        return str(page.locator(f"#{picture} .readout").first.inner_text()).splitlines()[-1]
     raise AssertionError("no mark is pointed at")
 
 
