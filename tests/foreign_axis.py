@@ -40,6 +40,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 Array = np.ndarray
 
@@ -247,19 +248,22 @@ class Cascade(Law):
         self.sum, self.out, self.command, self.model, self.slow = z, z, z, z, z
         self.commands = [z] * (self.model_delay + 2)
         self.notched = [z, z, z, z]
+        parts = ("velocity_filter", "model_mass", "friction_ff", "tau", "notch", "dead_band")
+        self.has = {part: bool(np.any(getattr(self, part))) for part in parts}
 
     def step(self, k: int, xs: Array, vs: Array, accs: Array, motor: Array, load: Array) -> Array:
         T, Kp = self.T, self.Kp
         error = xs - (load if self.position_load else motor)
-        error = np.sign(error) * np.maximum(np.abs(error) - self.dead_band, 0.0)
+        if self.has["dead_band"]:
+            error = np.sign(error) * np.maximum(np.abs(error) - self.dead_band, 0.0)
         if k % self.slower == 0:
             self.command = self.Kv * error + self.ff * vs
         command, speed = self.command, self.difference(motor, self.n)
-        if np.any(self.velocity_filter):
+        if self.has["velocity_filter"]:
             self.slow = self.slow + (speed - self.slow) * T / (self.velocity_filter + T)
             speed = self.slow
         reference = command
-        if np.any(self.model_mass):
+        if self.has["model_mass"]:
             self.commands = [*self.commands[1:], command]
             new, old = self.commands[-1 - self.model_delay], self.commands[-2 - self.model_delay]
             gain = T * Kp / self.model_mass / 2
@@ -267,13 +271,16 @@ class Cascade(Law):
             self.model = (self.model * (1 - gain) + gain * (new + old)) / (1 + gain)
         self.sum = self.sum + T * self.rate * (reference - speed)
         asked = Kp * (command - speed + self.sum) + self.mass_ff * accs
-        asked = asked + self.friction_ff * np.tanh(vs / self.friction_speed)
-        if np.any(self.tau):
+        if self.has["friction_ff"]:
+            asked = asked + self.friction_ff * np.tanh(vs / self.friction_speed)
+        if self.has["tau"]:
             self.out = self.out + (asked - self.out) * (1 - np.exp(-T / np.maximum(self.tau, 1e-12)))
             asked = self.out
-        if np.any(self.notch):
+        if self.has["notch"]:
             asked = self._notch(asked)
-        sat = np.clip(asked, -self.limit, self.limit)
+        if self.windup == "none":
+            return asked
+        sat = within(asked, -self.limit, self.limit)
         if self.windup == "back":
             self.sum = self.sum + T * self.rate * (sat - asked) / Kp
         elif self.windup == "stop":
@@ -434,14 +441,18 @@ def _propagator(axes: Axes, count: int, h: float) -> tuple[Array, Array]:
     return np.moveaxis(step[:, :n, :n], 0, -1).copy(), np.moveaxis(step[:, :n, n:], 0, -1).copy()
 
 
+def within(values: Any, low: Any, high: Any) -> Array:
+    """As `np.clip`, whose way to the same two operations takes longer than they do for a few axes."""
+    return np.minimum(np.maximum(values, low), high)
+
+
 def _noise(rng: np.random.Generator, shape: tuple[int, int], size: Any, colour: Any) -> Array:
     """Coloured noise of standard deviation `size`, one row an axis."""
     white = rng.standard_normal(shape)
     c = np.broadcast_to(np.asarray(colour, float), shape[:1])
-    if np.any(c):
-        root = np.sqrt(1 - c * c)
-        for k in range(1, shape[1]):
-            white[:, k] = c * white[:, k - 1] + root * white[:, k]
+    for row, share in zip(white, c, strict=True):
+        if share:
+            row[1:] = lfilter([np.sqrt(1 - share * share)], [1.0, -share], row[1:], zi=[share * row[0]])[0]
     return white * np.broadcast_to(np.asarray(size, float), shape[:1])[:, None]
 
 
@@ -507,6 +518,9 @@ def simulate(
         law.sum = -gravity / law.Kp
     elif isinstance(law, LinuxCncPid):
         law.bias = law.bias - gravity
+    # share of each substep in which the newer command acts already
+    newer = [within(i + 1 - part * substeps, 0.0, 1.0) for i in range(substeps)]
+    bumpy, bump = bool(np.any(extra)), np.zeros(count)
     for k in range(rows):
         read1[:, k] = np.rint(state[0] / q1) * q1
         read2[:, k] = np.rint(state[n - 2] / q2) * q2
@@ -515,14 +529,12 @@ def simulate(
         asked = law.step(k, places[:, old], vs[:, old], accs[:, old], read1[:, old], read2[:, old])
         if added is not None:
             asked = asked + np.broadcast_to(added, shape)[:, k]
-        force[:, k] = np.clip(asked, -limit, limit)
-        history = np.roll(history, 1, axis=0)
+        force[:, k] = within(asked, -limit, limit)
+        history[1:] = history[:-1].copy()
         history[0] = force[:, k]
         new, before = history[whole, who], history[np.minimum(whole + 1, len(history) - 1), who]
         for i in range(substeps):
-            # Share of this substep in which the newer command acts already.
-            share = np.clip(i + 1 - part * substeps, 0.0, 1.0)
-            outer = [before + share * (new - before)]
+            outer = [before + newer[i] * (new - before)]
             load = gravity + push[:, k]
             if placed:
                 x = state[n - 2] + 0.5 * h * state[n - 1]
@@ -552,11 +564,13 @@ def simulate(
             else:
                 for j in range(bodies):
                     v = 0.5 * (state[2 * j + 1] + nxt[2 * j + 1] + B[2 * j + 1, j] * friction[j])
-                    bump = extra * np.exp(-((v / vstri) ** 2))
+                    if bumpy:
+                        bump = extra * np.exp(-((v / vstri) ** 2))
                     free = nxt[2 * j + 1]
                     if j == 1:
                         free = free + B[3, 0] * friction[0]
-                    friction[j] = np.clip(-free / B[2 * j + 1, j], -shares[j] * (cp + bump), shares[j] * (cn + bump))
+                    most = shares[j] * (cn + bump)
+                    friction[j] = within(-free / B[2 * j + 1, j], -shares[j] * (cp + bump), most)
                 for j in range(bodies):
                     nxt = nxt + B[:, j] * friction[j]
             state = nxt
