@@ -102,9 +102,8 @@ def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
 
     `@pytest.mark.pictures` keeps them: one test a command, so that every page is drawn once.
     """
-    if request.path.parent.name in ("cli", "comparison", "evaluation") and not request.node.get_closest_marker(
-        "pictures"
-    ):
+    rooms = ("cli", "comparison", "evaluation", "workflow")
+    if request.path.parent.name in rooms and not request.node.get_closest_marker("pictures"):
         monkeypatch.setattr(no_pictures.DRAWN_BY, no_pictures.empty)
 
 

@@ -57,7 +57,8 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sources, tests and pages with one more file."""
     folder = tmp_path_factory.mktemp("clone")
     for name in ("src/feeddrive", "tests"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "page"))
+        # with what is compiled of them: the times of files come along, and each process would compile all of it
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("page"))
     for page in ROOT.glob("*.[mt]*"):
         if page.is_file():
             shutil.copy(page, folder)

@@ -170,7 +170,7 @@ SOURCES: dict[str, Callable[[Path], bytes]] = {
 # what a log needs beside itself to be read
 NEEDS: dict[str, dict[str, Any]] = {"h.npy": {"mapping": {"time": "column_1"}}, "k.txt": {"sample_time": 1e-3}}
 FEW, MANY = 300, 100_000 // (len(SOURCES) + len(RESPONSES)) + 1
-HDF5, FEW_HDF5 = ("c.mat",), 25  # each is read in a process of its own
+HDF5, FEW_HDF5 = ("c.mat",), 12  # each is read in a process of its own
 
 
 def damaged(content: bytes, draw: random.Random) -> bytes:
@@ -273,7 +273,7 @@ def test_damaged_responses(tmp_path: Path, name: str, seeded: Seeded) -> None:
 @pytest.mark.parametrize("name", SOURCES)
 def test_logs_damaged_very_often(tmp_path: Path, name: str) -> None:
     """100,000 damages over all readers."""
-    check_logs(tmp_path, name, 20 * FEW_HDF5 if name in HDF5 else MANY, f"often {name}")
+    check_logs(tmp_path, name, 40 * FEW_HDF5 if name in HDF5 else MANY, f"often {name}")
 
 
 @pytest.mark.slow(reason="thousands of damaged files; each kind is damaged a few times quickly")
@@ -301,7 +301,7 @@ def test_random_bytes_and_texts(tmp_path: Path, seeded: Seeded) -> None:
     path = tmp_path / "a.bin"
     for number in range(1500):
         alphabet = draw.choice(alphabets)
-        start = b"\x89HDF\r\n\x1a\n" if number < 15 else draw.choice(starts)  # each takes a process of its own
+        start = b"\x89HDF\r\n\x1a\n" if number < 6 else draw.choice(starts)  # each takes a process of its own
         path.write_bytes(start + bytes(draw.choices(alphabet, k=draw.randrange(400))))
         found = outcome(lambda: read_log(path))
         assert isinstance(found, Log) or found.startswith(f"{path}: ")

@@ -44,6 +44,7 @@ def texts(value: Any, name: str, seen: set[int], depth: int = 6) -> Iterator[tup
             yield from texts(getattr(value, field.name), f"{name}.{field.name}", seen, depth - 1)
 
 
+@pytest.mark.pictures
 @pytest.mark.parametrize("command", ASKED)
 def test_no_mark_is_in_a_result_or_in_a_file(command: str, tmp_path: Path) -> None:
     asked = dict(ASKED[command])

@@ -2,11 +2,22 @@
 
 from io import BytesIO
 
+from matplotlib.backend_bases import RendererBase
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 
 class Picture(Figure):
     """A matplotlib Figure with a notebook display at double resolution; `savefig` writes it to a file."""
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the figure; only its layout is computed where `savefig` draws without output to have it."""
+        engine = self.get_layout_engine()
+        # afterwards a placeholder takes the place of this engine
+        if isinstance(engine, ConstrainedLayoutEngine) and self.canvas.is_saving():
+            engine.execute(self)
+        else:
+            super().draw(renderer)
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         file = BytesIO()
