@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+from importlib import import_module
 from multiprocessing.context import BaseContext
 
 import pytest
@@ -30,11 +31,6 @@ def forking() -> BaseContext | None:
 
 # in the process from which the others are forked; importing this module elsewhere loads nothing more
 if "from multiprocessing.forkserver import main" in " ".join(sys.orig_argv):
-    import jinja2
-    import matplotlib.backends.backend_svg
-    import scipy.optimize
-    import scipy.signal
-
     import feeddrive.evaluation.engine
     import feeddrive.loop.engine.llvm
     import feeddrive.report.page
@@ -45,5 +41,8 @@ if "from multiprocessing.forkserver import main" in " ".join(sys.orig_argv):
 
     for _command in COMMANDS:
         load(_command)
+    # what they import late
+    for _name in ("jinja2", "matplotlib.backends.backend_svg", "scipy.optimize", "scipy.signal"):
+        import_module(_name)
     feeddrive.report.page.svg = no_pictures.empty
     feeddrive.evaluation.engine._CONTEXT = multiprocessing.get_context("forkserver")  # type: ignore[assignment]

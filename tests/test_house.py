@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+import no_pictures
 
 SOURCE = Path(fd.__file__).parent
 DOCS = Path(__file__).parents[1] / "docs"
@@ -131,7 +132,7 @@ def plan_circle(folder: Path) -> None:
 def tune_axis(folder: Path) -> None:
     from feeddrive.workflow.tune import tune
 
-    tune("linear_motor", out=folder / "out")
+    tune("linear_motor", starts=1, out=folder / "out")
 
 
 WALKS = [
@@ -166,5 +167,7 @@ def test_on_a_walk_each_function_calls_the_next(
         for file, function, other, callee in re.findall(rf"{name}(?=\s→\s{name})", walk)
     ]
     assert len(arrows) >= 5
+    if not any(function == "svg" for arrow in arrows for _, function in arrow):
+        monkeypatch.setattr(no_pictures.DRAWN_BY, no_pictures.empty)
     pairs = called(lambda: run(tmp_path), {callee for _, callee in arrows}, monkeypatch)
     assert [arrow for arrow in arrows if arrow not in pairs] == []

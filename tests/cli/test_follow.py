@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from bus_bench import in_a_namespace
 from falling_drive import BESIDE, FEEDDRIVE, HANGING
+from feeddrive.cli.commands import app
 from feeddrive.files.read_log import read_log
+from feeddrive.language.errors import FeeddriveError
 from hal_programs import needs_linuxcnc
 
 KEPT = """follow drive.toml --channel position --level -{fallen} --edge falling --window 0.4 --before 0.4 \\
@@ -87,12 +90,14 @@ def test_a_window_that_does_not_fit_into_the_memory_is_refused(tmp_path: Path, t
     heads = ",".join(["t_s", *(f"c{k}" for k in range(99))])
     rows = "".join(f"{k / 1e3:.3f},0,{k % 2}{',0' * 97}\n" for k in range(14_000))
     (tmp_path / "run.csv").write_text(f"{heads}\n{rows}", encoding="utf-8")
-    done = follow(tmp_path, "run.csv", *trigger, "--window", "11", "--timeout", "5", "--out", "w.parquet")
-    assert done.returncode != 0
-    assert "a window of 11 s is longer than what is kept of 99 channels at this rate: make it 8.7 s" in done.stderr
+    words = ["follow", str(tmp_path / "run.csv"), *trigger, "--timeout", "5", "--out", str(tmp_path / "w.parquet")]
+    done = CliRunner().invoke(app, [*words, "--window", "11"])
+    assert isinstance(done.exception, FeeddriveError)
+    said = "a window of 11 s is longer than what is kept of 99 channels at this rate: make it 8.7 s"
+    assert said in str(done.exception)
     assert not (tmp_path / "w.parquet").exists()
-    done = follow(tmp_path, "run.csv", *trigger, "--window", "8.7", "--timeout", "5", "--out", "w.parquet")
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(app, [*words, "--window", "8.7"])
+    assert done.exit_code == 0, done.output
     log = read_log(tmp_path / "w.parquet")
     assert log.time[-1] - log.time[0] == pytest.approx(8.7, abs=2e-3)
 

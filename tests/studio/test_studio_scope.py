@@ -401,15 +401,16 @@ def test_rows_from_a_pipe_reach_every_page(tmp_path: Path) -> None:
 
 
 DRIVEN = """
-import json, sys, time
+import json, sys
 from pathlib import Path
-from feeddrive.studio.live import Followable
-from feeddrive.studio.server import Session
 
-sys.path[:0] = {here!r}
-from test_studio_scope import ask, curve, until
+def main():  # with its imports, which the processes that sample begin without
+    from feeddrive.studio.live import Followable
+    from feeddrive.studio.server import Session
 
-def main():
+    sys.path[:0] = {here!r}
+    from test_studio_scope import ask, curve, until
+
     pages = []
     for name in "ab":
         Path(name).mkdir()
