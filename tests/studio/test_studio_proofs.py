@@ -57,7 +57,7 @@ def compared(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> Session:
     """A page on which some laws were chosen and compared."""
     session = Session(tmp_path_factory.mktemp("compared"), bench)
     assert "error" not in asked(session, "compare.choose", laws=WANTED[1:])
-    done(session, "compare.start", starts=1)
+    done(session, "compare.start", starts=2)
     return session
 
 
