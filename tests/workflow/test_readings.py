@@ -269,18 +269,17 @@ def test_a_unit_that_is_told_is_taken_and_the_work_goes_on(tmp_path: Path) -> No
 
 
 def test_a_unit_that_was_told_and_is_implausible_is_no_verdict_to_use(tmp_path: Path) -> None:
-    t, r, x, f = signals()
-    path = written(tmp_path, "t,a,b,c", t, 1e3 * r, 1e3 * x, f)
-    done = identify(path, set_position="a:m", position="b:m", force="c:N")
+    t, _, x, f = signals()  # without the set position, from which a law would be searched
+    done = identify(written(tmp_path, "t,b,c", t, 1e3 * x, f), position="b:m", force="c:N")
     assert done.recommendation.startswith("Check the units before anything is done")
     assert "the speed is 126 m/s" in done.recommendation
 
 
 def test_values_that_are_advised_against_are_not_written(tmp_path: Path) -> None:
     """Half of the force is something else: 15 % is the most that a rigid drive may leave."""
-    t, r, x, f = signals()
+    t, _, x, f = signals()  # without the set position, from which a law would be searched
     other = 40.0 * np.sin(2.0 * np.pi * 3.7 * t)
-    done = outcome(written(tmp_path, NAMED, t, r, x, f + other), out=tmp_path / "out")
+    done = outcome(written(tmp_path, "t,pos_m,force_N", t, x, f + other), out=tmp_path / "out")
     assert done.verdict.startswith("Do not tune on these values")
     assert not (tmp_path / "out" / "machine.toml").exists()
     assert (tmp_path / "out" / "report.html").exists()
