@@ -158,7 +158,7 @@ def _said(cause: Cause, name: str, T: float, other: str) -> Text:
         also = f", or that of '{other}' as much too {ways[1]}" if other else ""
         return Text(
             f"the sample time of '{name}' is stated {cause.off} too {ways[0]}, {Quantity(T, 's', form='4')} in place "
-            f"of {Quantity(T / cause.factor, 's', form='4')}{also} (correct a clock with --time 't*{inverse}:s', or "
+            f"of {Quantity(T / cause.factor, 's', form='4')}{also} (correct a clock with --time 'column*{inverse}:s', or "
             "with --sample-time if the log has no stamps)"
         )
     if cause.kind == FORCE:
@@ -172,6 +172,5 @@ def _said(cause: Cause, name: str, T: float, other: str) -> Text:
             f"gear or count: --lead, --gear, or --position 'column*{inverse}')"
         )
     than = f"than in '{other}'" if other else "than is stated"
-    return Text(
-        f"{cause.off} {'more' if larger else 'less'} mass moves in '{name}' {than}, as with another workpiece or fixture"
-    )
+    more = "more" if larger else "less"
+    return Text(f"{cause.off} {more} mass moves in '{name}' {than}, as with another workpiece or fixture")

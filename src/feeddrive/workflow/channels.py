@@ -526,7 +526,7 @@ def mapped(
     found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
     for doubt_ in found:
         progress.remark(Text(f"- {doubt_.why}"))
-    second = _second(path, log, {**whole, **more}, values) if more else []
+    second = _second(log, {**whole, **more}, values) if more else []
     for why in second:
         progress.remark(Text(f"- {why}"))
     return Mapped(
@@ -542,35 +542,32 @@ def mapped(
     )
 
 
-# share by which the constant of a motor may differ from that of its data sheet, of which magnets that are warm make 10 %
+# share by which the constant of a motor may differ from its data sheet: tolerance and warm magnets make some 10 %
 CONSTANT_OFF = 0.15
 
 
-def _second(path: OpenedFile, log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
+def _second(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
     """Return what velocities beside a position and a current beside a force say against clock and scales."""
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
     role = "torque" if values.torque_constant is not None else "force"
-    if (
-        found
-        or not (role in channels and "current" in channels)
-        or not (values.torque_constant or values.motor_constant)
-    ):
+    if found or role not in channels or "current" not in channels:
+        return found
+    if values.torque_constant is None and values.motor_constant is None:
         return found
     # of one motor the force and its current have one factor, which is the constant
     scale = scale_of("A", columns["current"].name, values)
-    if scale.role != role:
-        return found
     f, i = (channels[name] - np.mean(channels[name]) for name in (role, "current"))
     explained, k = share(f, i)
-    times = abs(float(k[0])) / scale.factor
+    measured = abs(float(k[0]))
+    times = measured / scale.factor
     if explained > SAME and abs(times - 1.0) > CONSTANT_OFF:
         stated_as = "--torque-constant" if role == "torque" else "--motor-constant"
         found.append(
             Text(
-                f"'{columns[role].name}' is {number(abs(float(k[0])))} {scale.unit}/A times '{columns['current'].name}', "
-                f"where {stated_as} says {number(scale.factor)}: one of the two, or its unit, is {number(times)} times "
-                "off, and mass and friction with it if it is the force"
+                f"'{columns[role].name}' is {number(measured)} {scale.unit} for each A of "
+                f"'{columns['current'].name}', where {stated_as} says {number(scale.factor)}: one of the two columns, "
+                f"or its unit, is {number(times)} times off, and mass and friction with it if it is the {role}"
             )
         )
     return found

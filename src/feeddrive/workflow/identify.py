@@ -122,7 +122,7 @@ def _identify_several(request: IdentifyRequest, progress: Progress) -> Outcome[A
 
 
 def _each_axis(request: IdentifyRequest, files: Sequence[OpenedFile], progress: Progress) -> Outcome[dict[str, Any]]:
-    """Identify each axis of a log, or of several logs, on its own; an axis that cannot be identified is reported with the reason.
+    """Identify each axis of a log, or of several logs, on its own; report one that fails with the reason.
 
     Raises ParameterError for a log without axes, and for columns that are named, which belong to one axis.
     """
@@ -238,7 +238,7 @@ def _each_log(
     loop: Loop | None,
     progress: Progress,
 ) -> tuple[list[_Run], list[Identified]]:
-    """Read and identify each log by the same steps. Raise LogError naming all logs that are refused, with the reasons."""
+    """Read and identify each log by the same steps. Raise LogError naming all logs that are refused."""
     runs: list[_Run] = []
     alone: list[Identified] = []
     refused: dict[str, LogError] = {}

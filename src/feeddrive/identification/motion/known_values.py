@@ -56,20 +56,22 @@ def against_known(found: Identified, mass: float | None, feed: float | None) -> 
 
 def _by_values(log: MotionLog, ratios: dict[str, tuple[Ratio | None, Text]]) -> list[Text]:
     """Return what explains all known values at once, or else each of them alone."""
-    groups = (
-        [list(ratios.values())] if causes_of(ratio for ratio, _ in ratios.values()) else [[r] for r in ratios.values()]
-    )
-    texts = []
+    whole = list(ratios.values())
+    groups = [whole] if causes_of(ratio for ratio, _ in whole) else [[one] for one in whole]
+    texts: list[Text] = []
     for group in groups:
         causes = causes_of(ratio for ratio, _ in group)
         if causes:
-            told = joined(" and ", (text for _, text in group))
+            told = joined(", and ", (text for _, text in group))
             texts.append(Text(f"{log.name}: {told}: {said(causes, log.name, log.sample_time)}"))
     return texts
 
 
 def top_speed(log: MotionLog) -> float | None:
-    """Return the largest speed that is held, m/s or rad/s: of the set position if there is one; None if none is held."""
+    """Return the largest speed that is held, m/s or rad/s; None if none is held.
+
+    It is that of the set position if there is one, which does not overshoot.
+    """
     position = log.position if log.set_position is None else log.set_position
     half = max(1, round(_WINDOW / log.sample_time))
     speed = np.abs(position[2 * half :] - position[: -2 * half]) / (2.0 * half * log.sample_time)

@@ -36,6 +36,7 @@ LEAST_LOGS = 2
 OTHER_AXIS = 1.25
 _HALVINGS = 60  # of the interval of the scatter: its rounding is then far below any error
 _CHANCE = 0.05  # of logs that agree: the probability of a larger disagreement below which they are said to differ
+_NEVER = 1e-4  # chance that is shown as less than this: below it errors are not known well enough to tell
 _CERTAIN = 1e9  # degrees of freedom of a known scatter
 
 
@@ -107,7 +108,7 @@ class PooledFit(Result):
 
     def table(self) -> Table:
         """Return a table of the pooled parameters."""
-        return estimates_table(f"{self.name}: pooled from {len(self.fits)} logs", self.estimates)
+        return estimates_table(f"{self.name}: values of {len(self.fits)} logs", self.estimates)
 
     def compared(self) -> Table:
         """Return a table with the values of each log beside the pooled ones, the scatter, and how probable it is."""
@@ -117,10 +118,15 @@ class PooledFit(Result):
         ]
         rows.append(["pooled", *map(_with_error, self.estimates)])
         scatters = [Quantity(self.scatter[estimate.name], estimate.unit, form="2") for estimate in self.estimates]
-        rows.append(["scatter from log to log", *scatters])
-        chances = [Quantity(self.chance[estimate.name], "share", form="2") for estimate in self.estimates]
-        rows.append(["chance of a larger difference", *(Text(f"{chance}") for chance in chances)])
+        rows.append(["scatter", *scatters])
+        rows.append(["chance", *(_chance_shown(self.chance[estimate.name]) for estimate in self.estimates)])
         return Table("the logs compared", columns, rows)
+
+
+def _chance_shown(chance: float) -> Text:
+    if chance < _NEVER:
+        return Text(f"< {Quantity(_NEVER, 'share')}")
+    return Text(f"{Quantity(chance, 'share', form='2')}")
 
 
 def _with_error(estimate: Estimate) -> Text:
@@ -252,6 +258,8 @@ class IdentifiedLogs(Result):
         why = self._of_one_log()
         if why:
             return why.sentence
+        if self.contradicted:
+            return self.contradicted
         mass = self.model.mass
         return self._unsure() if mass.error > USABLE_MASS * mass.value else ""
 
@@ -535,10 +543,10 @@ def _against(usual: Identified, log: Identified) -> tuple[Text, bool]:
         causes = causes_of(kept)
     if not causes:
         return Text(""), False
-    names = joined(" and ", causes[0].shown) if len(causes) == 1 else MASS
+    names = joined(", ", causes[0].shown) if len(causes) == 1 else MASS
     text = said(causes, log.log.name, log.log.sample_time, usual.log.name)
     certain = all(cause.kind != LOAD for cause in causes)
-    return Text(f"{names} of '{log.log.name}' and '{usual.log.name}' differ as if {text}"), certain
+    return Text(f"{names} of '{log.log.name}' and '{usual.log.name}' differ by one factor, as where {text}"), certain
 
 
 _LAW = "law "
