@@ -321,8 +321,8 @@ class _Check:
         step = Quantity(self.T, "s", form="4")
         why = Text(
             f"the rate of change of '{a}' is {number(k, 4)} times '{b}': the sample time is "
-            f"{Quantity(k * self.T, 's')} and not {step} (--time 'column*{number(k, 4)}:s', or --sample-time), or one of "
-            f"the two columns has another scale; with this clock a mass would be "
+            f"{Quantity(k * self.T, 's')} and not {step} (--time 'column*{number(k, 4)}:s', or --sample-time), or "
+            f"one of the two columns has another scale; with this clock a mass would be "
             f"{Quantity(abs(k**-2 - 1.0), 'share'):2} wrong"
         )
         return RoleDoubt((velocity, position), "clock", why, certain=False)

@@ -158,8 +158,8 @@ def _said(cause: Cause, name: str, T: float, other: str) -> Text:
         also = f", or that of '{other}' as much too {ways[1]}" if other else ""
         return Text(
             f"the sample time of '{name}' is stated {cause.off} too {ways[0]}, {Quantity(T, 's', form='4')} in place "
-            f"of {Quantity(T / cause.factor, 's', form='4')}{also} (correct a clock with --time 'column*{inverse}:s', or "
-            "with --sample-time if the log has no stamps)"
+            f"of {Quantity(T / cause.factor, 's', form='4')}{also} (correct a clock with --time 'column*{inverse}:s', "
+            "or with --sample-time if the log has no stamps)"
         )
     if cause.kind == FORCE:
         return Text(

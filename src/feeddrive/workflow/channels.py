@@ -526,6 +526,14 @@ def mapped(
     found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
     for doubt_ in found:
         progress.remark(Text(f"- {doubt_.why}"))
+    stated_clock = path.columns.metadata.get("sample_time")
+    if sample_time is not None and isinstance(stated_clock, float) and sample_time != stated_clock:
+        progress.remark(
+            Text(
+                f"- the file states a sample time of {Quantity(stated_clock, 's')}; {Quantity(sample_time, 's')} is taken, "
+                "as told: a mass goes with its square"
+            )
+        )
     second = _second(log, {**whole, **more}, values) if more else []
     for why in second:
         progress.remark(Text(f"- {why}"))

@@ -420,7 +420,9 @@ def _identified(
                 f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
         raise
-    against, remarks = against_known(identified, request.mass, request.feed)
+    against, remarks = against_known(
+        identified, request.mass, request.feed, None if loop is None else float(loop.sample_time)
+    )
     second = () if read is None else read.second
     return replace(
         identified,

@@ -6,7 +6,7 @@ import numpy as np
 
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.second_source import CLOCK, MASS, Ratio, causes_of, said
+from feeddrive.identification.second_source import CLOCK, LEAST_FACTOR, MASS, Ratio, causes_of, said
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
@@ -17,11 +17,14 @@ _HELD = 0.05  # s at the top speed that are needed: shorter, the peak of a move 
 _QUANTILE = 0.98  # of the moving rows: the top speed is that of a log with one tenth of its time at it, or more
 
 
-def against_known(found: Identified, mass: float | None, feed: float | None) -> tuple[list[Text], list[Text]]:
+def against_known(
+    found: Identified, mass: float | None = None, feed: float | None = None, sample_time: float | None = None
+) -> tuple[list[Text], list[Text]]:
     """Return what known values say against clock and scales of a log, and remarks on those that confirm them.
 
-    mass  kg (kg m2 of an axis that turns), as weighed
-    feed  m/s (rad/s), the speed that the motion was programmed to reach
+    mass         kg (kg m2 of an axis that turns), as weighed
+    feed         m/s (rad/s), the speed that the motion was programmed to reach
+    sample_time  s, of the machine file
 
     The gains of a stated law are a second source, too: those that a log needs follow a wrong clock in a pattern.
     """
@@ -51,7 +54,23 @@ def against_known(found: Identified, mass: float | None, feed: float | None) -> 
         remarks.append(
             Text(f"clock and scales agree with what is known: {joined('; ', (text for _, text in ratios.values()))}")
         )
-    return [*against, *_by_gains(found)], remarks
+    return [*against, *_by_clock(log, sample_time), *_by_gains(found)], remarks
+
+
+def _by_clock(log: MotionLog, sample_time: float | None) -> list[Text]:
+    """Return what the sample time of a machine file says against that of the log, which may hold every n-th sample."""
+    if sample_time is None:
+        return []
+    times = log.sample_time / sample_time
+    whole = max(1.0, round(times)) if times >= 1.0 - LEAST_FACTOR else 1.0 / max(1.0, round(1.0 / times))
+    if abs(times / whole - 1.0) <= LEAST_FACTOR:
+        return []
+    return [
+        Text(
+            f"{log.name}: the machine file has a sample time of {Quantity(sample_time, 's')}, and the rows of the log "
+            f"are {Quantity(log.sample_time, 's')} apart: the clock of one of them is wrong (--time, --sample-time)"
+        )
+    ]
 
 
 def _by_values(log: MotionLog, ratios: dict[str, tuple[Ratio | None, Text]]) -> list[Text]:

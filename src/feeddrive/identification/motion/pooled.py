@@ -129,9 +129,8 @@ def _chance_shown(chance: float) -> Text:
     return Text(f"{Quantity(chance, 'share', form='2')}")
 
 
-def _with_error(estimate: Estimate) -> Text:
-    value = Quantity(estimate.value, estimate.unit, estimate.error, bare=True)
-    return Text(f"{value}")
+def _with_error(estimate: Estimate) -> Quantity:
+    return Quantity(estimate.value, estimate.unit, estimate.error, bare=True)
 
 
 def identify_pooled(
@@ -358,19 +357,16 @@ def pool_logs(
     remarks.append(values.remark)
     if laws is None:
         remarks.append(_laws_differ(found))
-    elif laws.without:
-        remarks.append(
-            f"the law is that of {laws.first.log.name}; none was found in {', '.join(laws.without)}, so that the "
-            "values of the inverse dynamics are pooled"
-        )
-    elif closed is None and any(log.refinement is not None for log in found):
+    else:
+        remarks += laws.remarks()
+    if laws is not None and not laws.without and closed is None and any(log.refinement is not None for log in found):
         remarks.append(
             "the closed loops of the logs do not all have the same parameters: the values of the inverse dynamics are "
             "pooled"
         )
     if len({log.log.sample_time for log in found}) > 1:
         remarks.append("the logs have different sample times")
-    base = min(found if laws is None else laws.logs, key=lambda log: log.mass.error / log.mass.value)
+    base = (_Laws(tuple(found), (), ()) if laws is None else laws).taken
     if values.apart:
         remarks.append(f"not pooled, since not all logs show it: {', '.join(values.apart)}; see each log")
     told = [_against(found[middle], log) for k, log in enumerate(found) if k != middle]
@@ -420,35 +416,64 @@ def _check_axes(found: Sequence[Identified], middle: int) -> None:
 
 @dataclass(frozen=True)
 class _Laws:
-    """Logs that have a law, which is the same in all of them, and the names of the logs in which none was found."""
+    """The law of the logs, which is the same in all that have one.
+
+    logs     logs with this law, of which one is taken; all logs if none has a law
+    without  names of the logs in which none was found
+    further  names of the logs whose law has further parts, or fewer
+    """
 
     logs: tuple[Identified, ...]
     without: tuple[str, ...]
+    further: tuple[str, ...]
 
     @property
-    def first(self) -> Identified:
+    def taken(self) -> Identified:
+        """The log that tells the mass best."""
         return min(self.logs, key=lambda log: log.mass.error / log.mass.value)
+
+    def remarks(self) -> list[str]:
+        """Say whose law is taken if not all logs show the same parts of it."""
+        name = self.taken.log.name
+        remarks: list[str] = []
+        if self.without:
+            remarks.append(
+                f"the law is that of {name}; none was found in {', '.join(self.without)}, so that the values of the "
+                "inverse dynamics are pooled"
+            )
+        if self.further:
+            remarks.append(
+                f"the law is that of {name}; in {', '.join(self.further)} it has other parts beside the same gains"
+            )
+        return remarks
 
 
 def _same_laws(found: Sequence[Identified]) -> _Laws | None:
     """Return the logs with a law; None if the laws of two of them differ. A stated law is the same in all."""
     there = [log for log in found if log.loop is not None]
-    laws = [log.control for log in there if log.control is not None]
-    if any(_matching(laws[0], law) is None for law in laws[1:]):
+    laws = {log.log.name: log.control for log in there if log.control is not None}
+    first, *others = [*laws.values()] or [None]
+    if first is not None and any(_matching(first, law) is None for law in others if law is not None):
         return None
+    names = [law.readings[0].name for law in laws.values()]
+    usual = max(names, key=names.count, default="")
+    further = tuple(name for name, law in laws.items() if law.readings[0].name != usual)
     without = tuple(log.log.name for log in found if log.loop is None) if there else ()
-    return _Laws(tuple(there or found), without)
+    return _Laws(tuple(log for log in there if log.log.name not in further) or tuple(found), without, further)
 
 
 def _matching(first: ControlFit, law: ControlFit) -> LawReading | None:
     """Return the reading of a law that is the law of another log; None if it is another one.
 
-    Gains of one law differ by their errors, or by what a wrong clock or scale makes of them.
+    Gains that both have differ by their errors, or by what a wrong clock or scale makes of them.  A further part, as
+    an acceleration feedforward, may be found in one log only.
     """
+    one = first.readings[0]
+    gains = {estimate.name for estimate in one.estimates}
     for reading in law.readings:
-        if reading.name == first.readings[0].name and all(
-            _alike(first[estimate.name], estimate) for estimate in reading.estimates
-        ):
+        basic = reading.structure.family == one.structure.family
+        basic = basic and reading.structure.integral == one.structure.integral
+        if basic and all(_alike(first[e.name], e) for e in reading.estimates if e.name in gains):
             return reading
     return None
 
