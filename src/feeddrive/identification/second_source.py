@@ -47,10 +47,10 @@ _POWERS = {
 }
 _PLACES = {FORCE: 0, CLOCK: 1, LENGTH: 2}
 
-# share by which a value may differ between two sources without a cause: a mass of one axis differs by 1 % between
-# inverse dynamics and closed loop (EMPS: 94.5 and 95.3 kg), friction by 10 % with temperature and lubrication, and
-# gains that are found in a log by 0.3 % nine times in ten
-SLACK_MASS, SLACK_FRICTION, SLACK_GAIN = 0.01, 0.1, 0.003
+# shares by which a value may differ between two sources without a cause, as one standard deviation
+SLACK_MASS = 0.01  # inverse dynamics and closed loop of one log differ by as much (EMPS: 94.5 and 95.3 kg)
+SLACK_FRICTION = 0.1  # friction changes by 10 % with temperature and lubrication
+SLACK_GAIN = 0.003  # a gain that is found in a log is right to 0.3 % nine times in ten
 # smallest factor that is reported as a cause: it makes a mass 2 % wrong if it is of the clock, less than what two
 # models of one log differ by if it is of anything else
 LEAST_FACTOR = 0.01

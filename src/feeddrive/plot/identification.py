@@ -442,9 +442,10 @@ def pooled_chart(fit: PooledFit) -> Chart:
         )
         bounds = (np.full(2, bound) for bound in pooled.interval)
         area = Band(ends, *bounds, number=0)
-        label = Text(f"{pooled.name.replace('_', ' ')} ({unit_name(pooled.unit, 'SI')})")
-        panels.append(Panel(label, curves, bands=(area,), levels=(Level(pooled.value, number=0),)))
-    return Chart("log", tuple(panels), low=0.5, high=len(ticks) + 0.5, ticks=ticks, height=1.2 + 1.1 * len(panels))
+        level = Level(pooled.value, number=0)
+        label = Text(f"({unit_name(pooled.unit, 'SI')})")
+        panels.append(Panel(label, curves, bands=(area,), levels=(level,), caption=pooled.name.replace("_", " ")))
+    return Chart("log", tuple(panels), low=0.5, high=len(ticks) + 0.5, ticks=ticks, height=1.2 + 1.2 * len(panels))
 
 
 pooled = figure_of(pooled_chart)

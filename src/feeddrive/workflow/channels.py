@@ -530,8 +530,8 @@ def mapped(
     if sample_time is not None and isinstance(stated_clock, float) and sample_time != stated_clock:
         progress.remark(
             Text(
-                f"- the file states a sample time of {Quantity(stated_clock, 's')}; {Quantity(sample_time, 's')} is taken, "
-                "as told: a mass goes with its square"
+                f"- the file states a sample time of {Quantity(stated_clock, 's')}; {Quantity(sample_time, 's')} is "
+                "taken, as told: a mass goes with its square"
             )
         )
     second = _second(log, {**whole, **more}, values) if more else []

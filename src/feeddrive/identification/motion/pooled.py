@@ -36,7 +36,7 @@ LEAST_LOGS = 2
 OTHER_AXIS = 1.25
 _HALVINGS = 60  # of the interval of the scatter: its rounding is then far below any error
 _CHANCE = 0.05  # of logs that agree: the probability of a larger disagreement below which they are said to differ
-_NEVER = 1e-4  # chance that is shown as less than this: below it errors are not known well enough to tell
+_NEVER = 1e-4  # chance below which only that is shown: errors are not known well enough to tell it
 _CERTAIN = 1e9  # degrees of freedom of a known scatter
 
 
@@ -254,11 +254,10 @@ class IdentifiedLogs(Result):
     @property
     def unusable(self) -> str:
         """The reason why the values must not be used in a machine file, or an empty string."""
-        why = self._of_one_log()
-        if why:
-            return why.sentence
+        if self._of_one_log() is not None:
+            return "not all logs can be pooled"
         if self.contradicted:
-            return self.contradicted
+            return "the logs contradict each other in clock or scale"
         mass = self.model.mass
         return self._unsure() if mass.error > USABLE_MASS * mass.value else ""
 
@@ -285,11 +284,15 @@ class IdentifiedLogs(Result):
 
     def _of_one_log(self) -> Advice | None:
         """Return the judgment on a log that must not be pooled, with the reason; None if there is none."""
-        for log in self.logs:
+        wrong = {log.log.name: log for log in self.logs if log.doubt or log.contradicted or log.faulty}
+        for name, log in wrong.items():
             why = log.doubt or log.contradicted or log.faulty
-            if why:
-                named = why if log.log.name in why else Text(f"{log.log.name}: {why}")
-                return Advice(log.advice.judgment, Text(f"{named}; leave this log out, or correct it"))
+            named = why if name in why else Text(f"{name}: {why}")
+            if len(wrong) == 1:
+                rest = "; correct this log, or leave it out"
+            else:
+                rest = f"; {'all' if len(wrong) == len(self.logs) else len(wrong)} logs are wrong in such a way"
+            return Advice(log.advice.judgment, Text(f"{named}{rest}"))
         return None
 
     def _unsure(self) -> Text:
