@@ -145,7 +145,7 @@ def alone() -> list[Identified]:
         resolution=1e-8,
     )
     law = fa.Cascade(Kv=rng.uniform(20.0, 30.0), Kp=mass * rng.uniform(120.0, 170.0), ff=1.0)
-    xs = fa.smooth_moves(T, (0.1, 0.0) * 2, 0.2, 2.0, 80.0, 0.1, 0.1)
+    xs = fa.smooth_moves(T, (0.1, 0.0) * 3, 0.2, 2.0, 80.0, 0.1, 0.1)
     logs = fa.simulate(axes, law, xs, T, rng, count=2)
     columns = [logs.log(i) for i in range(2)]
     found = [

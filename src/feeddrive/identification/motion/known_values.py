@@ -98,7 +98,9 @@ def top_speed(log: MotionLog) -> float | None:
         return None
     top = float(np.quantile(speed[speed > _LEVEL * np.max(speed)], _QUANTILE))
     held = np.abs(speed - top) < _LEVEL * top
-    if np.count_nonzero(held) * log.sample_time < _HELD:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(np.int8), [0]])))
+    # of one stretch: many short peaks of the same height are no feed that was reached
+    if np.max(edges[1::2] - edges[::2]) * log.sample_time < _HELD:
         return None
     return float(np.median(speed[held]))
 

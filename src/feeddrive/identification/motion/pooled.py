@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -21,7 +22,7 @@ from feeddrive.identification.motion.identify_law import ControlFit, LawReading
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation
 from feeddrive.identification.motion.rigid import FRICTIONS, SURE_MASS, RigidFit, identify_rigid
 from feeddrive.identification.regression import NORMAL, Estimate, estimates_table
-from feeddrive.identification.second_source import LOAD, MASS, Ratio, causes_of, said
+from feeddrive.identification.second_source import LOAD, MASS, Cause, Ratio, causes_of, said
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment
@@ -452,33 +453,46 @@ class _Laws:
 
 
 def _same_laws(found: Sequence[Identified]) -> _Laws | None:
-    """Return the logs with a law; None if the laws of two of them differ. A stated law is the same in all."""
+    """Return the logs with a law; None if the laws of two of them differ. A stated law is the same in all.
+
+    A log may be explained by several laws alike; the others then tell which of them it was.
+    """
     there = [log for log in found if log.loop is not None]
-    laws = {log.log.name: log.control for log in there if log.control is not None}
-    first, *others = [*laws.values()] or [None]
-    if first is not None and any(_matching(first, law) is None for law in others if law is not None):
-        return None
-    names = [law.readings[0].name for law in laws.values()]
-    usual = max(names, key=names.count, default="")
-    further = tuple(name for name, law in laws.items() if law.readings[0].name != usual)
+    laws = [(log, log.control) for log in there if log.control is not None]
     without = tuple(log.log.name for log in found if log.loop is None) if there else ()
-    return _Laws(tuple(log for log in there if log.log.name not in further) or tuple(found), without, further)
+    if not laws:
+        return _Laws(tuple(there or found), without, ())
+    best: _Laws | None = None
+    for _, candidate in laws:
+        reading = candidate.readings[0]
+        if any(_matching(reading, law) is None for _, law in laws):
+            continue
+        logs = tuple(
+            log for log, law in laws if law.readings[0].name == reading.name and _fits(reading, law.readings[0])
+        )
+        further = tuple(log.log.name for log, _ in laws if log not in logs)
+        if best is None or len(logs) > len(best.logs):
+            best = _Laws(logs, without, further)
+    return best
 
 
-def _matching(first: ControlFit, law: ControlFit) -> LawReading | None:
-    """Return the reading of a law that is the law of another log; None if it is another one.
+def _matching(reading: LawReading, law: ControlFit) -> LawReading | None:
+    """Return the reading of a law that is the law of another log; None if it is another one."""
+    return next((other for other in law.readings if _fits(reading, other)), None)
+
+
+def _fits(a: LawReading, b: LawReading) -> bool:
+    """Return True if two readings are one law.
 
     Gains that both have differ by their errors, or by what a wrong clock or scale makes of them.  A further part, as
     an acceleration feedforward, may be found in one log only.
     """
-    one = first.readings[0]
-    gains = {estimate.name for estimate in one.estimates}
-    for reading in law.readings:
-        basic = reading.structure.family == one.structure.family
-        basic = basic and reading.structure.integral == one.structure.integral
-        if basic and all(_alike(first[e.name], e) for e in reading.estimates if e.name in gains):
-            return reading
-    return None
+    gains = {estimate.name for estimate in a.estimates}
+    return _basic(a) == _basic(b) and all(_alike(a[e.name], e) for e in b.estimates if e.name in gains)
+
+
+def _basic(reading: LawReading) -> tuple[str, bool]:
+    return reading.structure.family, reading.structure.integral
 
 
 def _alike(a: Estimate, b: Estimate) -> bool:
@@ -510,7 +524,7 @@ def law_table(found: IdentifiedLogs) -> Table | None:
     names = {estimate.name: estimate.unit for _, law in laws for estimate in law.estimates}
     rows: list[list[Cell]] = []
     for name, law in laws:
-        reading = law.readings[0] if taken is None else (_matching(taken, law) or law.readings[0])
+        reading = law.readings[0] if taken is None else (_matching(taken.readings[0], law) or law.readings[0])
         there = {estimate.name: estimate for estimate in reading.estimates}
         values = [_with_error(there[gain]) if gain in there else None for gain in names]
         rows.append([name, *values, reading.name, "taken" if law is taken else ""])
@@ -563,6 +577,8 @@ def _against(usual: Identified, log: Identified) -> tuple[Text, bool]:
         for name, e in values.items()
         if name in known
     }
+    for a, b in _gains(usual, log):
+        ratios[f"{_LAW}{b.name}"] = Ratio.of(f"{_LAW}{b.name}", b.unit, b.value, a.value, _joint(b, a))
     causes = causes_of(ratios.values())
     told = [name for name, ratio in ratios.items() if ratio is not None and name.startswith(_LAW) and ratio.unit]
     if not causes and len(told) > 1:
@@ -571,10 +587,22 @@ def _against(usual: Identified, log: Identified) -> tuple[Text, bool]:
         causes = causes_of(kept)
     if not causes:
         return Text(""), False
-    names = joined(", ", causes[0].shown) if len(causes) == 1 else MASS
-    text = said(causes, log.log.name, log.log.sample_time, usual.log.name)
+    # file names are enough where they differ: a path would be repeated five times
+    names = [Path(one.log.name).name for one in (log, usual)]
+    first, second = names if names[0] != names[1] else (log.log.name, usual.log.name)
+    text = said(causes, first, log.log.sample_time, second)
     certain = all(cause.kind != LOAD for cause in causes)
-    return Text(f"{names} of '{log.log.name}' and '{usual.log.name}' differ by one factor, as where {text}"), certain
+    return Text(f"{_shown(causes)} of '{first}' and '{second}' differ by one factor, as where {text}"), certain
+
+
+def _shown(causes: Sequence[Cause]) -> str:
+    """Return the values that follow a cause in words: mass, friction, and the gains by name."""
+    shown = causes[0].shown if len(causes) == 1 else (MASS,)
+    gains = [name.removeprefix(_LAW) for name in shown if name.startswith(_LAW)]
+    words = [MASS] if MASS in shown else []
+    words += ["friction"] if len(shown) > len(words) + len(gains) else []
+    words += [f"the gains {', '.join(gains)}"] if gains else []
+    return f"{', '.join(words[:-1])}{' and ' if len(words) > 1 else ''}{words[-1]}"
 
 
 _LAW = "law "
@@ -585,9 +613,24 @@ def _joint(a: Estimate, b: Estimate) -> float:
 
 
 def _values(log: Identified) -> dict[str, Estimate]:
-    """Return mass, friction and gains of a log by name, with those of the law as `law Kp`."""
-    values = {MASS: replace(log.mass, name=MASS)}
+    """Return mass and friction of a log by name."""
     fitted = log.rigid.estimates if log.refinement is None else log.refinement.short
-    values |= {e.name: e for e in fitted if e.name.startswith(("viscous", "coulomb"))}
-    gains = log.control.estimates if log.control is not None else ()
-    return values | {f"{_LAW}{e.name}": e for e in gains}
+    friction = {e.name: e for e in fitted if e.name.startswith(("viscous", "coulomb"))}
+    return {MASS: replace(log.mass, name=MASS), **friction}
+
+
+def _gains(usual: Identified, log: Identified) -> list[tuple[Estimate, Estimate]]:
+    """Return the gains of the law that both logs show: of several that explain them alike, the nearest two."""
+    if usual.control is None or log.control is None:
+        return []
+    pairs: list[list[tuple[Estimate, Estimate]]] = [
+        [(one, e) for e in b.estimates for one in a.estimates if one.name == e.name]
+        for a in usual.control.readings
+        for b in log.control.readings
+        if _basic(a) == _basic(b)
+    ]
+
+    def apart(gains: list[tuple[Estimate, Estimate]]) -> float:
+        return sum(abs(b.value - a.value) / (abs(a.value) + abs(b.value)) for a, b in gains if a.value or b.value)
+
+    return min(pairs, key=apart, default=[])
