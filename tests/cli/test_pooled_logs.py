@@ -92,13 +92,12 @@ def test_amperes_in_place_of_newtons_are_seen_by_the_other_log(tmp_path: Path, l
 
 def test_a_log_that_is_refused_is_named_with_the_command_for_the_others(tmp_path: Path, logs: fa.Logs) -> None:
     a = written(tmp_path, logs, 0)
-    half = tmp_path / "half.csv"
-    log = logs.log(1)
-    turn = int(np.argmax(log["position"]))
-    fa.write_csv(half, {k: v[:turn] for k, v in log.items()}, np.random.default_rng(2), unit="mm", force_unit="N")
-    why = r"1 of 2 logs cannot be used: .*half\.csv.*; without it: feeddrive identify .*a\.csv"
+    rest, log = tmp_path / "rest.csv", logs.log(1)
+    still = {**log, "position": np.full(log["position"].size, 0.02)}
+    fa.write_csv(rest, still, np.random.default_rng(2), language=0, unit="mm", force_unit="N")
+    why = r"1 of 2 logs cannot be used: .*rest\.csv: 'position' is .*; without it: feeddrive identify .*a\.csv"
     with pytest.raises(NotIdentifiableError, match=why):
-        identify((a, half), friction="directional")
+        identify((a, rest), friction="directional")
 
 
 def test_what_is_no_second_log_is_said(tmp_path: Path, logs: fa.Logs) -> None:

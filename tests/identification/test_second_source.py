@@ -80,6 +80,12 @@ def test_a_value_may_differ_by_its_slack(name: str, times: float, told: bool) ->
     assert bool(kinds(ratio(name, times))) is told
 
 
+@pytest.mark.parametrize(("times", "told"), [(1.008, False), (1.013, True)])
+def test_a_clock_matters_from_a_percent(times: float, told: bool) -> None:
+    """Two gains tell it to 0.2 %."""
+    assert bool(kinds(ratio("Kp", times), ratio("Kv", 1.0 / times))) is told
+
+
 @pytest.mark.parametrize(("rest", "force"), [(0.0073, True), (0.0081, False)])
 def test_a_cause_leaves_no_more_than_chance(rest: float, force: bool) -> None:
     """A force leaves Kv as it is, and a length, too; sqrt(6.63) slacks of 0.3 % are exceeded by one chance in 100."""
