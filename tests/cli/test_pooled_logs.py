@@ -121,3 +121,48 @@ def test_a_column_keeps_its_role_in_all_logs(tmp_path: Path, logs: fa.Logs) -> N
         np.savetxt(path, columns, delimiter=";", header=heads, comments="", fmt="%.10g")
     with pytest.raises(LogError, match=r"b\.csv: 'x' is taken for \w+, and in .*a\.csv for position_load"):
         identify(paths, friction="directional")
+
+
+def test_a_velocity_beside_the_position_tells_the_clock_of_one_log(tmp_path: Path, logs: fa.Logs) -> None:
+    log = logs.log(2)
+    velocity = 1e3 * np.round(logs.hidden["velocity"][2], 4)
+    columns = {
+        "t [s]": 1.02 * log["time"],
+        "x_set [m]": log["setpoint"],
+        "x_act [m]": log["position"],
+        "F [N]": log["force"],
+    }
+    path = tmp_path / "run.csv"
+
+    def judged(velocity: np.ndarray) -> tuple[Judgment, str]:
+        table = np.column_stack([*columns.values(), velocity])
+        np.savetxt(path, table, delimiter=";", header=";".join([*columns, "v_act [mm/s]"]), comments="", fmt="%.10g")
+        done = identify.run(identify.request(path, friction="directional"))
+        return done.judgment, str(done.verdict)
+
+    judgment, why = judged(velocity)
+    assert judgment is Judgment.SCALES_IN_DOUBT
+    assert "the rate of change of 'x_act' is 0.9804 times 'v_act'" in why
+    # a velocity that was not recorded at all times says nothing, and does not refuse the log
+    velocity[100] = np.nan
+    assert judged(velocity)[0] is Judgment.USE_VALUES
+
+
+def test_each_axis_of_several_logs_is_pooled_by_its_own_columns(tmp_path: Path, logs: fa.Logs) -> None:
+    files = []
+    for i in (0, 1):
+        log, other = logs.log(i), logs.log(2 - i)
+        columns = {"time [s]": log["time"]}
+        for axis, one, times in (("X1", log, 1.0), ("Y1", other, 1.5)):
+            columns[f"{axis}_CommandPosition [mm]"] = 1e3 * one["setpoint"]
+            columns[f"{axis}_ActualPosition [mm]"] = 1e3 * one["position"]
+            columns[f"{axis}_Force [N]"] = times * one["force"]
+        files.append(tmp_path / f"{'ab'[i]}.csv")
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(files[-1], table, delimiter=";", header=";".join(columns), comments="", fmt="%.10g")
+    done = identify.run(identify.request(tuple(files), axis="all", friction="directional", out=tmp_path / "out"))
+    mass = float(logs.true("mass", 0))
+    assert {axis: found["mass"].value / mass for axis, found in done.result.items()} == pytest.approx(
+        {"x1": 1.0, "y1": 1.5}, rel=0.01
+    )
+    assert (tmp_path / "out" / "y1" / "machine.toml").exists()

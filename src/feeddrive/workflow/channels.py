@@ -514,7 +514,12 @@ def mapped(
     whole = with_units(path, mapping, unit)
     used = {column.name for column in whole.values()}
     more = {role: column for role, column in likely.items() if role in beside and column.name not in used}
-    log = read_log(path, whole, optional={**optional, **more}, sample_time=sample_time).from_row(skipped)
+    try:
+        log = read_log(path, whole, optional={**optional, **more}, sample_time=sample_time).from_row(skipped)
+    except LogError:
+        # a second source that cannot be read is no reason to refuse the log
+        more = {}
+        log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
     # kept with the log, so that the error for a missing role can state why its likely column was rejected
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     stated_units = {role for role, column in whole.items() if column != mapping[role]}
