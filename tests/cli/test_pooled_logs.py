@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 
 import foreign_axis as fa
 from feeddrive.cli.commands import app
+from feeddrive.files import Mapping as Roles
+from feeddrive.files.columns import Column
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
@@ -126,26 +128,24 @@ def test_a_column_keeps_its_role_in_all_logs(tmp_path: Path, logs: fa.Logs) -> N
 def test_a_velocity_beside_the_position_tells_the_clock_of_one_log(tmp_path: Path, logs: fa.Logs) -> None:
     log = logs.log(2)
     velocity = 1e3 * np.round(logs.hidden["velocity"][2], 4)
-    columns = {
-        "t [s]": 1.02 * log["time"],
-        "x_set [m]": log["setpoint"],
-        "x_act [m]": log["position"],
-        "F [N]": log["force"],
-    }
+    columns = {"t [s]": 1.02 * log["time"], "x_act [m]": log["position"], "F [N]": log["force"]}
     path = tmp_path / "run.csv"
+    roles = {"time": "t:s", "position_load": "x_act:m", "force": "F:N", "velocity_load": "v_act:mm/s"}
+    channels = Roles({role: Column.of(text) for role, text in roles.items()})
 
-    def judged(velocity: np.ndarray) -> tuple[Judgment, str]:
+    def judged(velocity: np.ndarray, channels: Roles | None) -> tuple[Judgment, str]:
         table = np.column_stack([*columns.values(), velocity])
         np.savetxt(path, table, delimiter=";", header=";".join([*columns, "v_act [mm/s]"]), comments="", fmt="%.10g")
-        done = identify.run(identify.request(path, friction="directional"))
+        done = identify.run(identify.request(path, friction="directional", channels=channels))
         return done.judgment, str(done.verdict)
 
-    judgment, why = judged(velocity)
-    assert judgment is Judgment.SCALES_IN_DOUBT
-    assert "the rate of change of 'x_act' is 0.9804 times 'v_act'" in why
+    for given in (None, channels):
+        judgment, why = judged(velocity, given)
+        assert judgment is Judgment.SCALES_IN_DOUBT
+        assert "the rate of change of 'x_act' is 0.9804 times 'v_act'" in why
     # a velocity that was not recorded at all times says nothing, and does not refuse the log
     velocity[100] = np.nan
-    assert judged(velocity)[0] is Judgment.USE_VALUES
+    assert judged(velocity, channels)[0] is Judgment.USE_VALUES
 
 
 def test_each_axis_of_several_logs_is_pooled_by_its_own_columns(tmp_path: Path, logs: fa.Logs) -> None:
@@ -154,7 +154,6 @@ def test_each_axis_of_several_logs_is_pooled_by_its_own_columns(tmp_path: Path, 
         log, other = logs.log(i), logs.log(2 - i)
         columns = {"time [s]": log["time"]}
         for axis, one, times in (("X1", log, 1.0), ("Y1", other, 1.5)):
-            columns[f"{axis}_CommandPosition [mm]"] = 1e3 * one["setpoint"]
             columns[f"{axis}_ActualPosition [mm]"] = 1e3 * one["position"]
             columns[f"{axis}_Force [N]"] = times * one["force"]
         files.append(tmp_path / f"{'ab'[i]}.csv")
