@@ -14,6 +14,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -39,8 +40,10 @@ CAUSE = {
     "force 1.05": "the force",
 }
 
+Channels: TypeAlias = dict[str, np.ndarray]  # of a log, by role
 
-def pairs(rng: np.random.Generator, family: str, draws: int) -> Iterator[tuple[dict, dict, np.ndarray]]:
+
+def pairs(rng: np.random.Generator, family: str, draws: int) -> Iterator[tuple[Channels, Channels, np.ndarray]]:
     """Two logs of each of some axes, and the true velocity of the second one."""
     axes = [fa.draw_axes(rng, T, two=False, creep=0.0) for _ in range(draws)]
     laws = [fa.draw_law(rng, one, T, family, n=1) for one in axes]
@@ -55,7 +58,7 @@ def pairs(rng: np.random.Generator, family: str, draws: int) -> Iterator[tuple[d
             yield logs.log(i), logs.log(draws + i), logs.hidden["velocity"][draws + i]
 
 
-def identified(log: dict, name: str, clock: float = 1.0, force: float = 1.0) -> Identified:
+def identified(log: Channels, name: str, clock: float = 1.0, force: float = 1.0) -> Identified:
     return identify_motion(
         MotionLog(
             name=name,
@@ -67,7 +70,7 @@ def identified(log: dict, name: str, clock: float = 1.0, force: float = 1.0) -> 
     )
 
 
-def told(a: Identified, second: dict, case: str) -> str:
+def told(a: Identified, second: Channels, case: str) -> str:
     """What the pair leads to: named, another cause, not trusted, recommended, or refused."""
     clock, force = CASES[case]
 
@@ -90,7 +93,7 @@ def told(a: Identified, second: dict, case: str) -> str:
     return "recommended" if found.advice.judgment is Judgment.USE_VALUES else "not trusted"
 
 
-def by_velocity(log: dict, velocity: np.ndarray, clock: float) -> bool:
+def by_velocity(log: Channels, velocity: np.ndarray, clock: float) -> bool:
     """True if a velocity column, rounded to 0.1 mm/s, contradicts the clock."""
     channels = {"position_load": log["position"], "velocity_load": np.rint(velocity / 1e-4) * 1e-4}
     columns = {role: Column(name=role) for role in channels}

@@ -19,13 +19,13 @@ from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.second_source import CLOCK, FORCE, LENGTH, LOAD, Ratio, causes_of, said
 from feeddrive.language.judgment import Judgment
 from feeddrive.tuning.filters import read_block
-from feeddrive.workflow.channels import _second
+from feeddrive.workflow.channels import scale_doubts
 from feeddrive.workflow.commissioning import compared
 from feeddrive.workflow.force import DriveValues
 
 T = 1e-3
 # unit of each value, and how it follows force, sample time and length that are read too large
-VALUES = {
+VALUES: dict[str, tuple[str, int, int, int]] = {
     "mass": ("kg", 1, 2, -1),
     "viscous": ("N s/m", 1, 1, -1),
     "coulomb": ("N", 1, 0, 0),
@@ -45,20 +45,20 @@ def kinds(*ratios: Ratio | None) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("kind", "place"), [(FORCE, 1), (CLOCK, 2), (LENGTH, 3)])
+@pytest.mark.parametrize(("kind", "place"), [(FORCE, 0), (CLOCK, 1), (LENGTH, 2)])
 def test_each_cause_is_told_by_the_pattern_of_its_powers(kind: str, place: int, seed: int) -> None:
     """Values scale as their units do; each is off by a normal error of its own, 0.2 %, too."""
     rng = np.random.default_rng(seed)
     factor = float(np.exp(rng.choice((-1.0, 1.0)) * rng.uniform(0.02, 0.2)))
     found = causes_of(
         ratio(name, factor ** power[place] * (1.0 + 0.002 * rng.standard_normal()), 0.002)
-        for name, power in VALUES.items()
+        for name, (_, *power) in VALUES.items()
     )
     # force and length differ in Coulomb friction alone, whose slack is large
     assert found[0].kind == kind
     assert {cause.kind for cause in found} <= ({CLOCK} if kind == CLOCK else {FORCE, LENGTH})
     assert abs(found[0].factor - factor) < 3.0 * found[0].error < 0.03
-    assert set(found[0].shown) == {name for name, power in VALUES.items() if power[place]}
+    assert set(found[0].shown) == {name for name, (_, *power) in VALUES.items() if power[place]}
 
 
 def test_a_load_changes_the_mass_alone_and_a_mass_alone_tells_no_cause() -> None:
@@ -148,7 +148,7 @@ def test_the_constant_of_a_motor_is_held_against_force_and_current(times: float,
     channels = {"position_load": log["position"], "force": log["force"], "current": log["force"] / 82.0}
     held = Log(name="run", time=T * np.arange(log["force"].size), channels=channels, units={}, sample_time=T)
     columns = {role: Column(name=role) for role in channels}
-    told_of = _second(held, columns, DriveValues(motor_constant=82.0 / times))
+    told_of = scale_doubts(held, columns, DriveValues(motor_constant=82.0 / times))
     assert bool(told_of) is told
     if told:
         assert "'force' is 82 N for each A of 'current', where --motor-constant says" in str(told_of[0])

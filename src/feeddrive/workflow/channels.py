@@ -539,7 +539,7 @@ def mapped(
                 "taken, as told: a mass goes with its square"
             )
         )
-    second = _second(log, {**whole, **more}, values) if more else []
+    second = scale_doubts(log, {**whole, **more}, values) if more else []
     for why in second:
         progress.remark(Text(f"- {why}"))
     return Mapped(
@@ -559,7 +559,7 @@ def mapped(
 CONSTANT_OFF = 0.15
 
 
-def _second(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
+def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
     """Return what velocities beside a position and a current beside a force say against clock and scales."""
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]

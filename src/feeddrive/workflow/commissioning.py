@@ -522,7 +522,7 @@ def compared(file: Commissioning, inertia: float) -> list[str]:
         own.append(Text(f"inertia {Quantity(file.inertia, 'kg' if file.linear_motor else 'kg m2'):4}"))
     if file.antiresonance is not None:
         own.append(Text(f"first zero {Quantity(file.antiresonance, 'Hz'):4}"))
-    remarks = [Text(f"the tool's own model: {', '.join(map(str, own))}")] if own else []
+    remarks: list[str] = [Text(f"the tool's own model: {', '.join(map(str, own))}")] if own else []
     if file.inertia is not None and abs(inertia / file.inertia - 1.0) > TOOL_OFF:
         remarks.append(
             Text(

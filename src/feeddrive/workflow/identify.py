@@ -79,7 +79,7 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 
     Raises LogError for an unusable log, NotIdentifiableError for one that lacks the required information.
     """
-    if len(request.logs) > 1:
+    if len(request.sources) > 1:
         return _identify_several(request, progress)
     progress.step(f"reading {called(request.log)}")
     if isinstance(request.log, FRF):
@@ -101,12 +101,12 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
 
 def _identify_several(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     """Identify a drive from several logs. Raise ParameterError for a file given twice, and for frequency responses."""
-    paths = [log.resolve() for log in request.logs if isinstance(log, Path)]
+    paths = [log.resolve() for log in request.sources if isinstance(log, Path)]
     for path in paths:
         if paths.count(path) > 1:
             raise ParameterError(f"{path}: is given {paths.count(path)} times; a log counts once")
     sources: list[OpenedFile | MotionLog] = []
-    for log in request.logs:
+    for log in request.sources:
         progress.step(f"reading {called(log)}")
         source = OpenedFile(log) if isinstance(log, Path | Log) else log
         if isinstance(source, FRF) or (isinstance(source, OpenedFile) and responses_in(source) is not None):
@@ -201,7 +201,7 @@ def _identify_motion(
     files: dict[str, Path] = {}
     rows = (Text(f"{log.log.position.size}, {Quantity(log.log.sample_time, 's'):6} apart") for log in alone)
     known = {
-        "Log" if len(runs) == 1 else "Logs": log_names(request.logs),
+        "Log" if len(runs) == 1 else "Logs": log_names(request.sources),
         "Rows": joined("; ", rows),
         "Columns": "; ".join(dict.fromkeys(column_texts(run.columns) or "those of the object" for run in runs)),
         "Machine": called(request.machine),
@@ -270,7 +270,7 @@ def _all_refused(request: IdentifyRequest, refused: Mapping[str, LogError], othe
     how = f"; without {'it' if len(refused) == 1 else 'them'}: {line('identify', *others)}" if others else ""
     known = all(isinstance(error, NotIdentifiableError) for error in refused.values())
     kind = NotIdentifiableError if known else LogError
-    return kind(Text(f"{len(refused)} of {len(request.logs)} logs cannot be used: {reasons}{how}"))
+    return kind(Text(f"{len(refused)} of {len(request.sources)} logs cannot be used: {reasons}{how}"))
 
 
 def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:

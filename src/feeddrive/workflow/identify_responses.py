@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.files.columns import unit_of
 from feeddrive.files.commissioning import Commissioning
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
-from feeddrive.files.log import Log, LogLike
+from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
 from feeddrive.files.read_log import OpenedFile
@@ -465,10 +465,14 @@ def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> N
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
+Measured: TypeAlias = LogLike | MotionLog | FRF
+"""What `identify` takes: the file of a log, a `Log` or `MotionLog`, or frequency responses and their file."""
+
+
 class IdentifyRequest(DriveValues):
     """Logs of one axis or a file of frequency responses, the roles of their columns, and known values."""
 
-    logs: tuple[LogLike | MotionLog | FRF, ...] = argument(
+    logs: tuple[Measured, ...] | Measured = argument(
         "A log of position and force of one motion, several logs of one axis, whose values are then pooled, or a file "
         "of frequency responses"
     )
@@ -520,7 +524,7 @@ class IdentifyRequest(DriveValues):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"identify_{logs_stem(self.logs)}"
+        return Path("results") / f"identify_{logs_stem(self.sources)}"
 
     def check(self) -> None:
         """Raise ParameterError without a log, and for mutually exclusive constants."""
@@ -529,9 +533,15 @@ class IdentifyRequest(DriveValues):
         super().check()
 
     @property
-    def log(self) -> Path | Log | MotionLog | FRF:
+    def sources(self) -> tuple[Measured, ...]:
+        """The logs; a single one that was given without a tuple is in one."""
+        assert isinstance(self.logs, tuple)
+        return self.logs
+
+    @property
+    def log(self) -> Measured:
         """The only log, or the first one."""
-        return self.logs[0]
+        return self.sources[0]
 
     def named(self) -> dict[str, str | None]:
         """Return the column options by role; None for an omitted option."""
