@@ -301,6 +301,7 @@ def scored(*words: str, without: str = "") -> list[str]:
 QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.DO_NOT_TUNE: lambda: log(lambda t, f: f + 70.0 * np.sin(19.0 * t)),
     Judgment.UNITS_IN_DOUBT: lambda: shaken(1.0, unit="mN"),
+    Judgment.SCALES_IN_DOUBT: lambda: [*log(), "--mass", str(0.95 * MASS)],
     Judgment.INCOHERENT: lambda: shaken(60.0),
     Judgment.CURVE_IS_OPEN: lambda: speeds(*FAST),
     Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),

@@ -24,6 +24,8 @@ from feeddrive.analysis.replay import Replay
 from feeddrive.analysis.stability import stability
 from feeddrive.analysis.stiffness import stiffness
 from feeddrive.figures.ranking import CRITERIA
+from feeddrive.identification.motion.pooled import LogValues, pooled
+from feeddrive.identification.regression import Estimate
 from feeddrive.language.lazy_package import public_names
 from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import chart_of
@@ -278,6 +280,12 @@ PREVIEW = Stand(
         for name, role, unit in (("r", "setpoint_position", "mm"), ("x", "position_load", "mm"), ("f", "force", "N"))
     ]
 )
+
+
+def logged(name: str, mass: float) -> LogValues:
+    return LogValues(name, (Estimate("mass", mass, "kg", 1.0, 0.5), Estimate("coulomb", 20.0, "N", 2.0, 1.0)))
+
+
 OF_PLOT: dict[str, Callable[[], Chart]] = {
     "curves:effort": lambda: plot.effort_chart(Stand(operations={"add": 12, "divide": 4}, total=16)),
     "identification:residuals": lambda: plot.residuals_chart(
@@ -290,6 +298,7 @@ OF_PLOT: dict[str, Callable[[], Chart]] = {
     "identification:control_fit": lambda: plot.control_fit_chart(
         Stand(tried={(n, d): 0.01 * (n + d) for n in (1, 2, 3) for d in (0, 1)})
     ),
+    "identification:pooled": lambda: plot.pooled_chart(pooled([logged("a", 90.0), logged("b", 93.0)])),
     "identification:cogging": lambda: plot.cogging_chart(cogging()),
     "identification:cogging_over_turn": lambda: plot.cogging_over_turn_chart(
         cogging(), [Stand(direction=1, turns=T, force=5.0 * S)]

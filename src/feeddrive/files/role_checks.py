@@ -30,6 +30,9 @@ _FORCES = ("force", "torque", "command", "current")
 SCALE = 2.0  # times that two channels of one motion may differ in size: a slow loop; units differ by 16 and more
 OTHER = 0.5  # share of a motion below which a channel is certainly of another axis or of another quantity
 COUNTED = 1e-4  # share by which the changes of s - x may differ from those of a logged difference
+# share by which a position may differ from the integral of its velocity: makes a mass 2 % wrong if it is the clock
+CLOCK_OFF = 0.01
+EQUAL = 1e-3  # share by which the numbers of a force may differ from those of a current that it is: rounding of a file
 MOST_ROWS = 100_000  # rows that are compared: the liveliest stretch of a longer log
 
 # sizes that two units of one quantity have to each other: of lengths, speeds and angles
@@ -46,8 +49,8 @@ class RoleDoubt:
     """A contradiction between the roles of columns and their samples, or roles that the samples do not confirm.
 
     roles    the roles concerned, the one to correct first
-    kind     swapped, encoders, velocity, axis, sign, unit, force, late, or open: the samples neither confirm nor
-             contradict the roles
+    kind     swapped, encoders, velocity, axis, sign, unit, force, late, clock (a second column contradicts clock or
+             scales), or open: the samples neither confirm nor contradict the roles
     why      the sentence: what the samples show, and the option that corrects it
     certain  True if a result with these roles would be wrong; otherwise it is a remark
     """
@@ -101,6 +104,7 @@ def doubts_of(
             *check.setpoint(position),
             *check.encoders(),
             *check.velocities(position),
+            check.constant(),
             *([] if steady else check.force(position, apart)),
         )
         if doubt is not None
@@ -298,13 +302,46 @@ class _Check:
             why = Text(f"'{b}' has the sign opposite to the rate of change of '{a}': {self.turned(velocity)}")
             return RoleDoubt((velocity, position), "sign", why, certain=False)
         if 1.0 / SCALE <= k <= SCALE:
-            return None
+            return self.clock(position, velocity, k)
         cures = self.units_by(position, 1.0 / k) + self.units_by(velocity, k)
         cure = f": {' or '.join(cures)}" if cures else "; check the unit and the factor of both, and the clock"
         why = Text(
             f"the rate of change of '{a}' is {number(k, 4)} times '{b}', in the units in which they are read{cure}"
         )
         return RoleDoubt((position, velocity), "unit", why)
+
+    def clock(self, position: str, velocity: str, k: float) -> RoleDoubt | None:
+        """Return the doubt for a velocity whose integral is the position but for some percent: Δx = k ∫ v dt."""
+        x, v = self.channels[position], self.channels[velocity]
+        # noise of either column makes its own coefficient too small: the truth lies between k and this one
+        other = shapes.velocity_of(x, v, self.T)
+        if min(k, other) < 1.0 + CLOCK_OFF and max(k, other) > 1.0 - CLOCK_OFF:
+            return None
+        a, b = self.name(position), self.name(velocity)
+        step = Quantity(self.T, "s", form="4")
+        why = Text(
+            f"the rate of change of '{a}' is {number(k, 4)} times '{b}': the sample time is "
+            f"{Quantity(k * self.T, 's')} and not {step} (--time 'column*{number(k, 4)}:s', or --sample-time), or "
+            f"one of the two columns has another scale; with this clock a mass would be "
+            f"{Quantity(abs(k**-2 - 1.0), 'share'):2} wrong"
+        )
+        return RoleDoubt((velocity, position), "clock", why, certain=False)
+
+    def constant(self) -> RoleDoubt | None:
+        """Return the doubt for a force or torque whose numbers are those of the current beside it: A in place of N."""
+        role = next((role for role in ("force", "torque") if role in self.channels), None)
+        if role is None or "current" not in self.channels:
+            return None
+        f, i = self.channels[role], self.channels["current"]
+        explained, k = shapes.share(f - np.mean(f), i - np.mean(i))
+        if explained < 1.0 - EQUAL or abs(abs(float(k[0])) - 1.0) > EQUAL:
+            return None
+        a, b = self.name(role), self.name("current")
+        why = Text(
+            f"the numbers of '{a}' are those of '{b}': it is a current in A and no {role}; give the constant of the "
+            "motor with --torque-constant (N m/A) or --motor-constant (N/A), and leave its unit out"
+        )
+        return RoleDoubt((role, "current"), "clock", why, certain=False)
 
     def force(self, position: str, others: Mapping[str, np.ndarray]) -> list[RoleDoubt | None]:
         """Compare the force, or what stands for it, with the motion."""

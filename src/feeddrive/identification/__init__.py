@@ -16,7 +16,7 @@ make_lazy(
         "motion.identify_law": "ControlFit LawReading identify_control",
         "motion.motion_log": "MotionLog Preparation",
         "motion.output_error": "Refinement refine",
-        "motion.pooled": "PooledFit identify_pooled",
+        "motion.pooled": "IdentifiedLogs PooledFit identify_logs identify_pooled",
         "motion.rigid": "DelayFit find_delay RigidFit identify_rigid",
         "pitch": "LearnedPitch learned_from learned_from_circles learned_pitch",
         "response.modal_fit": "fit_modes",

@@ -28,7 +28,9 @@ from feeddrive.identification.motion.motion_log import MotionLog as MotionLog
 from feeddrive.identification.motion.motion_log import Preparation as Preparation
 from feeddrive.identification.motion.output_error import Refinement as Refinement
 from feeddrive.identification.motion.output_error import refine as refine
+from feeddrive.identification.motion.pooled import IdentifiedLogs as IdentifiedLogs
 from feeddrive.identification.motion.pooled import PooledFit as PooledFit
+from feeddrive.identification.motion.pooled import identify_logs as identify_logs
 from feeddrive.identification.motion.pooled import identify_pooled as identify_pooled
 from feeddrive.identification.motion.rigid import DelayFit as DelayFit
 from feeddrive.identification.motion.rigid import RigidFit as RigidFit

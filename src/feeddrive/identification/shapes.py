@@ -102,6 +102,15 @@ def integral_of(position: np.ndarray, velocity: np.ndarray, T: float) -> tuple[f
     return explained, float(k[0])
 
 
+def velocity_of(position: np.ndarray, velocity: np.ndarray, T: float) -> float:
+    """Return k of Δx = k ∫ v dt by least squares of the velocity; 0 for a log that is too short or at rest."""
+    grid = Grid.of(position.size, T)
+    if not grid.rows.size:
+        return 0.0
+    _, k = share(grid.mean(velocity), grid.rate(position))
+    return 1.0 / float(k[0]) if k[0] else 0.0
+
+
 @dataclass(frozen=True)
 class Likeness:
     """How a channel b follows a channel a: b(t) ≈ gain · a(t - lag) + constant.

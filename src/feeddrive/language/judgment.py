@@ -22,6 +22,7 @@ class Judgment(Enum):
 
     DONE = "all others", "what was asked for is done", 0
     UNITS_IN_DOUBT = "frf, identify, friction, cogging", "Check the units before anything is done with these values", 1
+    SCALES_IN_DOUBT = "identify", "Check clock and scales before anything is done with these values", 1
     INCOHERENT = "frf", "Do not tune on this response", 1
     USE_VALUES = "identify", "Use these values", 0
     DO_NOT_TUNE = "identify", "Do not tune on these values", 1

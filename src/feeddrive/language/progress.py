@@ -68,6 +68,10 @@ class Progress:
         """Return the progress of one of several parallel jobs; its steps carry the job's name."""
         return _Forwarded(self, part=part)
 
+    def quiet(self) -> Progress:
+        """Return the progress of a part of a job whose remarks would repeat those of another part: they are dropped."""
+        return _Forwarded(self, quiet=True)
+
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         """Show a step; does nothing unless overridden, and never raises."""
 
@@ -89,9 +93,9 @@ class Progress:
 class _Forwarded(Progress):
     """The progress of a part of a job. It forwards reports to the progress of the whole job and is canceled with it."""
 
-    def __init__(self, whole: Progress, part: str = "", of: int | None = None) -> None:
+    def __init__(self, whole: Progress, part: str = "", of: int | None = None, *, quiet: bool = False) -> None:
         super().__init__()
-        self._whole, self._part, self._of, self._begun = whole, part, of, 0
+        self._whole, self._part, self._of, self._begun, self._quiet = whole, part, of, 0, quiet
 
     @property
     def cancelled(self) -> bool:
@@ -107,7 +111,8 @@ class _Forwarded(Progress):
         self._whole.show_step(what, done, of, part or self._part)
 
     def show_remark(self, message: str | Table) -> None:
-        self._whole.show_remark(message)
+        if not self._quiet:
+            self._whole.show_remark(message)
 
     def show_better(self, cost: float, best: object) -> None:
         self._whole.show_better(cost, best)

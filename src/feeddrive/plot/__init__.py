@@ -20,8 +20,8 @@ make_lazy(
         "identification": (
             "friction friction_chart identified_friction identified_friction_chart steady_runs "
             "steady_runs_chart cogging cogging_chart cogging_over_turn cogging_over_turn_chart control_fit "
-            "control_fit_chart delay_fit delay_fit_chart residuals residuals_chart rigid_fit rigid_fit_chart "
-            "validation validation_chart"
+            "control_fit_chart delay_fit delay_fit_chart pooled pooled_chart residuals residuals_chart "
+            "rigid_fit rigid_fit_chart validation validation_chart"
         ),
         "machining": (
             "axis_load axis_load_chart circle_causes circle_causes_chart circle_test circle_test_chart "

@@ -30,6 +30,8 @@ from feeddrive.plot.identification import friction as friction
 from feeddrive.plot.identification import friction_chart as friction_chart
 from feeddrive.plot.identification import identified_friction as identified_friction
 from feeddrive.plot.identification import identified_friction_chart as identified_friction_chart
+from feeddrive.plot.identification import pooled as pooled
+from feeddrive.plot.identification import pooled_chart as pooled_chart
 from feeddrive.plot.identification import residuals as residuals
 from feeddrive.plot.identification import residuals_chart as residuals_chart
 from feeddrive.plot.identification import rigid_fit as rigid_fit

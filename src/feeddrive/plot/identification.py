@@ -11,7 +11,7 @@ from feeddrive.identification.regression import NORMAL
 from feeddrive.language.quantity import DRAWN, Quantity, Units, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import chart, style
-from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Level, Panel
+from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Level, Panel, Tick
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import envelope
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from feeddrive.identification.friction_curve import FrictionCurve, SteadyRuns
     from feeddrive.identification.motion.identify import Identified
     from feeddrive.identification.motion.identify_law import ControlFit
+    from feeddrive.identification.motion.pooled import PooledFit
     from feeddrive.identification.motion.rigid import DelayFit, RigidFit
     from feeddrive.identification.regression import Residuals, Validation
     from feeddrive.loop.loop import Loop
@@ -422,3 +423,29 @@ def cogging_over_turn_chart(fit: CoggingFit, runs: Sequence[CoggingRun]) -> Char
 
 
 cogging_over_turn = figure_of(cogging_over_turn_chart)
+
+
+def pooled_chart(fit: PooledFit) -> Chart:
+    """Plot the values of each log with their 95 % intervals over the pooled value and its interval, by parameter."""
+    ticks = tuple(Tick(float(k), fit.name) for k, fit in enumerate(fit.fits, 1))
+    ends = np.array([0.5, len(ticks) + 0.5])
+    panels = []
+    for pooled in fit.estimates:
+        alone = [one[pooled.name] for one in fit.fits]
+        places = np.arange(1.0, len(alone) + 1.0)
+        low, high = (np.array([one.interval[side] for one in alone]) for side in (0, 1))
+        gap = np.full(places.size, np.nan)
+        across = np.column_stack([places, places, gap]).ravel()
+        curves = (
+            Curve(across, np.column_stack([low, high, gap]).ravel(), look=chart.PLAIN, number=1),
+            Curve(places, np.array([one.value for one in alone]), look=chart.MARKERS, number=1),
+        )
+        bounds = (np.full(2, bound) for bound in pooled.interval)
+        area = Band(ends, *bounds, number=0)
+        level = Level(pooled.value, number=0)
+        label = Text(f"({unit_name(pooled.unit, 'SI')})")
+        panels.append(Panel(label, curves, bands=(area,), levels=(level,), caption=pooled.name.replace("_", " ")))
+    return Chart("log", tuple(panels), low=0.5, high=len(ticks) + 0.5, ticks=ticks, height=1.2 + 1.2 * len(panels))
+
+
+pooled = figure_of(pooled_chart)

@@ -35,6 +35,7 @@ CHARTS = {
     "identification.motion.rigid:DelayFit": "identification:delay_fit_chart",
     "identification.motion.identify:Identified": "identification:identified_chart",
     "identification.motion.output_error:Refinement": "over_time:refinement_chart",
+    "identification.motion.pooled:PooledFit": "identification:pooled_chart",
     "identification.motion.rigid:RigidFit": "identification:rigid_fit_chart",
     "identification.regression:Residuals": "identification:residuals_chart",
     "identification.regression:Validation": "identification:validation_chart",

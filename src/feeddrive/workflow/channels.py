@@ -42,11 +42,12 @@ from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_requ
 from feeddrive.files.role_checks import POSITIONS, RoleDoubt, doubts_of, option_for
 from feeddrive.identification.plausibility import RANGES, out_of_range, outside, scaled, sizes, spoken, unlikely
 from feeddrive.identification.regression import SHAFT, TABLE, Frame
+from feeddrive.identification.shapes import SAME, share
 from feeddrive.language import tree, units
 from feeddrive.language.errors import FileError, LogError, ParameterError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
@@ -436,6 +437,7 @@ class Mapped:
     guessed         roles that nobody told: a certain contradiction of one of them stops a command
     named           roles of columns that were named on the command line
     preview         peak figures of the motion; None without a position
+    second          what further columns say against clock and scales: velocities, and the current beside a force
     """
 
     log: Log
@@ -446,6 +448,7 @@ class Mapped:
     guessed: frozenset[str] = frozenset()
     named: frozenset[str] = frozenset()
     preview: Preview | None = None
+    second: tuple[str, ...] = ()
 
     def stop(self, progress: Progress) -> None:
         """Raise LogError for implausible magnitudes and for guessed roles that the samples contradict for certain."""
@@ -470,6 +473,7 @@ def mapped(
     axis: str | None = None,
     names_machine: bool = False,
     values: DriveValues | None = None,
+    beside: Collection[str] = (),
 ) -> Mapped:
     """Read a log and assign its columns to the roles in `wanted`; roles without a suitable column are left out.
 
@@ -498,14 +502,24 @@ def mapped(
         optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
         skipped = request.skip_samples
         mapping = {role: column for role, column in told.items() if role in wanted}
+        likely: abc.Mapping[str, Column] = told
     else:
         sure = {*told}
         axes = axes_in(path.columns.values, path.columns.units)
         if axis is not None and (len(axes) < 2 or (names_machine and axis.lower() not in axes)):
             axis = None
-        mapping, open_, nameless = _guessed_roles(path, told, wanted, sample_time, progress, axis, values)
+        guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
+        mapping, open_, nameless = _guessed_roles(path, guess, told, wanted, progress)
+        likely = guess.mapping.columns
     whole = with_units(path, mapping, unit)
-    log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
+    used = {column.name for column in whole.values()}
+    more = {role: column for role, column in likely.items() if role in beside and column.name not in used}
+    try:
+        log = read_log(path, whole, optional={**optional, **more}, sample_time=sample_time).from_row(skipped)
+    except LogError:
+        # a second source that cannot be read is no reason to refuse the log
+        more = {}
+        log = read_log(path, whole, optional=optional, sample_time=sample_time).from_row(skipped)
     # kept with the log, so that the error for a missing role can state why its likely column was rejected
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     stated_units = {role for role, column in whole.items() if column != mapping[role]}
@@ -517,6 +531,17 @@ def mapped(
     found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
     for doubt_ in found:
         progress.remark(Text(f"- {doubt_.why}"))
+    stated_clock = path.columns.metadata.get("sample_time")
+    if sample_time is not None and isinstance(stated_clock, float) and sample_time != stated_clock:
+        progress.remark(
+            Text(
+                f"- the file states a sample time of {Quantity(stated_clock, 's')}; {Quantity(sample_time, 's')} is "
+                "taken, as told: a mass goes with its square"
+            )
+        )
+    second = scale_doubts(log, {**whole, **more}, values) if more else []
+    for why in second:
+        progress.remark(Text(f"- {why}"))
     return Mapped(
         log,
         whole,
@@ -526,7 +551,39 @@ def mapped(
         frozenset(whole) - sure,
         typed,
         preview_of(str(path), roles, whole, log.sample_time, path.columns.units),
+        tuple(second),
     )
+
+
+# share by which the constant of a motor may differ from its data sheet: tolerance and warm magnets make some 10 %
+CONSTANT_OFF = 0.15
+
+
+def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
+    """Return what velocities beside a position and a current beside a force say against clock and scales."""
+    channels = {role: log[role] for role in columns if role in log.channels}
+    found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
+    role = "torque" if values.torque_constant is not None else "force"
+    if found or role not in channels or "current" not in channels:
+        return found
+    if values.torque_constant is None and values.motor_constant is None:
+        return found
+    # of one motor the force and its current have one factor, which is the constant
+    scale = scale_of("A", columns["current"].name, values)
+    f, i = (channels[name] - np.mean(channels[name]) for name in (role, "current"))
+    explained, k = share(f, i)
+    measured = abs(float(k[0]))
+    times = measured / scale.factor
+    if explained > SAME and abs(times - 1.0) > CONSTANT_OFF:
+        stated_as = "--torque-constant" if role == "torque" else "--motor-constant"
+        found.append(
+            Text(
+                f"'{columns[role].name}' is {number(measured)} {scale.unit} for each A of "
+                f"'{columns['current'].name}', where {stated_as} says {number(scale.factor)}: one of the two columns, "
+                f"or its unit, is {number(times)} times off, and mass and friction with it if it is the {role}"
+            )
+        )
+    return found
 
 
 CHOSEN = "chosen"  # the reason of a role that a person chose on the page
@@ -551,19 +608,16 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
 
 def _guessed_roles(
     path: OpenedFile,
+    guess: Guess,
     told: abc.Mapping[str, Column],
     wanted: Collection[str],
-    sample_time: float | None,
     progress: Progress,
-    axis: str | None,
-    values: DriveValues,
 ) -> tuple[dict[str, Column], dict[str, str], tuple[str, ...]]:
     """Return the columns by role, named or else guessed, by role the reason why a likely column was rejected, and the
     names of the columns that say nothing.
 
     A column is named by the user or else guessed; the guesses are shown to the user.
     """
-    guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
     guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}

@@ -107,7 +107,7 @@ class Field:
         if value is None and self.default is None:
             return None
         if self.many:
-            values: Any = (value,) if isinstance(value, (str, Path)) else value
+            values: Any = (value,) if isinstance(value, (str, *self.kinds)) else value
             return tuple(self._one(item) for item in values)
         return self._one(value)
 
@@ -214,7 +214,7 @@ class Request(Declared):
         """Return the equivalent Python call; it assumes `import feeddrive as fd`."""
         pairs = [(field, getattr(self, field.name)) for field in fields_of(type(self))]
         words = [
-            f"{'' if not field.flag else f'{field.name}='}{_literal(value)}"
+            f"{'' if not field.flag else f'{field.name}='}{_literal(_alone(field, value))}"
             for field, value in pairs
             if value != field.default
         ]
@@ -296,6 +296,11 @@ def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
         tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
         unique.append(next(candidate for candidate in tries if candidate not in unique))
     return unique
+
+
+def _alone(field: Field, value: Any) -> Any:
+    """Return the value of a field, or its only item: in Python one log needs no tuple."""
+    return value[0] if field.many and not field.flag and len(value) == 1 else value
 
 
 def _literal(value: Any) -> str:
@@ -648,10 +653,11 @@ COMMANDS: dict[str, Listed] = {
     ),
     "identify": Listed(
         "identify",
-        "Find mass, friction and dead time in a log, or masses and modes in frequency responses; with errors.",
+        "Find mass, friction and dead time in one log or several, or masses and modes in frequency responses.",
         "Model",
         (
             "log.csv --machine emps",
+            "monday.csv tuesday.csv wednesday.csv --mass 95",
             "frf.csv --motor reading_motor --load reading_load --machine mine.toml",
         ),
     ),

@@ -38,7 +38,7 @@ from feeddrive.identification.response.plant_fit import (
 )
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError, nearest
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, span
+from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -54,6 +54,8 @@ _FASTEST = 0.6
 _RATE = 4.0  # the position gain of a file without one is the velocity loop's rate over this, as in `recipes`
 _LATE = math.pi / 2.0  # phase lag up to which the lag and the dead time of a current loop are fitted
 _FEW = 8  # lines of a current loop
+# share by which a fitted inertia may differ from the tool's own: that is a straight line through few points, 10 % off
+TOOL_OFF = 0.15
 NO_CLOCK = "states no sample time of the speed loop (m_dProcessUpdateTime): give it with --sample-time"
 
 
@@ -211,7 +213,7 @@ def drive_axis(
     remarks += words
     loop, words = (None, []) if file.clock is None else _today(file, result.fit, actuator)
     remarks += words
-    remarks += _compared(file)
+    remarks += compared(file, float(result.fit.plant.rigid_mass()))
     return DriveAxis(file, plant, current, chosen, result, loop, tuple(remarks))
 
 
@@ -499,11 +501,33 @@ def _position_gain(file: Commissioning, rate: float) -> tuple[float, list[str]]:
     ]
 
 
-def _compared(file: Commissioning) -> list[str]:
-    """Return a remark with the tool's own model beside the fitted one."""
+def compared(file: Commissioning, inertia: float) -> list[str]:
+    """Return remarks on the tool's own model beside the fitted one, whose inertia is given at the motor in kg m2 or kg.
+
+    The tool's inertia and that of the motor are a second source for the scales of torque and speed.
+    """
+    unit = "kg" if file.linear_motor else "kg m2"
+    fitted = Quantity(inertia, unit)
+    if file.motor_inertia is not None and inertia < (1.0 - TOOL_OFF) * file.motor_inertia:
+        return [
+            Text(
+                f"the fitted inertia of {fitted} is less than that of the motor alone, "
+                f"{Quantity(file.motor_inertia, unit)} by the file: torque or speed is read "
+                f"{number(file.motor_inertia / inertia)} times or more off (torque constant, unit), or the response is "
+                "of another motor"
+            )
+        ]
     own: list[str] = []
     if file.inertia is not None:
         own.append(Text(f"inertia {Quantity(file.inertia, 'kg' if file.linear_motor else 'kg m2'):4}"))
     if file.antiresonance is not None:
         own.append(Text(f"first zero {Quantity(file.antiresonance, 'Hz'):4}"))
-    return [Text(f"the tool's own model: {', '.join(map(str, own))}")] if own else []
+    remarks: list[str] = [Text(f"the tool's own model: {', '.join(map(str, own))}")] if own else []
+    if file.inertia is not None and abs(inertia / file.inertia - 1.0) > TOOL_OFF:
+        remarks.append(
+            Text(
+                f"the fitted inertia of {fitted} is {number(inertia / file.inertia)} times the tool's own: torque or "
+                "speed has another scale in one of them, as by the torque constant, or the load was changed since"
+            )
+        )
+    return remarks

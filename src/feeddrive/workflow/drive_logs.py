@@ -145,7 +145,7 @@ def velocity_and_force(
     return (r * velocity, force, False) if turning else (velocity, force / r, False)
 
 
-def logs_stem(logs: Sequence[LogLike]) -> str:
+def logs_stem(logs: Sequence[object]) -> str:
     """Return a stem for the names of results: the name of the first log and, if there are more, their number."""
     name = log_stem(called(logs[0]))
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}"
@@ -158,7 +158,7 @@ def log_stem(name: str) -> str:
     return path.stem if path.suffix[1:2].isalpha() else path.name
 
 
-def log_names(logs: Sequence[LogLike]) -> str:
+def log_names(logs: Sequence[object]) -> str:
     """Return the names of the logs, with the folder stated once if they share it."""
     paths = [Path(called(log)) for log in logs]
     names = ", ".join(path.name for path in paths)

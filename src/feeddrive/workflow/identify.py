@@ -1,4 +1,4 @@
-"""`feeddrive identify`: mass, friction and dead time of a drive from a log of one motion.
+"""`feeddrive identify`: mass, friction and dead time of a drive from a log of one motion, or from several of one axis.
 
 Identified values are written into an existing machine file, whose comments are kept, or into a new one, with a report.
 """
@@ -6,7 +6,7 @@ Identified values are written into an existing machine file, whose comments are 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from feeddrive import plot
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.files.columns import Column
 from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
@@ -27,7 +28,9 @@ from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped, with_rigid
+from feeddrive.identification.motion.known_values import against_known
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
+from feeddrive.identification.motion.pooled import IdentifiedLogs, law_table, pool_logs
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
@@ -37,17 +40,17 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column as TableColumn
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
+from feeddrive.report.report import Part, Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.channels import ALL, Doubt, Mapped, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command, line
-from feeddrive.workflow.drive_logs import column_texts, narrow, write_report, written
+from feeddrive.workflow.drive_logs import column_texts, log_names, narrow, write_report, written
 from feeddrive.workflow.identify_responses import (
     IdentifyRequest,
     identify_commissioned,
@@ -59,6 +62,8 @@ from feeddrive.workflow.identify_responses import (
 _POSITIONS = ("position_load", "position_motor")  # in order of preference
 _ANGLES = ("angle_load", "angle_motor")
 _FORCES = ("force", "torque", "command")
+# roles that are a second source for clock and scales of a log, and are used for nothing else
+_BESIDE = ("velocity_load", "velocity_motor", "speed_motor", "speed_load", "current")
 _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoint_angle", *_ANGLES, "torque")
 
 
@@ -66,15 +71,21 @@ _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoi
 def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     """Identify mass, friction and dead time from a log, or masses and modes from frequency responses.
 
-    The result, with standard errors, is an `Identified` or, for frequency responses, `AxisFits` or a `ModalFit`.
+    Several logs of one axis are pooled: each goes through the same steps as one alone, and the errors of the values
+    contain their scatter.
+
+    The result, with standard errors, is an `Identified`, of several logs `IdentifiedLogs`, or, for frequency responses,
+    `AxisFits` or a `ModalFit`.
 
     Raises LogError for an unusable log, NotIdentifiableError for one that lacks the required information.
     """
+    if len(request.sources) > 1:
+        return _identify_several(request, progress)
     progress.step(f"reading {called(request.log)}")
     if isinstance(request.log, FRF):
         return identify_responses(request, read_frfs(request.log), progress)
     if isinstance(request.log, MotionLog):
-        return _identify_motion(request, request.log, progress)
+        return _identify_motion(request, [request.log], progress)
     # opened once, so that both readers below share the parsed content
     file = OpenedFile(request.log)
     commissioning = read_commissioning(file) if is_commissioned(request) else None
@@ -84,16 +95,39 @@ def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     if responses is not None:
         return identify_responses(request, responses, progress)
     if request.axis == ALL:
-        return _each_axis(request, file, progress)
-    return _identify_motion(request, file, progress)
+        return _each_axis(request, [file], progress)
+    return _identify_motion(request, [file], progress)
 
 
-def _each_axis(request: IdentifyRequest, file: OpenedFile, progress: Progress) -> Outcome[dict[str, Identified]]:
-    """Identify each axis of a log on its own; an axis that cannot be identified is reported with the reason.
+def _identify_several(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
+    """Identify a drive from several logs. Raise ParameterError for a file given twice, and for frequency responses."""
+    paths = [log.resolve() for log in request.sources if isinstance(log, Path)]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise ParameterError(f"{path}: is given {paths.count(path)} times; a log counts once")
+    sources: list[OpenedFile | MotionLog] = []
+    for log in request.sources:
+        progress.step(f"reading {called(log)}")
+        source = OpenedFile(log) if isinstance(log, Path | Log) else log
+        if isinstance(source, FRF) or (isinstance(source, OpenedFile) and responses_in(source) is not None):
+            raise ParameterError(
+                f"{called(log)}: holds frequency responses, and several logs of motions are pooled: identify it alone, "
+                "with the response of another encoder as --motor FILE or --load FILE"
+            )
+        sources.append(source)
+    files = [source for source in sources if isinstance(source, OpenedFile)]
+    if request.axis == ALL and len(files) == len(sources):
+        return _each_axis(request, files, progress)
+    return _identify_motion(request, sources, progress)
+
+
+def _each_axis(request: IdentifyRequest, files: Sequence[OpenedFile], progress: Progress) -> Outcome[dict[str, Any]]:
+    """Identify each axis of a log, or of several logs, on its own; report one that fails with the reason.
 
     Raises ParameterError for a log without axes, and for columns that are named, which belong to one axis.
     """
     named = [role for role, text in request.named().items() if text is not None and role != "time"]
+    file = files[0]
     axes = axes_in(file.columns.values, file.columns.units)
     if not axes or named or request.channels is not None:
         why = "columns are named" if named or request.channels is not None else "no column names an axis"
@@ -103,7 +137,7 @@ def _each_axis(request: IdentifyRequest, file: OpenedFile, progress: Progress) -
     for axis in axes:
         out = None if request.out is None else request.out / axis
         try:
-            outcomes[axis] = _identify_motion(replace(request, axis=axis, out=out), file, progress)
+            outcomes[axis] = _identify_motion(replace(request, axis=axis, out=out), files, progress)
         except FeeddriveError as error:
             failed[axis] = str(error)
     if not outcomes:
@@ -125,74 +159,178 @@ def _each_axis(request: IdentifyRequest, file: OpenedFile, progress: Progress) -
     )
 
 
-def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, progress: Progress) -> Outcome[Any]:
-    """Identify a rigid drive from a log of one motion."""
+@dataclass(frozen=True)
+class _Run:
+    """One log: the fields of its `MotionLog`, the readings of the motor's encoder, and how its columns were read."""
+
+    source: OpenedFile | MotionLog
+    channels: Mapping[str, Any]
+    motor: np.ndarray | None
+    read: Mapped | None
+
+    @property
+    def name(self) -> str:
+        return str(self.channels["name"])
+
+    @property
+    def columns(self) -> Mapping[str, Column]:
+        return {} if self.read is None else self.read.columns
+
+
+def _identify_motion(
+    request: IdentifyRequest, sources: Sequence[OpenedFile | MotionLog], progress: Progress
+) -> Outcome[Any]:
+    """Identify a rigid drive from one log of a motion, or from several logs of one axis."""
     machine = None if request.machine is None else read_machine(request.machine)
     if machine is not None and request.law is not None:
         raise ParameterError("--law is for a log without a machine file, which states the law: leave one of them out")
     loop = None if machine is None else machine.loop(request.axis)
-    read: Mapped | None = None
-    motor: np.ndarray | None = None
-    if isinstance(source, MotionLog):
-        channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
+    runs, alone = _each_log(request, sources, machine, loop, progress)
+    result: Identified | IdentifiedLogs
+    if len(runs) == 1:
+        result = model = _started(alone[0])
     else:
-        read = mapped(
-            source,
-            request.named(),
-            request.channels,
-            _WANTED,
-            request.sample_time,
-            progress,
-            request.unit,
-            axis=request.axis,
-            names_machine=machine is not None,
-            values=request.drive_values(),
-        )
-        if read.preview is not None:
-            progress.remark(read.preview.table())
-        drive = drive_with(
-            machine, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
-        )
-        channels = _channels(source, read.log, drive, read.named)
-        motor = _motor(channels, read.log)
-    mapping, unused = ({}, ()) if read is None else (read.columns, read.unused)
-    channels["turning"] = _turning(request, loop, channels)
-    progress.step("fitting")
-    identified = _identified(channels, motor, loop, request, read, progress)
-    if unused:
-        identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
-    identified = _started(identified)
-    why = identified.unusable or ("" if identified.loop is not None else _NO_LAW)
-    text = None if why else machine_text(identified, machine, axis_name(loop, request.axis))
+        progress.step("pooling")
+        pooled = pool_logs(alone, lambda k, model: _identified(runs[k], loop, request, progress, model))
+        model = _started(pooled.model)
+        remarks = (*pooled.remarks, *_other_columns(runs), *([model.started] if model.started else []))
+        result = replace(pooled, model=model, remarks=remarks)
+    why = result.unusable or ("" if model.loop is not None else _NO_LAW)
+    names = [log.log.name for log in alone]
+    text = None if why else machine_text(model, machine, axis_name(loop, request.axis), names)
     files: dict[str, Path] = {}
+    rows = (Text(f"{log.log.position.size}, {Quantity(log.log.sample_time, 's'):6} apart") for log in alone)
     known = {
-        "Log": called(request.log),
-        "Rows": Text(f"{identified.log.position.size}, {Quantity(identified.log.sample_time, 's'):6} apart"),
-        "Columns": column_texts(mapping) or "those of the object",
+        "Log" if len(runs) == 1 else "Logs": log_names(request.sources),
+        "Rows": joined("; ", rows),
+        "Columns": "; ".join(dict.fromkeys(column_texts(run.columns) or "those of the object" for run in runs)),
         "Machine": called(request.machine),
     }
-    page = partial(identified_report, identified, known, None if read is None else read.preview)
+    if isinstance(result, IdentifiedLogs):
+        page = partial(pooled_report, result, known)
+    else:
+        page = partial(identified_report, result, known, None if runs[0].read is None else runs[0].read.preview)
     if request.out is not None:
         progress.step("report")
         files = written(write_report(page(), text, request.out), text)
-    notes = [f"No machine file was written: {why}."] if why else []
-    shown = [narrow(table) for table in tables(identified)]
-    first = _estimates(identified)
-    judgment = identified.advice.judgment
+    judgment = result.advice.judgment
+    first, *details = _shown(result)
     # values that are in doubt or advised against are not to be tuned on
     usable = judgment is Judgment.USE_VALUES and "Machine" in files
     return Outcome(
-        identified,
-        shown[:first],
-        [sentence(remark) for remark in identified.remarks],
-        identified.recommendation,
-        notes,
+        result,
+        first,
+        [sentence(remark) for remark in result.remarks],
+        result.recommendation,
+        [f"No machine file was written: {why}."] if why else [],
         files=files,
-        details=shown[first:],
+        details=details,
         judgment=judgment,
         page=page,
         then=line("tune", files["Machine"], axis=request.axis) if usable else "",
     )
+
+
+def _each_log(
+    request: IdentifyRequest,
+    sources: Sequence[OpenedFile | MotionLog],
+    machine: MachineFile | None,
+    loop: Loop | None,
+    progress: Progress,
+) -> tuple[list[_Run], list[Identified]]:
+    """Read and identify each log by the same steps. Raise LogError naming all logs that are refused."""
+    runs: list[_Run] = []
+    alone: list[Identified] = []
+    refused: dict[str, LogError] = {}
+    for source in sources:
+        name = str(source) if isinstance(source, OpenedFile) else source.name
+        try:
+            run = _read(request, source, machine, loop, progress if not runs else progress.quiet())
+            if runs:
+                _check_roles(runs[0], run, progress)
+            progress.step("fitting" if len(sources) == 1 else f"fitting {name}")
+            found = _identified(run, loop, request, progress, request.friction)
+        except LogError as error:
+            if len(sources) == 1:
+                raise
+            refused[name] = error
+            continue
+        if run.read is not None and run.read.unused:
+            found = replace(found, remarks=(*found.remarks, _not_used(run.read.unused)))
+        runs.append(run)
+        alone.append(found)
+    if refused:
+        raise _all_refused(request, refused, [run.name for run in runs])
+    return runs, alone
+
+
+def _all_refused(request: IdentifyRequest, refused: Mapping[str, LogError], others: Sequence[str]) -> LogError:
+    """Return the error that names each log that was refused, and the command for the others."""
+    reasons = "; ".join(str(error) if name in str(error) else f"{name}: {error}" for name, error in refused.items())
+    how = f"; without {'it' if len(refused) == 1 else 'them'}: {line('identify', *others)}" if others else ""
+    known = all(isinstance(error, NotIdentifiableError) for error in refused.values())
+    kind = NotIdentifiableError if known else LogError
+    return kind(Text(f"{len(refused)} of {len(request.sources)} logs cannot be used: {reasons}{how}"))
+
+
+def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:
+    """Show what the samples of a further log say. Raise LogError if one of its columns has another role than before."""
+    before = {column.name: role for role, column in first.columns.items()}
+    for role, column in run.columns.items():
+        if before.get(column.name, role) != role:
+            raise LogError(
+                f"{run.name}: '{column.name}' is taken for {role}, and in {first.name} for {before[column.name]}: name "
+                "the columns for all logs, or give them with --channels"
+            )
+    if run.read is not None:
+        for doubt in run.read.contradictions:
+            progress.remark(Text(f"- {run.name}: {doubt.why}"))
+
+
+def _other_columns(runs: Sequence[_Run]) -> list[str]:
+    """Return remarks on logs whose columns are not those of the first one."""
+    first = runs[0]
+    return [
+        f"the columns of {run.name} are {column_texts(run.columns)}, and not those of {first.name}"
+        for run in runs[1:]
+        if run.columns and first.columns and run.columns != first.columns
+    ]
+
+
+def _read(
+    request: IdentifyRequest,
+    source: OpenedFile | MotionLog,
+    machine: MachineFile | None,
+    loop: Loop | None,
+    progress: Progress,
+) -> _Run:
+    """Read the columns of a log, by the one import step of all commands."""
+    if isinstance(source, MotionLog):
+        channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
+        channels["turning"] = _turning(request, loop, channels)
+        return _Run(source, channels, None, None)
+    read = mapped(
+        source,
+        request.named(),
+        request.channels,
+        _WANTED,
+        request.sample_time,
+        progress,
+        request.unit,
+        axis=request.axis,
+        names_machine=machine is not None,
+        values=request.drive_values(),
+        beside=_BESIDE,
+    )
+    if read.preview is not None:
+        progress.remark(read.preview.table())
+    drive = drive_with(
+        machine, loop, request.axis, request.force_constant, request.lead, request.gear, turns=request.rotary
+    )
+    channels = _channels(source, read.log, drive, read.named)
+    motor = _motor(channels, read.log)
+    channels["turning"] = _turning(request, loop, channels)
+    return _Run(source, channels, motor, read)
 
 
 def _turning(request: IdentifyRequest, loop: Loop | None, channels: Mapping[str, Any]) -> bool:
@@ -251,16 +389,12 @@ _NO_LAW = "the law that ran is not known; give it with --machine, or by its numb
 
 
 def _identified(
-    channels: Mapping[str, Any],
-    motor: np.ndarray | None,
-    loop: Loop | None,
-    request: IdentifyRequest,
-    read: Mapped | None,
-    progress: Progress,
+    run: _Run, loop: Loop | None, request: IdentifyRequest, progress: Progress, friction: str
 ) -> Identified:
     """Identify the drive. Raise NotIdentifiableError for interchanged columns, LogError for implausible magnitudes and
     for guessed roles that the samples contradict.
     """
+    channels, read = run.channels, run.read
     doubt = Doubt() if read is None else read.doubt
     try:
         # without a mass the fit comes first: swapped columns or noise explain implausible sizes better than wrong units
@@ -269,7 +403,7 @@ def _identified(
         motion = MotionLog(**channels)
         law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
         identified = identify_motion(
-            motion, loop, law=law, friction=request.friction, lead=request.lead, gear=request.gear, motor=motor
+            motion, loop, law=law, friction=friction, lead=request.lead, gear=request.gear, motor=run.motor
         )
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
@@ -286,7 +420,16 @@ def _identified(
                 f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
         raise
-    return replace(identified, doubt=doubt.why or identified.doubt)
+    against, remarks = against_known(
+        identified, request.mass, request.feed, None if loop is None else float(loop.sample_time)
+    )
+    second = () if read is None else read.second
+    return replace(
+        identified,
+        doubt=doubt.why or identified.doubt,
+        contradicted=joined("; ", (*second, *against)),
+        remarks=(*identified.remarks, *remarks),
+    )
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:
@@ -340,11 +483,20 @@ def _chosen(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) ->
     return next(iter([*together, *pairs]), (motions[0], forces[0]))
 
 
-def machine_text(identified: Identified, machine: MachineFile | None, axis: str) -> str | None:
-    """Return the text of the machine file; None if the loop is incomplete (no law, or a shaft without a lead)."""
+def machine_text(
+    identified: Identified, machine: MachineFile | None, axis: str, logs: Sequence[str] = ()
+) -> str | None:
+    """Return the text of the machine file; None if the loop is incomplete (no law, or a shaft without a lead).
+
+    logs  the names of the logs, if they are not the one of the result
+    """
     if identified.loop is None:
         return None
-    return _new(identified, axis) if machine is None else _edited(identified, machine, axis)
+    return (
+        _new(identified, axis, logs or (identified.log.name,))
+        if machine is None
+        else _edited(identified, machine, axis)
+    )
 
 
 def estimates_of(identified: Identified) -> tuple[Estimate, ...]:
@@ -399,15 +551,17 @@ def _values(edit: TomlEdit, key: tuple[str | int, ...], before: Block, after: Bl
             edit.set((*key, name), float(new), declared.unit)
 
 
-def _new(identified: Identified, axis: str) -> str:
+def _new(identified: Identified, axis: str, logs: Sequence[str]) -> str:
     """Return a complete machine file; estimated parameters have their standard errors in comments."""
     loop = identified.loop
     assert loop is not None
-    found = "Mass, friction and gains were found in one log; limits and encoders are not in it: add them."
+    names = [_plain(log) for log in logs]
+    many = f"{len(names)} logs" if len(names) > 1 else "one log"
+    found = f"Mass, friction and gains were found in {many}; limits and encoders are not in it: add them."
     text = machine_toml(
         Machine.of({axis: loop}),
-        f"axis identified from {_plain(identified.log.name)}",
-        f"feeddrive identify {_plain(identified.log.name)}{_START if identified.started else ''}",
+        f"axis identified from {', '.join(names)}",
+        f"feeddrive identify {' '.join(names)}{_START if identified.started else ''}",
         f"{identified.started[:1].upper()}{identified.started[1:]}." if identified.started else found,
     )
     edit = TomlEdit(text, "identified.toml")
@@ -473,9 +627,62 @@ def identified_report(
     )
 
 
+def compared_tables(found: IdentifiedLogs) -> list[Table]:
+    """Tabulate the values of each log beside the pooled ones, and the law of each log if there are two or more."""
+    laws = law_table(found)
+    return [found.pooled.compared(), *([] if laws is None else [laws])]
+
+
+def pooled_report(found: IdentifiedLogs, known: Mapping[str, str] | None = None) -> Report:
+    """Return the report of a drive identified from several logs; `known` holds facts about them."""
+    inverse = [] if found.rigid is found.pooled else [found.rigid.compared()]
+    parts: list[Part] = [*inverse]
+    for log in found.logs:
+        parts += [Text(f"{log.log.name}: {log.recommendation}"), *tables(log), Remarks(map(sentence, log.remarks))]
+    judgment = found.advice.judgment
+    return Report(
+        f"A rigid drive in {len(found.logs)} logs",
+        "feeddrive identify",
+        Verdict((found.recommendation,), good=not judgment.bad),
+        (
+            Section(
+                "result",
+                "Result",
+                (found.table(), *compared_tables(found), Remarks(map(sentence, found.remarks))),
+            ),
+            further(_pictures(found.model)),
+            Section("details", "Each log alone", parts, folded=True),
+            facts("The logs", known or {}),
+        ),
+        Picture(
+            "pooled",
+            "The logs beside the pooled values",
+            "Points: the value of each log with its 95 % interval. Line and area: the pooled value with its interval, "
+            "which contains the scatter of the logs.",
+            "Mass and friction of each log, with intervals, over the pooled values.",
+            found.pooled.chart,
+        ),
+        found.rotary,
+    )
+
+
 def _estimates(identified: Identified) -> int:
     """Return the number of tables of estimates, which precede all others: one, or two with a fit in closed loop."""
     return 1 if identified.refinement is None else 2
+
+
+def _shown(result: Identified | IdentifiedLogs) -> tuple[list[Table], *tuple[Table | str, ...]]:
+    """Return the tables that are shown first, then the details."""
+    if isinstance(result, Identified):
+        shown = [narrow(table) for table in tables(result)]
+        first = _estimates(result)
+        return shown[:first], *shown[first:]
+    details: list[Table | str] = [result.rigid.compared()] if result.rigid is not result.pooled else []
+    for log in result.logs:
+        details.append(Text(f"{log.log.name} alone: {log.recommendation}"))
+        details += [narrow(table) for table in tables(log)[: _estimates(log)]]
+        details += [Text(f"{log.log.name}: {remark}") for remark in log.remarks]
+    return [narrow(result.table()), *compared_tables(result)], *details
 
 
 def tables(identified: Identified) -> list[Table]:

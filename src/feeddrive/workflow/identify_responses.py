@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, 
 from feeddrive.workflow.channels import ALL, check_response, units_first
 from feeddrive.workflow.command import CHANNELS, OUT, Outcome, argument, called, frequencies, line, option
 from feeddrive.workflow.commissioning import NO_CLOCK, drive_axis
-from feeddrive.workflow.drive_logs import log_stem, narrow, write_report, written
+from feeddrive.workflow.drive_logs import logs_stem, narrow, write_report, written
 from feeddrive.workflow.force import DriveValues
 
 _POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
@@ -465,11 +465,16 @@ def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> N
 MODELS = ("auto", "rigid", "machine", "two-mass", "modal", "modes")
 
 
-class IdentifyRequest(DriveValues):
-    """A log of one motion or a file of frequency responses, the roles of its columns, and known values."""
+Measured: TypeAlias = LogLike | MotionLog | FRF
+"""What `identify` takes: the file of a log, a `Log` or `MotionLog`, or frequency responses and their file."""
 
-    log: LogLike | MotionLog | FRF = argument(
-        "A log of position and force of one motion, or a file of frequency responses"
+
+class IdentifyRequest(DriveValues):
+    """Logs of one axis or a file of frequency responses, the roles of their columns, and known values."""
+
+    logs: tuple[Measured, ...] | Measured = argument(
+        "A log of position and force of one motion, several logs of one axis, whose values are then pooled, or a file "
+        "of frequency responses"
     )
     machine: MachineLike | None = option("the machine file to start from; its comments are kept", default=None)
     axis: str | None = option(
@@ -491,6 +496,19 @@ class IdentifyRequest(DriveValues):
     )
     gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
     sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
+    mass: float | None = option(
+        "moving mass that is known, as weighed, against which clock and scales of the log are checked",
+        unit="kg",
+        above=0.0,
+        default=None,
+    )
+    feed: float | None = option(
+        "feed that the motion reaches, as it was programmed, against which the clock is checked",
+        unit="m/s",
+        entered="mm/min",
+        above=0.0,
+        default=None,
+    )
     time: str | None = option("column of the time, name:unit", default=None)
     channels: MappingLike | None = option(CHANNELS, default=None)
     model: str | None = option("model of frequency responses", options=MODELS, default=None)
@@ -506,7 +524,24 @@ class IdentifyRequest(DriveValues):
     out: Path | None = option(OUT, short="-o", default=None)
 
     def usual_out(self) -> Path:
-        return Path("results") / f"identify_{log_stem(called(self.log))}"
+        return Path("results") / f"identify_{logs_stem(self.sources)}"
+
+    def check(self) -> None:
+        """Raise ParameterError without a log, and for mutually exclusive constants."""
+        if not self.logs:
+            raise ParameterError("logs: identify needs a log of a motion, or a file of frequency responses")
+        super().check()
+
+    @property
+    def sources(self) -> tuple[Measured, ...]:
+        """The logs; a single one that was given without a tuple is in one."""
+        assert isinstance(self.logs, tuple)
+        return self.logs
+
+    @property
+    def log(self) -> Measured:
+        """The only log, or the first one."""
+        return self.sources[0]
 
     def named(self) -> dict[str, str | None]:
         """Return the column options by role; None for an omitted option."""

@@ -17,6 +17,7 @@ REPORTS = {
     "identification.excitation.frequency_estimate:FrequencyEstimate": "workflow.frf:estimate_report",
     "identification.friction_curve:FrictionCurve": "workflow.friction:friction_report",
     "identification.motion.identify:Identified": "workflow.identify:identified_report",
+    "identification.motion.pooled:IdentifiedLogs": "workflow.identify:pooled_report",
     "identification.response.plant_fit:AxisFits": "workflow.identify_responses:fit_report",
     "identification.response.modal_fit:ModalFit": "workflow.identify_responses:fit_report",
     "machining.lobes:Lobes": "workflow.lobes:lobes_report",

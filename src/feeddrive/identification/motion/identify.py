@@ -296,6 +296,7 @@ class Identified(Result):
     remarks     parameters that could not be identified, with the reasons
     started     what the law of `loop` is if it is a start law that did not run; else empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
+    contradicted  what a second source says against clock or scales of the log, and the correction; empty if nothing
     """
 
     log: MotionLog
@@ -309,6 +310,7 @@ class Identified(Result):
     doubt: str = ""
     law: LawCheck | None = None
     started: str = ""
+    contradicted: str = ""
 
     @property
     def rotary(self) -> bool:
@@ -320,8 +322,8 @@ class Identified(Result):
         return self.rigid.table()
 
     @property
-    def unusable(self) -> str:
-        """The reason why the values must not be used in a machine file, or an empty string."""
+    def faulty(self) -> str:
+        """The reason why the model is not that of the log, whatever its errors are, or an empty string."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -335,15 +337,17 @@ class Identified(Result):
                 f"those that were used {Quantity(rigid.residuals.relative, 'share'):3}, so the axis changed along the "
                 "log"
             )
-        mass = self._mass
-        if mass.error > USABLE_MASS * mass.value:
-            return self._unsure
         return ""
 
     @property
-    def _unsure(self) -> Text:
+    def unusable(self) -> str:
+        """The reason why the values must not be used in a machine file, or an empty string."""
+        return self.faulty or (self.unsure if self.mass.error > USABLE_MASS * self.mass.value else "")
+
+    @property
+    def unsure(self) -> Text:
         """A phrase that says how well the log tells the mass."""
-        mass = self._mass
+        mass = self.mass
         share = Quantity(NORMAL * mass.error / mass.value, "share")
         low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
         return Text(f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; {MORE_RAMPS}")
@@ -359,15 +363,17 @@ class Identified(Result):
         why = self.unusable
         if self.doubt:
             return Judgment.UNITS_IN_DOUBT.because(self.doubt)
+        if self.contradicted:
+            return Judgment.SCALES_IN_DOUBT.because(self.contradicted)
         if self.law is not None and self.law.wrong:
             return Judgment.DO_NOT_TUNE.because(Text(f"{why}; state in the machine file the law that made the log"))
         if self.rigid.left > POOR:
             return Judgment.DO_NOT_TUNE.because(Text(f"{why}, {_BENDS} (feeddrive excite)"))
         if why:
             return Judgment.DO_NOT_TRUST.because(why)
-        mass = self._mass
+        mass = self.mass
         if mass.error > SURE_MASS * mass.value:
-            return Judgment.DO_NOT_TRUST.because(self._unsure)
+            return Judgment.DO_NOT_TRUST.because(self.unsure)
         unused = Quantity(self.rigid.validation.relative, "share")
         reason = Text(f"they predict stretches of the log that were not used to {unused:3} of the force")
         if self.refinement is not None:
@@ -376,7 +382,7 @@ class Identified(Result):
         return Judgment.USE_VALUES.because(Text(f"{reason}{self._why_friction()}"))
 
     @property
-    def _mass(self) -> Estimate:
+    def mass(self) -> Estimate:
         """The mass that a machine file gets, of the closed loop if it was fitted.
 
         Its error holds half of the distance to the mass of the inverse dynamics: what both models lack, as the spring

@@ -69,17 +69,21 @@ class Refinement(Result):
         """True for a rotary axis."""
         return self.loop.axis.rotary
 
+    @property
+    def short(self) -> tuple[Estimate, ...]:
+        """The estimates under the last part of their names, where no two have the same."""
+        last = [estimate.name.rsplit(".", 1)[-1] for estimate in self.estimates]
+        return tuple(
+            dataclasses.replace(estimate, name=end if last.count(end) == 1 else estimate.name)
+            for estimate, end in zip(self.estimates, last, strict=True)
+        )
+
     def table(self) -> Table:
         """Return a table of the parameters with their errors."""
         off = Text(f"position {Quantity(self.replay.rms('position_load'), 'm'):3} RMS")
         if "force" in self.replay.measured:
             off += Text(f", force {Quantity(self.replay.share('force'), 'share'):3}")
-        last = [estimate.name.rsplit(".", 1)[-1] for estimate in self.estimates]
-        short = tuple(
-            dataclasses.replace(estimate, name=end if last.count(end) == 1 else estimate.name)
-            for estimate, end in zip(self.estimates, last, strict=True)
-        )
-        return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", short)
+        return estimates_table(f"{self.name}: output error, {self.delay} samples of delay; {off}", self.short)
 
 
 def physics(loop: Loop) -> tuple[str, ...]:
