@@ -157,13 +157,18 @@ class Resolvent:
         for i in range(n - 1, -1, -1):
             x[i] /= z - S[i, i]
             x[:i] += S[:i, i, None, None] * x[i]
-        return (Z * self.scale[:, None]) @ x.transpose(2, 0, 1)
+        x = ((Z * self.scale[:, None]) @ x.reshape(n, -1)).reshape(x.shape)
+        return np.ascontiguousarray(x.transpose(2, 0, 1))
 
     def before(self, C: np.ndarray) -> np.ndarray:
         """Return C (z - A)⁻¹ of shape (points, rows, n), for one C for all points or one C per point."""
+        return np.ascontiguousarray(self.left(C).transpose(2, 1, 0))
+
+    def left(self, C: np.ndarray) -> np.ndarray:
+        """Return C (z - A)⁻¹ of shape (n, rows, points), for one C for all points or one C per point."""
         n, z = self.scale.size, self.z
         if not n:
-            return np.zeros((z.size, C.shape[-2], 0), complex)
+            return np.zeros((0, C.shape[-2], z.size), complex)
         S, Z = self.form, self.vectors
         left = (C * self.scale) @ Z
         w = (
@@ -174,7 +179,7 @@ class Resolvent:
         for i in range(n):
             w[i] /= z - S[i, i]
             w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
-        return w.transpose(2, 1, 0) @ (Z.conj().T / self.scale)
+        return ((Z.conj().T / self.scale).T @ w.reshape(n, -1)).reshape(w.shape)
 
 
 # A tangent that is zero for all values is None and costs no operation.

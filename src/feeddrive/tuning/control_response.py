@@ -20,10 +20,11 @@ from feeddrive.language.recent import Recent
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.gradient import Resolvent, push, require_slopes, resolved
-from feeddrive.loop.linearize import MOST, images_turn
+from feeddrive.loop.gradient import push, require_slopes, resolved
+from feeddrive.loop.linearize import MOST
 from feeddrive.loop.runner import PAYS_AFTER
 from feeddrive.loop.trace import Program, node_values
+from feeddrive.tuning.periodic_response import periodic_response
 
 READINGS = ("reading_motor", "reading_load")
 
@@ -176,7 +177,6 @@ def needed(traced: TracedControl) -> list[int]:
 # of |z|: a pole this near 1 counts as 1, since a double pole is only known to √ of the rounding error
 _AT_ONE = 1e-5
 _NEAR = 3  # images on either side of a line that are used where the nearest ones suffice
-_BLOCK = 2**18  # entries of the matrices of all images that are computed in one block
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from command to motor and load readings, m/N
 
 
@@ -208,10 +208,7 @@ class ControlResponse:
     count as fully active, as in `linearize`.
 
     For a multirate law with a period of N samples, the response at f includes the feedback of the images f + k/(NT)
-    through the loop of the same controller and the axis. C_mk are the harmonics of the lifted controller, X is the
-    axis, and L = -C X (sums over both readings; index 0 is the line itself, i and k are its images):
-
-        C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
+    through the loop of the same controller and the axis (`periodic_response`).
 
     Source: lifting as in `Lifted`.  Raises ParameterError for a period of more than 64 samples.
     """
@@ -234,7 +231,7 @@ class ControlResponse:
         self._walk = self._traced.walk(self.tunables)
         # states without effect on the force may have poles at 1, which would count as integrators
         self._live = needed(self._traced)
-        self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+        self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
         # only roots, logarithms and selections store their lines: without them every slope is finite
         self._has_slopes = not self._traced.graph.lines
@@ -385,68 +382,28 @@ class ControlResponse:
         near: bool,
         with_slopes: bool,
     ) -> Response:
-        """Compute the result of `at` for a multirate law, in blocks of lines."""
-        big, slopes, samples = self._kept_lifted(values, with_slopes)
-        N, n = self.period, big.shape[0] - self.period
-        if not (np.all(np.isfinite(big)) and np.all(np.isfinite(slopes))):
+        """Compute the result of `at` for a multirate law."""
+        samples, slopes = self._kept_samples(values, with_slopes)
+        N, most = self.period, _NEAR if near else self.period
+        if not (np.all(np.isfinite(samples)) and np.all(np.isfinite(slopes))):
             raise ParameterError("the linear model of the control holds numbers that are not finite")
-        count = max(1, _BLOCK // (N * N))
-        most = _NEAR if near else N
-        kept = [0] if images is None else [0, *(k for k in range(1, N) if k <= most or k >= N - most)]
-        parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for first in range(0, frequency.size, count):
-            block = slice(first, first + count)
-            axis = (
-                np.zeros((2, frequency[block].size, 0))
-                if images is None
-                else images[:, block][:, :, np.array(kept[1:]) - 1]
-            )
-            turns = images_turn(frequency[block], N, self.T)[:, :, kept]
-            parts.append(_closed_by(big, slopes, turns, frequency[block] * self.T, axis))
-        poles = np.linalg.eigvals(big[:n, :n]) if n else np.zeros(0)
+        closed = [] if images is None else [k for k in range(1, N) if k <= most or k >= N - most]
+        axis = np.zeros((2, frequency.size, 0)) if images is None else images[:, :, np.array(closed, int) - 1]
+        whole = periodic_response(samples, slopes, frequency * self.T, closed, axis)
         # rounding puts the pole of an integrator on either side of 1
-        unstable = np.abs(np.log(poles[np.abs(poles) > 1.0 + 1e-7])) / (N * self.T)
-        value, slope = (np.concatenate([part[i] for part in parts], axis=1) for i in range(2))
-        return Response(value, slope, unstable, np.concatenate([part[2] for part in parts]), N, samples)
+        unstable = np.abs(np.log(whole.poles[np.abs(whole.poles) > 1.0 + 1e-7])) / (N * self.T)
+        return Response(whole.value, whole.slope, unstable, whole.rest, N, samples)
 
     def of_a_period(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Return [A B; c d] of each sample of a period, shape (N, n + 1, n + 2)."""
-        return self._kept_lifted(values, False)[2]
+        return self._kept_samples(values, False)[0]
 
-    def _kept_lifted(
-        self, values: Sequence[float] | np.ndarray, with_slopes: bool
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the cached result of `_lifted`, which is needed both for the lines of a point and below them."""
+    def _kept_samples(self, values: Sequence[float] | np.ndarray, with_slopes: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cached result of `_samples`, which is needed both for the lines of a point and below them."""
         key = (np.asarray(values, float).tobytes(), with_slopes)
         if self._last is None or self._last[0] != key:
-            self._last = key, self._lifted(values, with_slopes)
+            self._last = key, self._samples(values, with_slopes)
         return self._last[1]
-
-    def _lifted(
-        self, values: Sequence[float] | np.ndarray, with_slopes: bool
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the lifted model [A B; C D] over one period.
-
-        Its outputs are the states at the end of the period and the forces of all samples; its inputs are the states at
-        the start and the readings of all samples. The second result holds its derivatives, computed sample by sample
-        with the product rule; the third result is the model of each sample.
-        """
-        N, n, count = self.period, len(self._live), len(self.tunables) if with_slopes else 0
-        through, moved = np.eye(n, n + 2 * N), np.zeros((n, n + 2 * N, count))
-        big, slopes = np.zeros((n + N, n + 2 * N)), np.zeros((n + N, n + 2 * N, count))
-        samples, changes = self._samples(values, with_slopes)
-        for k, (matrix, change) in enumerate(zip(samples, changes, strict=True)):
-            after = matrix[:, :n] @ through
-            readings = slice(n + 2 * k, n + 2 * k + 2)
-            after[:, readings] += matrix[:, n:]
-            if count:
-                shifted = np.einsum("ab,bjp->ajp", matrix[:, :n], moved)
-                shifted += np.einsum("abp,bj->ajp", change[:, :n], through)
-                shifted[:, readings] += change[:, n:]
-                moved, slopes[n + k] = shifted[:n], shifted[n]
-            through, big[n + k] = after[:n], after[n]
-        big[:n], slopes[:n] = through, moved
-        return big, slopes, samples
 
 
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
@@ -468,41 +425,3 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
     outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
     swings = poles[(np.abs(poles) < 1.0 + 1e-7) & (poles.imag != 0.0)]
     return Response(value, slope, np.abs(np.log(outside)) / T, samples=matrix[None], slow=swings)
-
-
-def _closed_by(
-    big: np.ndarray, slopes: np.ndarray, turns: np.ndarray, cycles: np.ndarray, axis: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return C(f), its derivatives and det(1 + L) of the images, with the loops at the images closed by the axis.
-
-    `cycles` is f T of each line.
-    """
-    lines, N, many = *turns.shape[:2], slopes.shape[2]
-    n, K = big.shape[0] - N, axis.shape[2]
-    A, B, C, D = big[:n, :n], big[:n, n:], big[n:, :n], big[n:, n:]
-    inverse = Resolvent(A, np.exp(2j * np.pi * cycles * N))
-    # readings in time: of a force at each image through the axis, and of both readings at the line itself
-    heard = np.zeros((lines, N, 2, K + 2), complex)
-    heard[:, :, :, :K] = turns[:, :, None, 1:] * axis.transpose(1, 0, 2)[:, None]
-    for r in range(2):
-        heard[:, :, r, K + r] = turns[:, :, 0]
-    heard = heard.reshape(lines, 2 * N, K + 2)
-    states = inverse.after(B @ heard)
-    harmonics = np.conj(turns).transpose(0, 2, 1) @ (C @ states + D @ heard) / N
-    gain, direct = -harmonics[:, :, :K], harmonics[:, :, K:]
-    others = np.eye(K) + gain[:, 1:]
-    back = np.linalg.solve(others, direct[:, 1:])  # forces at the images by the readings at the line
-    value = direct[:, 0] - (gain[:, :1] @ back)[:, 0]
-    if not many:
-        return value.T, np.zeros((2, cycles.size, 0)), np.linalg.det(others)
-    ahead = -np.linalg.solve(others.transpose(0, 2, 1), gain[:, 0, :, None])[:, :, 0]
-    # the line and its images in time: readings, and how each force counts
-    both = np.concatenate([back, np.broadcast_to(np.eye(2), (lines, 2, 2))], axis=1)
-    counts = (np.conj(turns[:, :, 0]) + (np.conj(turns[:, :, 1:]) @ ahead[:, :, None])[:, :, 0]) / N
-    right = np.concatenate([states @ both, heard @ both], axis=1)
-    left = np.concatenate([inverse.before((counts @ C)[:, None])[:, 0], counts], axis=1)
-    # the slopes are real: two real products cost half of a complex one
-    flat = slopes.reshape(slopes.shape[0], -1)
-    through = (np.real(left) @ flat + 1j * (np.imag(left) @ flat)).reshape(lines, -1, many)
-    slope = (right.transpose(0, 2, 1) @ through).transpose(1, 0, 2)
-    return value.T, slope, np.linalg.det(others)

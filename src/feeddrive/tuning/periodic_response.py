@@ -1,0 +1,276 @@
+"""The frequency response of a controller whose matrices repeat with a period of N samples, in a loop with its axis.
+
+A slow part of a controller, such as a position loop that runs every N-th sample, reads few numbers once a period.  All
+the rest is time-invariant.  The harmonics are therefore those of a time-invariant controller plus a matrix of low rank,
+and the loops at the images close by the Woodbury identity instead of a system of N equations for each line.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.loop.gradient import Resolvent
+
+_ROUNDING = 1e-14  # of the terms that an entry of a matrix is the sum of
+_BLOCK = 2**12  # lines times images computed at once: the arrays of a block then stay in the cache
+
+
+class PeriodicResponse(NamedTuple):
+    """A response of readings to force with the loops of its images closed.
+
+    value  shape (2, lines)
+    slope  derivatives with respect to the tunables, shape (2, lines, tunables)
+    rest   det(1 + L) of the images, shape (lines,)
+    poles  eigenvalues of the controller over a period
+    """
+
+    value: np.ndarray
+    slope: np.ndarray
+    rest: np.ndarray
+    poles: np.ndarray
+
+
+def periodic_response(
+    samples: np.ndarray, slopes: np.ndarray, cycles: np.ndarray, images: list[int], axis: np.ndarray
+) -> PeriodicResponse:
+    """Return C(f), its derivatives and det(1 + L) of the images.
+
+        C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
+
+    samples  [A B; c d] of each sample of a period, shape (N, n + 1, n + 2)
+    slopes   their derivatives, shape (N, n + 1, n + 2, tunables)
+    cycles   f T of each line
+    images   the images m of f + m/(NT) whose loops are closed
+    axis     the responses X of both readings to the force at these images, shape (2, lines, images)
+    """
+    parts = _Parts(samples)
+    changes = _Changes(samples, slopes)
+    count = max(1, _BLOCK // len(samples))
+    values: list[np.ndarray] = []
+    moved: list[np.ndarray] = []
+    rest: list[np.ndarray] = []
+    for first in range(0, cycles.size, count):
+        block = slice(first, first + count)
+        closed = parts.closed(cycles[block], images, axis[:, block].transpose(2, 0, 1))
+        values.append(closed.value)
+        rest.append(closed.rest)
+        moved.append(changes.of(closed, cycles[block], images))
+    return PeriodicResponse(
+        np.concatenate(values, axis=1), np.concatenate(moved, axis=1), np.concatenate(rest), changes.poles
+    )
+
+
+class _Closed(NamedTuple):
+    """The loops of the images closed, lines last.
+
+    value     the response of each reading at the line itself, (2, lines)
+    readings  the readings at each image for a unit reading at the line, (images, 2 readings, 2, lines)
+    counts    how a force at each image counts at the line, (images, lines)
+    rest      det(1 + L) of the images
+    """
+
+    value: np.ndarray
+    readings: np.ndarray
+    counts: np.ndarray
+    rest: np.ndarray
+
+
+class _Parts:
+    """A periodic controller as a time-invariant one and what differs from it.
+
+    The time-invariant part is that of the last sample, with the states that the readings reach in this sample alone.
+    The others are slow states.  `taken` are the numbers, each one column of one sample, through which the controller
+    differs from its time-invariant part or the slow states are set: few of them, as a position loop runs once a period.
+    With the slow states s at the start of a period and the numbers w of that period
+
+        ζ s = S s + Q w,   force and fast states get η_k = P_k s + G_k w in sample k,   ζ = z^N
+    """
+
+    def __init__(self, samples: np.ndarray) -> None:
+        N, n = len(samples), samples.shape[1] - 1
+        last = samples[-1]
+        fast = _reached(last)
+        rows, columns = np.append(np.flatnonzero(fast), n), np.concatenate([np.flatnonzero(fast), [n, n + 1]])
+        slow = np.flatnonzero(~fast)
+        self.period, self.many = N, int(np.count_nonzero(fast))
+        self.base = last[np.ix_(rows, columns)]
+        apart = samples[:, :, columns] - last[:, columns]
+        self.taken = np.argwhere(np.any(apart != 0.0, axis=1))
+        W, s = len(self.taken), slow.size
+        # the slow states from those at the start of the period, and from the numbers taken
+        through = np.eye(s, s + W)
+        self.given = np.zeros((N, rows.size, s + W))
+        for k in range(N):
+            new = np.zeros((n + 1, W))
+            for place, (sample, column) in enumerate(self.taken):
+                if sample == k:
+                    new[:, place] = apart[k, :, column]
+            self.given[k] = samples[k][np.ix_(rows, slow)] @ through
+            self.given[k, :, s:] += new[rows]
+            through = samples[k][np.ix_(slow, slow)] @ through
+            through[:, s:] += new[slow]
+        self.slow, self.set = through[:, :s], through[:, s:]
+
+    def closed(self, cycles: np.ndarray, images: list[int], axis: np.ndarray) -> _Closed:
+        """Return the response with the loops of the images closed, for lines at f T = cycles."""
+        N, n, W = self.period, self.many, len(self.taken)
+        lines, many = cycles.size, len(images)
+        states = [int(column) for _, column in self.taken if column < n]
+        # the numbers taken from fast states sum over all images, those taken from readings over the closed ones
+        every = [0, *images, *(m for m in range(1, N) if m not in images)] if states else [0, *images]
+        turn = cycles + np.array(every)[:, None] / N  # of z at each image, (images, lines)
+        A, B, c, d = self.base[:n, :n], self.base[:n, n:], self.base[n:, :n], self.base[n, n:]
+        picked = np.concatenate([c, np.eye(n)[states]])
+        left = Resolvent(A, np.exp(2j * np.pi * turn).ravel()).left(picked).reshape(n, len(picked), *turn.shape)
+        direct = np.einsum("imf,ir->rmf", left[:, 0], B) + d[:, None, None]
+        given = self._given(cycles, every)
+        force = np.einsum("imf,imwf->mwf", left[:, 0], given[:, :n].transpose(1, 0, 2, 3)) + given[:, n]
+        # what each number taken hears of the readings at each image, and of itself through the fast states
+        hears = np.zeros((len(every), W, 2, lines), complex)
+        own = np.broadcast_to(np.eye(W), (lines, W, W)).astype(complex)
+        state = 0
+        for place, (sample, column) in enumerate(self.taken):
+            phase = np.exp(2j * np.pi * sample * turn)
+            if column < n:
+                state += 1
+                heard = phase * left[:, state]
+                hears[:, place] = np.einsum("imf,ir->mrf", heard, B)
+                own[:, place] -= np.einsum("imf,imwf->fw", heard, given[:, :n].transpose(1, 0, 2, 3))
+            else:
+                hears[:, place, column - n] = phase
+        single = 1.0 - np.sum(axis * direct[:, 1 : 1 + many].transpose(1, 0, 2), axis=1)  # 1 + L of the fast part
+        share = axis / single[:, None]
+        by_force = np.sum(hears[1 : 1 + many] * share[:, None], axis=2)  # (images, W, lines)
+        inner = own - np.einsum("mvf,mwf->fvw", by_force, force[1 : 1 + many])
+        # what is taken for a unit reading at the line, and how the numbers taken count there
+        back = np.linalg.solve(inner, hears[0].transpose(2, 0, 1)).transpose(1, 2, 0)
+        ahead = np.linalg.solve(inner.transpose(0, 2, 1), force[0].T[:, :, None])[:, :, 0].T
+        value = direct[:, 0] + np.einsum("wf,wrf->rf", force[0], back)
+        forces = np.einsum("mwf,wrf->mrf", force[1 : 1 + many], back)
+        readings = share[:, :, None] * forces[:, None]
+        counts = np.einsum("wf,mwf->mf", ahead, by_force)
+        rest = np.prod(single, axis=0) * np.linalg.det(inner) / np.linalg.det(own)
+        return _Closed(value, readings, counts, rest)
+
+    def _given(self, cycles: np.ndarray, images: list[int]) -> np.ndarray:
+        """Return the harmonics of η for unit numbers taken, shape (images, fast states and force, W, lines)."""
+        N, s, W = self.period, self.slow.shape[0], len(self.taken)
+        lines = cycles.size
+        start = Resolvent(self.slow, np.exp(2j * np.pi * N * cycles)).after(self.set).transpose(1, 2, 0)
+        rows = self.given.shape[1]
+        over_time = self.given[:, :, :s].reshape(N * rows, s) @ start.reshape(s, W * lines)
+        over_time = over_time.reshape(N, rows, W, lines) + self.given[:, :, s:, None]
+        over_time *= np.exp(-2j * np.pi * np.arange(N)[:, None] * cycles)[:, None, None]
+        waves = np.exp(-2j * np.pi / N * np.outer(images, np.arange(N))) / N
+        return (waves @ over_time.reshape(N, rows * W * lines)).reshape(len(images), rows, W, lines)
+
+
+class _Changes:
+    """The derivatives of a periodic controller along its motion over a period.
+
+        ∂C = Σ_k [λ_k, μ_k] ∂[A B; c d]_k [x_k; r_k],   x_(k+1) = A_k x_k + B_k r_k,   λ_(k-1) = λ_k A_k + μ_k c_k
+
+    x and λ return after a period times ζ = z^N; μ_k is how the force of sample k counts.  A tunable acts through few
+    combinations of states, so that its ∂[A B; c d]_k are products of few columns and rows (`_products`).
+    """
+
+    def __init__(self, samples: np.ndarray, slopes: np.ndarray) -> None:
+        self.samples = samples
+        N, n, self.tunables = len(samples), samples.shape[1] - 1, slopes.shape[3]
+        self.whole = np.eye(n)
+        for matrix in samples:
+            self.whole = matrix[:n, :n] @ self.whole
+        self.poles = np.linalg.eigvals(self.whole) if n else np.zeros(0)
+        pairs = [
+            (tunable, column, row)
+            for tunable in range(self.tunables)
+            for column, row in _products(slopes[..., tunable].transpose(1, 0, 2).reshape(n + 1, N * (n + 2)))
+        ]
+        self.of_tunable = np.array([tunable for tunable, _, _ in pairs], int)
+        self.columns = np.array([column for _, column, _ in pairs]).reshape(-1, n + 1)
+        rows = np.array([row for _, _, row in pairs]).reshape(-1, N, n + 2)
+        self.rows = np.ascontiguousarray(rows.transpose(1, 0, 2))
+
+    def of(self, closed: _Closed, cycles: np.ndarray, images: list[int]) -> np.ndarray:
+        """Return the derivatives at lines f T = cycles, shape (2, lines, tunables)."""
+        N, lines = len(self.samples), cycles.size
+        slope = np.zeros((self.tunables, 2, lines), complex)
+        if not self.of_tunable.size:
+            return slope.transpose(1, 2, 0)
+        turn = np.exp(2j * np.pi * np.arange(N)[:, None] * cycles)
+        waves = np.exp(2j * np.pi / N * np.outer(np.arange(N), images))
+        own = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, lines))
+        readings = (waves @ closed.readings.reshape(len(images), 4 * lines)).reshape(N, 2, 2, lines) + own
+        counts = turn.conj() * (waves.conj() @ closed.counts + 1.0) / N
+        inverse = Resolvent(self.whole, np.exp(2j * np.pi * N * cycles))
+        # derivatives are real: products of real matrices with the real and imaginary parts side by side
+        motion = (self.rows @ self._forward(turn[:, None, None] * readings, inverse)).view(complex)
+        weights = (self.columns @ self._backward(counts, inverse)).view(complex)
+        each = np.einsum("kpf,kprf->prf", weights, motion.reshape(N, -1, 2, lines))
+        np.add.at(slope, self.of_tunable, each)
+        return slope.transpose(1, 2, 0)
+
+    def _forward(self, readings: np.ndarray, inverse: Resolvent) -> np.ndarray:
+        """Return states and readings before each sample, as real numbers of shape (N, n + 2, 2 · 2 · lines)."""
+        N, n = len(self.samples), self.samples.shape[1] - 1
+        motion = np.zeros((N, n + 2, *readings.shape[2:]), complex)
+        motion[:, n:] = readings
+        flat = motion.reshape(N, n + 2, -1).view(float)
+        if not n:
+            return flat
+        for k in range(N - 1):
+            flat[k + 1, :n] = self.samples[k, :n] @ flat[k]
+        end = (self.samples[-1, :n] @ flat[-1]).view(complex).reshape(n, *readings.shape[2:])
+        start = inverse.after(end.transpose(2, 0, 1)).transpose(1, 2, 0)
+        step = np.ascontiguousarray(start).reshape(n, -1).view(float)
+        for k in range(N):
+            flat[k, :n] += step
+            step = self.samples[k, :n, :n] @ step
+        return flat
+
+    def _backward(self, counts: np.ndarray, inverse: Resolvent) -> np.ndarray:
+        """Return the weights of states and force after each sample, as real numbers of shape (N, n + 1, 2 · lines)."""
+        N, n = len(self.samples), self.samples.shape[1] - 1
+        weights = np.zeros((N, n + 1, counts.shape[1]), complex)
+        weights[:, n] = counts
+        flat = weights.view(float)
+        if not n:
+            return flat
+        for k in range(N - 1, 0, -1):
+            flat[k - 1, :n] = self.samples[k, :, :n].T @ flat[k]
+        start = (self.samples[0, :, :n].T @ flat[0]).view(complex)
+        end = inverse.before(start.T[:, None])[:, 0].T
+        step = np.ascontiguousarray(end).view(float)
+        for k in range(N - 1, -1, -1):
+            flat[k, :n] += step
+            step = self.samples[k, :n, :n].T @ step
+        return flat
+
+
+def _products(matrix: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return columns l and rows r with Σ l rᵀ = matrix, by elimination with the largest remaining entry.
+
+    It ends when each entry is reproduced within `_ROUNDING` of the terms that it is the sum of, whatever its size.
+    """
+    left, size = matrix.copy(), np.abs(matrix)
+    scale = np.max(size, axis=0, initial=0.0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    pairs: list[tuple[np.ndarray, np.ndarray]] = []
+    while np.any(np.abs(left) > _ROUNDING * size):
+        i, j = np.unravel_index(np.argmax(np.abs(left) / scale), left.shape)
+        column, row = left[:, j] / left[i, j], left[i].copy()
+        left -= np.outer(column, row)
+        size += np.abs(np.outer(column, row))
+        # the pivot's own row and column are zero but for rounding
+        left[i], left[:, j] = 0.0, 0.0
+        pairs.append((column, row))
+    return pairs
+
+
+def _reached(matrix: np.ndarray) -> np.ndarray:
+    """Return True for each state that the readings reach by repeating one sample [A B; c d]."""
+    n = matrix.shape[0] - 1
+    reached = np.any(matrix[:n, n:] != 0.0, axis=1)
+    for _ in range(n):
+        reached |= np.any(matrix[:n, :n][:, reached] != 0.0, axis=1)
+    return reached
