@@ -254,15 +254,14 @@ def scores_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 def long_run(scores: np.ndarray, lags: int | None = None) -> np.ndarray:
     """Return the long-run covariance of the scores over `lags`, with a Bartlett window."""
-    # takes a second to import
-    from scipy.signal import oaconvolve
-
     rows = scores.shape[0]
     # more lags than a quarter of the rows leave too few products for each
     lags = max(0, min(memory(scores) if lags is None else lags, rows // 4))
     # all lags at once: the scores are convolved with the Bartlett window
     window = 1.0 - np.abs(np.arange(-lags, lags + 1)) / (lags + 1.0)
-    total = scores.T @ oaconvolve(scores, window[:, None], mode="full", axes=0)[lags : lags + rows]
+    size = 1 << (rows + 2 * lags - 1).bit_length()
+    spread = np.fft.rfft(scores, size, axis=0) * np.fft.rfft(window, size)[:, None]
+    total = scores.T @ np.fft.irfft(spread, size, axis=0)[lags : lags + rows]
     # the rounding of the convolution is not symmetric, and a covariance must be
     total = 0.5 * (total + total.T)
     return widening(lags / rows) ** 2 * total

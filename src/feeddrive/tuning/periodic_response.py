@@ -181,11 +181,7 @@ class _Changes:
         for matrix in samples:
             self.whole = matrix[:n, :n] @ self.whole
         self.poles = np.linalg.eigvals(self.whole) if n else np.zeros(0)
-        pairs = [
-            (tunable, column, row)
-            for tunable in range(self.tunables)
-            for column, row in _products(slopes[..., tunable].transpose(1, 0, 2).reshape(n + 1, N * (n + 2)))
-        ]
+        pairs = _products(slopes.transpose(3, 1, 0, 2).reshape(self.tunables, n + 1, N * (n + 2)))
         self.of_tunable = np.array([tunable for tunable, _, _ in pairs], int)
         self.columns = np.array([column for _, column, _ in pairs]).reshape(-1, n + 1)
         rows = np.array([row for _, _, row in pairs]).reshape(-1, N, n + 2)
@@ -247,24 +243,29 @@ class _Changes:
         return flat
 
 
-def _products(matrix: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return columns l and rows r with Σ l rᵀ = matrix, by elimination with the largest remaining entry.
+def _products(matrices: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Return places p, columns l and rows r with Σ l rᵀ = matrices[p], by elimination with the largest entry left.
 
     It ends when each entry is reproduced within `_ROUNDING` of the terms that it is the sum of, whatever its size.
     """
-    left, size = matrix.copy(), np.abs(matrix)
-    scale = np.max(size, axis=0, initial=0.0)
+    products: list[tuple[int, np.ndarray, np.ndarray]] = []
+    scale = np.max(np.abs(matrices), axis=1, initial=0.0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    pairs: list[tuple[np.ndarray, np.ndarray]] = []
-    while np.any(np.abs(left) > _ROUNDING * size):
-        i, j = np.unravel_index(np.argmax(np.abs(left) / scale), left.shape)
-        column, row = left[:, j] / left[i, j], left[i].copy()
-        left -= np.outer(column, row)
-        size += np.abs(np.outer(column, row))
+    place = np.arange(len(matrices))
+    left, size = matrices.copy(), np.abs(matrices)
+    while True:
+        more = np.any(np.abs(left) > _ROUNDING * size, axis=(1, 2))
+        if not np.any(more):
+            return products
+        place, left, size, scale = place[more], left[more], size[more], scale[more]
+        each = np.arange(place.size)
+        i, j = np.unravel_index(np.argmax((np.abs(left) / scale[:, None]).reshape(place.size, -1), axis=1), left.shape[1:])
+        columns, rows = left[each, :, j] / left[each, i, j][:, None], left[each, i]
+        products += zip(place.tolist(), columns, rows, strict=True)
+        term = columns[:, :, None] * rows[:, None]
+        left, size = left - term, size + np.abs(term)
         # the pivot's own row and column are zero but for rounding
-        left[i], left[:, j] = 0.0, 0.0
-        pairs.append((column, row))
-    return pairs
+        left[each, i], left[each, :, j] = 0.0, 0.0
 
 
 def _reached(matrix: np.ndarray) -> np.ndarray:

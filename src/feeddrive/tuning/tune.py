@@ -161,6 +161,8 @@ _NOTCHES = 3  # largest number of notches that are tried
 _LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
 # iterations for the number of standard deviations, which depends on the bounds active at the end
 _TURNS = 6
+_SETTLED = 0.03  # standard deviations: a smaller change of the reserve ends them
+_KEPT = 2e-3  # of a limit: a bound violated by less counts as kept
 _CUTS = 3  # rounds in which lines that the search had left out are added
 _MORE = 3  # further rounds of searches if those before did not confirm the best
 _EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 come before 2.0
@@ -255,15 +257,21 @@ class Tuner:
             require_good(search.criteria.answers(end.x), 1.0)
             sure = _one_sided(self.confidence)
             self.progress.step("room for the noise")
-            # the reserve changes the optimum and with it the bounds that share the probability
+            # the reserve changes the optimum and with it the bounds that share the probability, and the next one need
+            # not be better: of those that keep the confidence the best one counts
+            sure_ends: list[tuple[End, float]] = []
             for _ in range(_TURNS):
                 search.sure = sure
-                end = self._from_below(search, search.descend(end.x), x, speeds(control, names))
+                end = self._with_reserve(search, end, x, speeds(control, names))
                 end = self._on_all_lines(control, names, search, end)
                 wanted = needed(self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence)
-                if abs(wanted - sure) < 0.03:
+                if wanted < sure + _SETTLED and search.broken(end.judged) <= _KEPT:
+                    sure_ends.append((end, sure))
+                if abs(wanted - sure) < _SETTLED:
                     break
                 sure = wanted
+            end, sure = min(sure_ends, key=lambda kept: float(np.max(kept[0].judged.goal)), default=(end, sure))
+            search.sure = sure
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         # a missing band explains more than conflicting limits, so it is checked before the refusal
         if search.broken(end.judged) > 5e-3:
@@ -412,7 +420,7 @@ class Tuner:
 
         In this case the search is repeated from the fastest loop that satisfies all bounds.
         """
-        if search.broken(end.judged) <= 2e-3:
+        if search.broken(end.judged) <= _KEPT:
             return end
         for step in _LADDER[_LADDER <= 0.0]:
             rung = np.clip(x + step * powers, search.low, search.high)
@@ -421,6 +429,25 @@ class Tuner:
                 other = search.descend(rung)
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
+
+    def _with_reserve(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
+        """Continue from `end` after the reserve for the noise has changed.
+
+        Where noise makes |L| cross 1 many times, crossovers come and go, and a search can end at a violated bound
+        although a loop nearby keeps all of them.  The fastest loop from below may then lie in another valley, so that
+        its cost would be taken for that of the noise: a population over the whole range is a third start.
+        """
+        nearby = search.descend(end.x)
+        if search.broken(nearby.judged) <= _KEPT:
+            return nearby
+        ends = [nearby, self._from_below(search, nearby, x, powers)]
+        self.progress.step("room for the noise, from all over the range")
+        begun = self._elsewhere(search, end.x, powers)
+        if begun is not None:
+            ends.append(search.descend(begun))
+        return min(
+            ends, key=lambda other: (max(search.broken(other.judged), _KEPT), float(np.max(other.judged.goal)))
+        )
 
     def _elsewhere(
         self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
@@ -495,7 +522,7 @@ class Tuner:
             other = self._under(search, self.limits.eased(figure, factor))
             if other.judge(end.x) is None:
                 return False
-            return other.broken(other.descend(end.x).judged) <= 2e-3
+            return other.broken(other.descend(end.x).judged) <= _KEPT
 
         factors = [1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 20.0, 100.0]
         wide = next((i for i, factor in enumerate(factors) if eased(factor)), None)
