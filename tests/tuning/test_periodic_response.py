@@ -89,7 +89,7 @@ def test_the_images_close_as_by_all_their_equations(kind: str, near: bool) -> No
     for sample in samples:
         transition = sample[:-1, :-2] @ transition
     assert np.sort(np.abs(closed.poles)) == pytest.approx(np.sort(np.abs(np.linalg.eigvals(transition))), abs=1e-9)
-    assert N == len(samples)
+    assert len(samples) == N
 
 
 def test_a_controller_that_differs_in_every_sample_is_one_too() -> None:

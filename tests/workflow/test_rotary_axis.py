@@ -203,11 +203,26 @@ def test_an_export_names_rad_and_newton_meters(tmp_path: Path, target: str) -> N
     assert not linear_units(text)
 
 
-@pytest.mark.parametrize("target", ["linuxcnc", "linuxcnc-pid", "parameters"])
+@pytest.mark.parametrize("target", ["linuxcnc", "linuxcnc-pid"])
 def test_a_target_in_mm_is_refused(tmp_path: Path, target: str) -> None:
     with pytest.raises(ParameterError, match="axis c turns, and this target is written for axes that move along"):
         fd.workflow.export("rotary_table", target=target, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_parameters_of_an_axis_that_turns_are_those_at_its_motor(tmp_path: Path) -> None:
+    law = read_machine("rotary_table").loop("c").control.law
+    fd.workflow.export("rotary_table", target="parameters", out=tmp_path / "out")
+    text = (tmp_path / "out" / "sinumerik.txt").read_text(encoding="utf-8")
+    found = {name: float(value) for name, value in re.findall(r"(?m)^(\S.*?) = (\S+)$", text) if name[0] != ";"}
+    # six digits are written
+    assert found["p1460[0]"] == pytest.approx(law.Kp, rel=5e-6)
+    assert found["MD32200 $MA_POSCTRL_GAIN[0]"] == pytest.approx(0.06 * law.Kv, rel=5e-6)
+    assert not linear_units(text)
+    assert not linear_units((tmp_path / "out" / "twincat.txt").read_text(encoding="utf-8"))
+    assert "No file: linuxcnc is written in mm" in (tmp_path / "out" / "README.md").read_text(encoding="utf-8")
+    with pytest.raises(ParameterError, match="linuxcnc is written in mm, and the axis turns"):
+        fd.workflow.export("rotary_table", target="parameters", maker=("linuxcnc",), out=tmp_path / "other")
 
 
 def test_units_of_a_file_are_those_of_an_axis_that_turns(tmp_path: Path) -> None:

@@ -58,17 +58,17 @@ class LoopModel:
         return FRF(frequency, -values, "cut", "force", "N/N", model.sample_time)
 
 
-def loop_model(loop: Loop, *, velocity: float = 0.05) -> LoopModel:
+def loop_model(loop: Loop, *, velocity: float = 0.05, position: str = "position_load") -> LoopModel:
     """Linearize a loop that moves with `velocity` (m/s), opened at the actuator.
 
-    The inputs of the model are `cut`, `load_force` and both readings.
+    The inputs of the model are `cut`, `load_force` and both readings; its outputs are the force and a position.
     `loop_gain` of the model raises ParameterError for a law whose period exceeds 64 samples.
     """
     inputs = ("cut", "load_force", "reading_motor", "reading_load")
     if loop.control.law.period() > 1:
-        samples = lifted(loop, inputs, ("force", "position_load"), velocity=velocity)
+        samples = lifted(loop, inputs, ("force", position), velocity=velocity)
         return LoopModel(samples, Lifted(tuple(close(sample) for sample in samples.samples)))
-    model = linearize(loop, inputs, ("force", "position_load"), velocity=velocity)
+    model = linearize(loop, inputs, ("force", position), velocity=velocity)
     return LoopModel(model, close(model))
 
 

@@ -160,25 +160,26 @@ def static_stiffness(model: StateSpace) -> float:
     return float("inf") if abs(compliance) <= _ROUNDING * max(scale, cancelled) else 1.0 / abs(compliance)
 
 
-def rope_snap(model: StateSpace | Lifted) -> float:
+def rope_snap(model: StateSpace | Lifted, output: str = "position_load") -> float:
     """Return the square root of the integrated squared position error (ISE) after a force step of 1 N, in m s^½/N.
 
-        ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `position_load`
+        ISE^½ = [∫ |C|²/ω² dω/π]^½ = [T Σ y(k)²]^½,   y the response of a model from `load_force` to `output`
 
     The sum over all samples (`summed`) uses C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
-    Without integral action the axis does not return to its position, and the result is infinite.  For a lifted model,
+    Without integral action the axis does not return to its position, and the result is infinite.  With one encoder at
+    the motor the table does not return either: it stays where the force winds up the spring.  For a lifted model,
     the sum covers all samples of each period, and the step is at the start of a period.
     Raises UnstableError for a model that is not stable.
     """
     if isinstance(model, Lifted):
-        a, b, c, d = model.stacked(["load_force"], ["position_load"])
+        a, b, c, d = model.stacked(["load_force"], [output])
         rest = np.linalg.solve(np.eye(a.shape[0]) - a, np.sum(b, axis=1))
         left = c @ rest + np.sum(d, axis=1)
         scale = np.abs(c) @ np.abs(rest) + np.sum(np.abs(d), axis=1) + np.linalg.norm(b) * np.linalg.norm(c)
         if np.any(np.abs(left) > _ROUNDING * scale):
             return float("inf")
         return float(np.sqrt(max(rest @ summed(a, c.T @ c) @ rest, 0.0) * model.sample_time))
-    column, row = model.inputs.index("load_force"), model.outputs.index("position_load")
+    column, row = model.inputs.index("load_force"), model.outputs.index(output)
     A, B, C, D = model.A, model.B[:, column], model.C[row], model.D[row, column]
     # before the solution: an unstable loop is refused, whereas x(∞) exists for it too
     P = summed(A, np.outer(C, C))

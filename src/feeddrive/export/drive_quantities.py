@@ -192,8 +192,15 @@ SAFETY = (
 )
 
 
-def kv_lines(Kv: float) -> tuple[str, ...]:
+def kv_lines(Kv: float, *, turns: bool = False) -> tuple[str, ...]:
     """Return text lines that state the position gain Kv (1/s) in the units that manufacturers use."""
+    if turns:
+        return (
+            f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (deg/s)/deg",
+            f"Kv = {Kv * 0.06:.6g} 1000/min; 1000/min is 16.667 1/s",
+            # 1 rev/min is 6 deg/s
+            f"Following error at 1 rev/min without velocity feedforward: {6.0 / Kv:.4g} deg",
+        )
     return (
         f"Kv = {Kv:.6g} 1/s = {Kv:.6g} (mm/s)/mm",
         # 60 s/min / (1000 mm/m) = 0.06

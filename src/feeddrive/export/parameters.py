@@ -333,7 +333,15 @@ _FORM = (
 
 SINUMERIK_ROWS = (
     Row("MD31030 $MA_LEADSCREW_PITCH", "lead", "mm/rev", "mm", "lead of the screw; must be there already", _PITCH),
-    Row("MD32200 $MA_POSCTRL_GAIN[0]", "Kv", "1000/min = (m/min)/mm", "m_per_min_per_mm", "servo gain Kv", _GAIN),
+    Row(
+        "MD32200 $MA_POSCTRL_GAIN[0]",
+        "Kv",
+        "1000/min = (m/min)/mm",
+        "m_per_min_per_mm",
+        "servo gain Kv",
+        _GAIN,
+        turning=("MD32200 $MA_POSCTRL_GAIN[0]", "1000/min", "m_per_min_per_mm"),
+    ),
     Row("MD32610 $MA_VELO_FFW_WEIGHT[0]", "velocity_feedforward", "1 = 100 %", "", "share of the set velocity", _SETS),
     Row(
         "MD32650 $MA_AX_INERTIA",
@@ -486,6 +494,7 @@ TWINCAT_ROWS = (
         "mm_per_s_per_mm",
         "position gain, if the drive follows a velocity (CSV)",
         _NC,
+        turning=("NC: Position control: Proportional Factor Kv", "(deg/s)/deg", "mm_per_s_per_mm"),
     ),
     Row(
         "NC: weight of the velocity pre-control (0x0B)",
@@ -682,8 +691,8 @@ def write_parameters(
     lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
     Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for a
-    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor that the
-    manufacturer does not support; FileError as `new_directory` does.
+    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor or an axis that
+    turns that the manufacturer does not support; FileError as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
     for wanted_maker in wanted:
@@ -717,15 +726,19 @@ def write_parameters(
             head = [maker.title, *warning, *_head(design, cascade, train), *maker.notes]
             files[f"{wanted_maker}.txt"] = _text(head, lines, maker.comment, maker.key)
             parts.append(Part(maker.title, f"{wanted_maker}.txt", warning, lines, missing))
+        elif wanted_maker == "linuxcnc" and cascade.loop.axis.rotary:
+            reason = "linuxcnc is written in mm, and the axis turns; leave linuxcnc out"
+            if makers:
+                raise ParameterError(reason)
+            parts.append(Part(_PIDS, absent=reason))
         elif wanted_maker == "linuxcnc":
             lines, missing = halcmd_lines(cascade)
             # only the lines: `left_out` has already given the missing parts their paths
             lines = _in_paths(cascade.loop, lines)
-            title = "LinuxCNC's pid, as lines of halcmd"
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
-            head = [title, *warning, *_head(design, cascade, None)]
+            head = [_PIDS, *warning, *_head(design, cascade, None)]
             files["linuxcnc.txt"] = _text(head, lines, "#", wanted_maker)
-            parts.append(Part(title, "linuxcnc.txt", warning, lines, missing))
+            parts.append(Part(_PIDS, "linuxcnc.txt", warning, lines, missing))
         else:
             files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
     files["README.md"] = readme(
@@ -745,14 +758,18 @@ def _in_paths(loop: Loop, rows: Sequence[Entry]) -> list[Entry]:
 
 def _head(design: Design, cascade: Cascade, train: DriveTrain | None) -> list[str]:
     """Return the header lines of a file: title, safety notes, Kv in four units, and the drive train."""
-    lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv)]
+    turns = cascade.loop.axis.rotary
+    lines = [f"{design.title}.", design.made_by, "", *SAFETY, "", *kv_lines(cascade.law.Kv, turns=turns)]
     if train is not None and train.lead is not None:
         lines.append(
             f"At the motor's shaft: lead {1e3 * train.lead:.6g} mm, gear {train.gear:.6g}, from {train.source}; "
             f"1 m of the table is {train.radians_per_metre:.6g} rad there"
         )
     elif train is not None and train.turns:
-        lines.append(f"An axis that turns, {train.source}.")
+        lines.append(
+            f"An axis that turns, {train.source}.  Behind a gear, speeds and positions of the axis are those of the "
+            "motor divided by its ratio."
+        )
     elif train is not None:
         lines.append(f"Numbers are those of a linear motor: {train.source}.  For a screw give its lead.")
     return [*lines, ""]
@@ -804,6 +821,7 @@ def _warning(bare: Loop, whole: Loop) -> list[str]:
     ]
 
 
+_PIDS = "LinuxCNC's pid, as lines of halcmd"
 STOCK_UNITS = 1000.0  # machine units per meter: mm
 _PID_MANUAL = "LinuxCNC manual page pid(9); tested bit for bit against the component of LinuxCNC 2.9"
 _BIQUAD = "LinuxCNC manual page biquad(9); tested as the pids; it stands between two sum2, see the target linuxcnc-pid"

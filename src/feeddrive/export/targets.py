@@ -66,7 +66,7 @@ class Target:
     plants      True if it can contain a plant
     together    True if it can contain the controllers of several axes as one
     fixed       arguments with which its function is always called
-    linear      True if it supports linear axes only, since it uses mm, or the units of a motor with a screw
+    linear      True if it supports linear axes only, since it uses mm
     in_c        True if it contains the code of the target c, whose `broken_rule` returns the code of a violated rule
     proof       None if the export cannot run on this computer; `unproven` gives the reason
     """
@@ -160,7 +160,6 @@ TARGETS: dict[str, Target] = {
         "parameters",
         "write_parameters",
         ("makers", "lead", "gear"),
-        linear=True,
         unproven="is numbers for a person to check; there is nothing to run",
     ),
 }

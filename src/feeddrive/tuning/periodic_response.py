@@ -259,7 +259,9 @@ def _products(matrices: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
             return products
         place, left, size, scale = place[more], left[more], size[more], scale[more]
         each = np.arange(place.size)
-        i, j = np.unravel_index(np.argmax((np.abs(left) / scale[:, None]).reshape(place.size, -1), axis=1), left.shape[1:])
+        i, j = np.unravel_index(
+            np.argmax((np.abs(left) / scale[:, None]).reshape(place.size, -1), axis=1), left.shape[1:]
+        )
         columns, rows = left[each, :, j] / left[each, i, j][:, None], left[each, i]
         products += zip(place.tolist(), columns, rows, strict=True)
         term = columns[:, :, None] * rows[:, None]

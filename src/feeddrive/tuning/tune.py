@@ -233,8 +233,13 @@ class Tuner:
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
         return Criteria(points, response, self.goal, self.limits, self.band)
 
-    def tuned(self, control: Control, names: tuple[str, ...], starts: int | None = None) -> Best:
-        """Run several searches; return the best result, verified on all lines, with a margin for the noise."""
+    def tuned(
+        self, control: Control, names: tuple[str, ...], starts: int | None = None, *, trial: bool = False
+    ) -> Best:
+        """Run several searches; return the best result, verified on all lines, with a margin for the noise.
+
+        The refusal of a `trial` does not say what could be reached instead, which costs several searches.
+        """
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
@@ -260,14 +265,19 @@ class Tuner:
             # the reserve changes the optimum and with it the bounds that share the probability, and the next one need
             # not be better: of those that keep the confidence the best one counts
             sure_ends: list[tuple[End, float]] = []
+            evolved = wanted > 1  # at most once: it costs as much as a first search
             for _ in range(_TURNS):
                 search.sure = sure
-                end = self._with_reserve(search, end, x, speeds(control, names))
+                end = search.descend(end.x)
+                if search.broken(end.judged) > _KEPT:
+                    end = self._kept(search, end, x, speeds(control, names), evolved=evolved)
+                    evolved = False
                 end = self._on_all_lines(control, names, search, end)
                 wanted = needed(self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence)
                 if wanted < sure + _SETTLED and search.broken(end.judged) <= _KEPT:
                     sure_ends.append((end, sure))
-                if abs(wanted - sure) < _SETTLED:
+                # where a bound stays violated a larger reserve violates it more
+                if abs(wanted - sure) < _SETTLED or (wanted > sure and search.broken(end.judged) > _KEPT):
                     break
                 sure = wanted
             end, sure = min(sure_ends, key=lambda kept: float(np.max(kept[0].judged.goal)), default=(end, sure))
@@ -276,6 +286,8 @@ class Tuner:
         # a missing band explains more than conflicting limits, so it is checked before the refusal
         if search.broken(end.judged) > 5e-3:
             require_covered(self.criteria(control, names, whole=True).answers(end.x))
+            if trial:
+                raise UnstableError(f"no setting was found that keeps {self.limits.sentence()}")
             self._refuse(search, end)
         require_covered(self.criteria(control, names, whole=True).answers(end.x))
         if self.noisy:
@@ -430,24 +442,18 @@ class Tuner:
                 return other if search.broken(other.judged) < search.broken(end.judged) else end
         return end
 
-    def _with_reserve(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
-        """Continue from `end` after the reserve for the noise has changed.
+    def _kept(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray, *, evolved: bool) -> End:
+        """Return the best of `end`, which violates a bound, and of other starts under the same reserve for the noise.
 
         Where noise makes |L| cross 1 many times, crossovers come and go, and a search can end at a violated bound
         although a loop nearby keeps all of them.  The fastest loop from below may then lie in another valley, so that
-        its cost would be taken for that of the noise: a population over the whole range is a third start.
+        its cost would be taken for that of the noise: if `evolved`, a population over the whole range is a start, too.
         """
-        nearby = search.descend(end.x)
-        if search.broken(nearby.judged) <= _KEPT:
-            return nearby
-        ends = [nearby, self._from_below(search, nearby, x, powers)]
-        self.progress.step("room for the noise, from all over the range")
-        begun = self._elsewhere(search, end.x, powers)
+        ends = [end, self._from_below(search, end, x, powers)]
+        begun = self._elsewhere(search, end.x, powers) if evolved else None
         if begun is not None:
             ends.append(search.descend(begun))
-        return min(
-            ends, key=lambda other: (max(search.broken(other.judged), _KEPT), float(np.max(other.judged.goal)))
-        )
+        return min(ends, key=lambda other: (max(search.broken(other.judged), _KEPT), float(np.max(other.judged.goal))))
 
     def _elsewhere(
         self, search: Search, x: np.ndarray, powers: np.ndarray, *, evolved: bool = True
@@ -560,7 +566,7 @@ class Tuner:
             i = len(control.filters) - 1
             names = (*best.names, *(f"filters.{i}.{field}" for field in ("frequency", "damping_zero", "damping_pole")))
             try:
-                other = self.tuned(control, names, starts=1)
+                other = self.tuned(control, names, starts=1, trial=True)
             except (UnstableError, NotIdentifiableError):
                 continue
             gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))

@@ -337,9 +337,10 @@ def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[
     target = np.log(np.abs(current.response[used])) + 1j * (phase[used] - w * late + w * T)
     corner, dead = _lag(w, target)
     off = float(np.sqrt(np.mean(np.abs(np.log(_delayed(w, corner, dead)) - target) ** 2)))
+    lag = "" if corner is None else Text(f"{Quantity(corner, 'Hz')} and ")
     remarks.append(
         Text(
-            f"current loop as measured ({file.current_loop}): the model has {Quantity(corner, 'Hz')} and a dead time "
+            f"current loop as measured ({file.current_loop}): the model has {lag}a dead time "
             f"of {Quantity(dead, 's'):3}, within {Quantity(8.686 * off, 'dB'):2} up to "
             f"{Quantity(current.frequency[used][-1], 'Hz')}"
         )
@@ -347,12 +348,16 @@ def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[
     return Actuator(dead_time=dead, current_loop=corner), remarks
 
 
-def _delayed(w: np.ndarray, corner: float, dead: float) -> np.ndarray:
-    return np.exp(-1j * w * dead) / (1.0 + 1j * w / (2.0 * np.pi * corner))
+def _delayed(w: np.ndarray, corner: float | None, dead: float) -> np.ndarray:
+    late = np.exp(-1j * w * dead)
+    return late if corner is None else late / (1.0 + 1j * w / (2.0 * np.pi * corner))
 
 
-def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float, float]:
-    """Return corner (Hz) and dead time (s, >= 0) of a first-order lag closest to ln H; equal weight per ln f."""
+def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float | None, float]:
+    """Return corner (Hz) and dead time (s, >= 0) of a first-order lag closest to ln H; equal weight per ln f.
+
+    The corner is None for a loop that does not fall off on these lines: its peak is beyond them.
+    """
     weight = np.gradient(np.log(w))
     corners = np.geomspace(0.3 * w[-1], 100.0 * w[-1], 400) / (2.0 * np.pi)
     best = (math.inf, float(corners[0]), 0.0)
@@ -363,7 +368,7 @@ def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float, float]:
         cost = float(np.sum(weight * np.abs(bare - 1j * w * dead - target) ** 2))
         if cost < best[0]:
             best = cost, float(corner), dead
-    return best[1], best[2]
+    return None if best[1] == float(corners[-1]) else best[1], best[2]
 
 
 def _delay_of(actuator: Actuator) -> float:

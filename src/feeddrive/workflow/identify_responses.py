@@ -397,7 +397,7 @@ def advice(result: AxisFits | ModalFit, *, turns: bool = False) -> Advice:
     which = "" if isinstance(result, ModalFit) or len(result.fits) < 2 else f" ({result.chosen})"
     open_ = ""
     if isinstance(fit, PlantFit) and fit.not_identifiable:
-        open_ = f"{', '.join(fit.not_identifiable)} cannot be told from these lines, and stay as stated. "
+        open_ = f"These lines do not tell {', '.join(fit.not_identifiable)}: kept as stated. "
     use = f"{open_}{Judgment.USE_MODEL.says}{which} in its band"
     return Advice(
         Judgment.USE_MODEL,

@@ -229,6 +229,9 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     then, notes = "", tuple[str, ...]()
     if written is not None:
         then, notes = exporting(written, request.axis, guarded=tuned.control.guard is not None)
+        if makers:
+            parameters = line("export", written, "-t", "parameters", "--maker", SINUMERIK.key)
+            notes = (*notes, f"The parameters of the control, with their sources, once there is a guard: {parameters}.")
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
         then = line("compare", told, axis=request.axis)
