@@ -1,4 +1,4 @@
-"""The response of a periodic controller against the N equations of its harmonics, and its derivatives by differences."""
+"""The response of a periodic controller by the N equations of its harmonics, and its derivatives by differences."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ _FIRST, _LARGEST, _SMALLEST = 0.25, 0.6, 2e-3  # of a logarithm: initial, larges
 _AGAIN = 0.1  # of a logarithm: trust region after a restart
 _STEPS = 60
 _ENOUGH = 1e-4  # of the goal's logarithm: less progress ends the search
-_PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # weight of a violated bound: initial, growth factor, largest
+PENALTY, _DEARER, _DEAREST = 5.0, 6.0, 1e3  # weight of a violated bound: initial, growth factor, largest
 _CROSSED = 0.9  # share of the tunables of a trial point that come from the mutation
 _FLAT = 1e-2  # smallest eigenvalue of the Hessian
 # of a logarithm: reserve to every bound, for peaks between the lines of the search
@@ -78,7 +78,7 @@ class Search:
     def __init__(self, criteria: Criteria, low: np.ndarray, high: np.ndarray, sure: float = 0.0) -> None:
         self.criteria, self.low, self.high, self.sure = criteria, low, high, sure
         self.accepted: Callable[[np.ndarray, Evaluation], None] = lambda _x, _evaluation: None
-        self.penalty = _PENALTY
+        self.penalty = PENALTY
 
     def report_to(self, progress: Progress, control: Control, names: Sequence[str]) -> None:
         """Report every new best controller that satisfies all bounds to `progress`."""

@@ -45,7 +45,7 @@ from feeddrive.tuning.criteria import (
 from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
-from feeddrive.tuning.search import AGREE, End, Search, unconfirmed
+from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -157,6 +157,7 @@ def scattered(
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # largest violation of a bound with which a start is good enough
 _PAYS = 0.02  # of the goal: least gain for which a notch is kept
+_FLAT = 0.02  # of a logarithm: a notch that is less deep is none
 _NOTCHES = 3  # largest number of notches that are tried
 _LOUD, _APART = 0.15, 0.12  # least |L| of a resonance for a notch; least distance in ln f from another notch
 # iterations for the number of standard deviations, which depends on the bounds active at the end
@@ -449,7 +450,10 @@ class Tuner:
         although a loop nearby keeps all of them.  The fastest loop from below may then lie in another valley, so that
         its cost would be taken for that of the noise: if `evolved`, a population over the whole range is a start, too.
         """
+        # a penalty that an earlier search had to raise would hold the next one at the first bound that it meets
+        search.penalty = PENALTY
         ends = [end, self._from_below(search, end, x, powers)]
+        search.penalty = PENALTY
         begun = self._elsewhere(search, end.x, powers) if evolved else None
         if begun is not None:
             ends.append(search.descend(begun))
@@ -565,13 +569,25 @@ class Tuner:
             control = tree.rebuild(control, (float(here.get(n, v)) for n, v in tree.leaves(control)))
             i = len(control.filters) - 1
             names = (*best.names, *(f"filters.{i}.{field}" for field in ("frequency", "damping_zero", "damping_pole")))
+            flat = False
             try:
                 other = self.tuned(control, names, starts=1, trial=True)
+                zero, pole = other.end.x[-2:]
+                flat = bool(pole - zero < _FLAT)
+                if flat:
+                    # what it gained is a better place of the others: a search that begins there, without it
+                    there = dict(zip(other.names, np.exp(other.end.x), strict=True))
+                    moved = tree.rebuild(control, (float(there.get(n, v)) for n, v in tree.leaves(control)))
+                    moved = replace(moved, filters=moved.filters[:-1])
+                    other = self.tuned(moved, best.names, starts=1, trial=True)
             except (UnstableError, NotIdentifiableError):
                 continue
             gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
-            ended = float(np.exp(other.end.x[len(best.names)]))
-            if gained > _PAYS:
+            if flat:
+                best = other if gained > 0.0 else best
+                tried.append(Text(f"at {Quantity(frequency, 'Hz')}: ends flat, not taken"))
+            elif gained > _PAYS:
+                ended = float(np.exp(other.end.x[len(best.names)]))
                 tried.append(
                     Text(
                         f"at {Quantity(ended, 'Hz')} (begun at {Quantity(frequency, 'Hz')}): gains "
