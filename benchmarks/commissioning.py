@@ -156,7 +156,8 @@ def shown(row: Row) -> str:
     return (
         f"{row.seed} {'turns ' if row.rotary else 'linear'} inertia {100 * row.inertia:6.2f} % "
         f"({row.inertia_sigmas:5.2f} errors), zero {row.zero:6.3f} Hz ({row.zero_sigmas:5.2f} errors), "
-        f"CPU {row.identify:.1f} and {row.tune:.1f} s; {row.walked}; {row.tuned}{' REFUSED ' + row.refused if row.refused else ''}"
+        f"CPU {row.identify:.1f} and {row.tune:.1f} s; {row.walked}; {row.tuned}"
+        f"{' REFUSED ' + row.refused if row.refused else ''}"
     )
 
 

@@ -10,12 +10,14 @@ import re
 import shlex
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import commissioning_files as cf
 import foreign_axis as fa
 from feeddrive.cli.commands import app
 from feeddrive.files.machine import read_machine
@@ -82,10 +84,21 @@ def for_sinumerik(folder: Path) -> None:
     (folder / "trace.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+# the walk is that of the page: a screw, and a clock at which a search is short
+TUNED_BY_AST = replace(
+    cf.drawn(3), rotary=False, per_motor=0.01 / (2.0 * np.pi), clock=125e-6, slow=8, modes=(), noise=0.02
+)
+
+
+def for_ast(folder: Path) -> None:
+    """The XML of the tuning tool."""
+    cf.written(folder, TUNED_BY_AST, name="AX1.xml")
+
+
 def commands_of(walk: str) -> list[str]:
     """The commands of one section of the page."""
     section = re.split(r"(?m)^## ", PAGE.read_text(encoding="utf-8"))
-    (text,) = (part for part in section if part.startswith(walk))
+    (text,) = (part for part in section if part.startswith(f"{walk}\n"))
     return re.findall(r"(?m)^\$ (feeddrive .+)$", text)
 
 
@@ -163,3 +176,22 @@ def test_a_sinumerik_engineer_walks_from_a_trace_to_parameters(tmp_path: Path, m
     written = (tmp_path / "to_control/sinumerik.txt").read_text(encoding="utf-8")
     assert "MD32200" in written
     assert "p1460" in written
+
+
+@pytest.mark.slow(reason="a fit, a search and compiled C: 20 s")
+def test_a_sinumerik_engineer_walks_from_the_file_of_the_tuning_tool(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outputs = walk("A SINUMERIK engineer with the tuning tool's file", tmp_path, monkeypatch, for_ast)
+    plant = dict(tree.leaves(read_machine(tmp_path / "model/machine.toml").loop(None).axis.plant))
+    per_turn = TUNED_BY_AST.per_motor
+    inertia = plant["inertia_motor"] + per_turn**2 * plant["mass_load"]
+    # errors of the drawn file: waves of 1 % over the response
+    assert inertia == pytest.approx(TUNED_BY_AST.inertia, rel=0.01)
+    assert_equal(outputs[-2])
+    written = (tmp_path / "to_control/sinumerik.txt").read_text(encoding="utf-8")
+    # today's law of the file, and tuned at the margins that the file asks for
+    assert f"Kp {TUNED_BY_AST.gains[0]:.4g} N m s/rad" in outputs[0]
+    assert "tuned at the margins that the file asks for" in outputs[1]
+    for name in ("MD31030 $MA_LEADSCREW_PITCH = 10", "MD32200", "p1460", "p1462"):
+        assert name in written

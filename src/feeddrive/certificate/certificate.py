@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self
 
@@ -310,6 +310,7 @@ class Certificate(Result):
     """
 
     document: Mapping[str, Any]
+    _accepted: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
@@ -322,10 +323,20 @@ class Certificate(Result):
         """Return the JSON text; `python -m feeddrive.certificate.check FILE` checks it."""
         return json.dumps(self.document, indent=1, ensure_ascii=False) + "\n"
 
+    def accepted(self) -> tuple[str, ...]:
+        """Return the checker's sentences, one per plant. Raises check.RefusedError if the certificate is rejected.
+
+        They are kept as long as the document has the same content: the proof of a multirate control takes seconds.
+        """
+        content = f"{check.digest(self.document)} {self.document.get('sha256')}"
+        if content not in self._accepted:
+            self._accepted[content] = tuple(check.verified(self.document))
+        return self._accepted[content]
+
     def verify(self) -> tuple[str, ...]:
         """Return the checker's sentences, one per plant. Raises NotCertifiedError if the certificate is rejected."""
         try:
-            return tuple(check.verified(self.document))
+            return self.accepted()
         except check.RefusedError as error:
             raise NotCertifiedError(f"not certified: {error}") from None
 
