@@ -130,15 +130,14 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     quantization and noise, which would differ between them. A third run includes quantization and noise; it must
     neither trip the guard nor request a force above the limit.
 
-    If the encoder of the motor is the only one, the table stays off by what the force winds up the spring, and the
-    response is that of the motor.
+    If the encoder of the motor is the only one, the table stays off by what the force winds up the spring, however
+    little that is, and the response is that of the motor.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
-    place, expected = "load", rope_snap(both.closed)
-    if not math.isfinite(expected) and loop.axis.one_encoder():
-        place = "motor"
-        at_motor = loop_model(loop, velocity=velocity, position="position_motor")
-        expected = rope_snap(at_motor.closed, "position_motor")
+    place = "motor" if loop.axis.encoder_load is None else "load"
+    if place == "motor":
+        both = loop_model(loop, velocity=velocity, position="position_motor")
+    expected = rope_snap(both.closed, f"position_{place}")
     settle = 1 if slowest is None else math.ceil(_DECAYS * slowest / T) + 1
     if not math.isfinite(expected):
         return Checked(what, None, "without integral action an offset remains")

@@ -23,6 +23,7 @@ from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.mapping import axes_in
+from feeddrive.files.odrive import read_odrive
 from feeddrive.files.preview import Preview
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
@@ -31,7 +32,7 @@ from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.known_values import against_known
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.motion.pooled import IdentifiedLogs, law_table, pool_logs
-from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
+from feeddrive.identification.regression import NORMAL, SHAFT, Estimate, lever
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError, sentence
@@ -388,6 +389,22 @@ _RISE = 0.1  # s to that speed: the acceleration of the simulated move
 _NO_LAW = "the law that ran is not known; give it with --machine, or by its numbers with --law"
 
 
+def _law(request: IdentifyRequest, motion: MotionLog) -> tuple[Law | None, list[str]]:
+    """Return the law of the request, from its numbers or from the configuration of a drive, and remarks."""
+    if request.law is None:
+        return None, []
+    file, _, axis = request.law.partition(":")
+    if not file.lower().endswith(".json"):
+        return read_block(Law, request.law), []  # type: ignore[type-abstract]
+    if request.lead is None and not motion.rotary:
+        raise ParameterError(
+            f"--law {file}: the gains of an ODrive are those at the motor: give the --lead of the screw or belt, or "
+            "--rotary for an axis that turns"
+        )
+    place = None if request.lead is None else lever(request.lead, request.gear)
+    return read_odrive(file, axis or "axis0", place)
+
+
 def _identified(
     run: _Run, loop: Loop | None, request: IdentifyRequest, progress: Progress, friction: str
 ) -> Identified:
@@ -401,10 +418,11 @@ def _identified(
         if doubt.moves:
             doubt.stop(progress)
         motion = MotionLog(**channels)
-        law = None if request.law is None else read_block(Law, request.law)  # type: ignore[type-abstract]
+        law, said = _law(request, motion)
         identified = identify_motion(
             motion, loop, law=law, friction=friction, lead=request.lead, gear=request.gear, motor=run.motor
         )
+        identified = replace(identified, remarks=(*identified.remarks, *said))
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
             read.stop(progress)

@@ -480,7 +480,11 @@ class IdentifyRequest(DriveValues):
     axis: str | None = option(
         f"axis of the machine file, and of a log with several; {ALL} for each axis of the log", default=None
     )
-    law: str | None = option("law that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4: without a machine file", default=None)
+    law: str | None = option(
+        "law that ran, in SI, as cascade_ppi:Kv=38,Kp=9e4, or the JSON of an ODrive (odrivetool backup-config), with "
+        "another axis as FILE:axis1: without a machine file",
+        default=None,
+    )
     friction: str = option("friction model: best, symmetric or directional", default="best")
     set_position: str | None = option("column of the set position, name:unit", default=None)
     position: str | None = option("column of the position, name:unit", default=None)
