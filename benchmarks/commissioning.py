@@ -121,8 +121,14 @@ def measured(seed: int, folder: Path) -> Row:
     file = read_commissioning(path)
     assert file is not None
     fit = drive_axis(file, Progress()).result.fit
-    total, zero = fit["total_mass"], fit["antiresonance"]
-    off, apart = total.value - axis.inertia, zero.value - axis.first_zero()
+    names = [estimate.name for estimate in fit.estimates]
+    total = fit["total_mass" if "total_mass" in names else "mass"]
+    off = total.value - axis.inertia
+    # a rigid model has no zero
+    apart, sigmas = np.nan, np.nan
+    if "antiresonance" in names:
+        apart = fit["antiresonance"].value - axis.first_zero()
+        sigmas = apart / fit["antiresonance"].error
     spent, walked, refused = walk(path.name, folder)
     machine = folder / "results" / f"tune_{path.stem}" / "machine.toml"
     tuned = ""
@@ -142,7 +148,7 @@ def measured(seed: int, folder: Path) -> Row:
         off / axis.inertia,
         off / total.error,
         apart,
-        apart / zero.error,
+        sigmas,
         spent.get("identify", 0.0),
         spent.get("tune", 0.0),
         walked,
@@ -172,8 +178,8 @@ def summary(rows: list[Row]) -> str:
         errors = scale * np.abs([getattr(row, name) for row in rows])
         sigmas = np.abs([getattr(row, f"{name}_sigmas") for row in rows])
         lines.append(
-            f"| error of the {label} | {np.max(errors):.2f} {unit} | {np.median(errors):.2f} {unit} | "
-            f"{int(np.sum(sigmas < 1.96))} | {np.max(sigmas):.1f} |"
+            f"| error of the {label} | {np.nanmax(errors):.2f} {unit} | {np.nanmedian(errors):.2f} {unit} | "
+            f"{int(np.sum(sigmas < 1.96))} | {np.nanmax(sigmas):.1f} |"
         )
     for name in ("identify", "tune"):
         times = np.array([getattr(row, name) for row in rows])

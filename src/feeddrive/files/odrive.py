@@ -61,7 +61,7 @@ def read_odrive(path: str | Path, axis: str = "axis0", lever: float | None = Non
         Tn=None if integral == 0.0 else velocity / integral,
         velocity_feedforward=1.0 if shaped else 0.0,
     )
-    remarks = [
+    remarks: list[str] = [
         Text(f"the law is that of {Path(path).name}, {axis}; its encoder filter and torque limit are not part of it")
     ]
     if not shaped:

@@ -455,7 +455,8 @@ class Tuner:
         ends = [end, self._from_below(search, end, x, powers)]
         search.penalty = PENALTY
         begun = self._elsewhere(search, end.x, powers) if evolved else None
-        if begun is not None:
+        # it was looked at on a part of the lines only
+        if begun is not None and search.judge(begun) is not None:
             ends.append(search.descend(begun))
         return min(ends, key=lambda other: (max(search.broken(other.judged), _KEPT), float(np.max(other.judged.goal))))
 
