@@ -82,7 +82,7 @@ def row(said: dict[str, Any], column: str) -> dict[str, Any]:
 def test_rows_stay_in_the_order_of_the_file_whatever_their_roles_are(tmp_path: Path) -> None:
     desk = Desk(tmp_path, "a.csv")
     order = columns(desk.look("a.csv"))
-    assert order == ["load", "spare", "target", "actual"]
+    assert order == ["t_s", "load", "spare", "target", "actual"]
     for column, role in (("actual", "setpoint_position"), ("spare", "position_load"), ("target", ""), ("load", "")):
         said = desk.ask("role", name="a.csv", column=column, role=role, unit="")
         assert columns(said) == order

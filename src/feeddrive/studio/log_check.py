@@ -68,9 +68,15 @@ def checked(
     log = _on_its_clock(log, clock, guess.mapping.get("time"))
     if log is None:
         return Check(_NO_FIGURES, (), (), plain())
+    # the log has its clock already, whatever its column was called in the file
+    columns_, reasons = (
+        {role: value for role, value in there.items() if role != "time"}
+        for there in (guess.mapping.columns, guess.mapping.reasons)
+    )
+    mapping = replace(guess.mapping, columns=columns_, reasons=reasons)
     try:
-        read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
-        preview = log_preview(log, guess.mapping, guess.needs)
+        read = mapped(OpenedFile(log), {}, mapping, ROLES, None, Progress())
+        preview = log_preview(log, mapping, guess.needs)
     except FeeddriveError as error:
         return Check(_NO_FIGURES, (str(error),), (), plain())
     except Exception as error:

@@ -163,7 +163,9 @@ def _identify_motion(request: IdentifyRequest, source: OpenedFile | MotionLog, p
         identified = replace(identified, remarks=(*identified.remarks, _not_used(unused)))
     identified = _started(identified)
     why = identified.unusable or ("" if identified.loop is not None else _NO_LAW)
-    text = None if why else machine_text(identified, machine, axis_name(loop, request.axis))
+    # an axis of a log with several keeps its name
+    named = request.axis or (None if read is None else read.axis or None)
+    text = None if why else machine_text(identified, machine, axis_name(loop, named))
     files: dict[str, Path] = {}
     known = {
         "Log": called(request.log),

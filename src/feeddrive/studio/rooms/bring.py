@@ -289,6 +289,7 @@ class Bring(Room):
             motor=asked.text_or_none("motor"),
             load=asked.text_or_none("load"),
             lead=asked.number_or_none("lead"),
+            rotary=asked.yes("rotary"),
             force_constant=asked.number_or_none("force_constant"),
             sample_time=asked.number_or_none("sample_time"),
             law=asked.text_or_none("law"),
