@@ -7,11 +7,12 @@ the rows that ask for them.
 
 from __future__ import annotations
 
+import difflib
 import html
 import json
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ from feeddrive.cli.commands import app
 from feeddrive.files.columns import Column
 from feeddrive.language.errors import FeeddriveError, sentence
 from feeddrive.language.progress import Progress
-from feeddrive.language.text import resolve
 from feeddrive.language.quantity import Units
+from feeddrive.language.text import resolve
 from feeddrive.studio.server import FIELDS, Session
 from feeddrive.workflow.identify import identify, tables
 from studio_server import Served
@@ -105,12 +106,11 @@ def on_the_page(ask: Ask, folder: Path, log: Path, stated: Mapping[str, Any]) ->
             if option in stated:
                 column = Column.of(stated[option])
                 ask("bring.role", column=column.name, role=role, unit=column.unit, factor=column.factor)
-        shown = ask("bring.show")
-        for row in shown["columns"]:
-            if _sheet(stated) and row["signal"] and (row["missing"] or row["role"] == "current"):
-                ask("bring.scale", column=row["column"], signal=row["signal"], **_sheet(stated))
+        row = _asks(ask("bring.show")["columns"], stated)
+        if row is not None:
+            ask("bring.scale", column=row["column"], signal=row["signal"], **_sheet(stated))
         ask("bring.identify", rotary=bool(stated.get("rotary")))
-    except Refused as error:
+    except RefusedError as error:
         return Told(refused=_plain(str(error), log))
     (out,) = {*folder.rglob("identified_*")} - before
     told = written(out, log)
@@ -130,7 +130,15 @@ def of_page(told: Told) -> Told:
     return replace(told, refused=fields)
 
 
-class Refused(Exception):
+def assert_same(one: Told, other: Told) -> None:
+    """Say the lines that differ, and not the whole report."""
+    differ: list[str] = []
+    for first, second in zip(map(str, astuple(one)), map(str, astuple(other)), strict=True):
+        differ += difflib.unified_diff(*(text.replace(". ", ".\n").split("\n") for text in (first, second)), n=0)
+    assert one == other, "\n".join(differ)[:4000]
+
+
+class RefusedError(Exception):
     """What the page was told in place of an answer."""
 
 
@@ -144,7 +152,7 @@ def asking_here(folder: Path, log: Path) -> Ask:
         said = session.answer({"number": 1, "do": do, "name": log.name, **more})
         words: dict[str, Any] = json.loads(said[4 : 4 + int.from_bytes(said[:4], "little")])
         if words.get("error"):
-            raise Refused(words["error"])
+            raise RefusedError(words["error"])
         return words
 
     return ask
@@ -158,14 +166,27 @@ def asking(served: Served, page: Any, log: Path) -> Ask:
         page.job = None
         said: dict[str, Any] = page.ask(do, name=log.name, **more)
         if said.get("error"):
-            raise Refused(said["error"])
+            raise RefusedError(said["error"])
         if do in ("bring.look", "bring.identify"):
             ended = page.ended()
             if ended["state"] != "done":
-                raise Refused(ended["error"])
+                raise RefusedError(ended["error"])
         return said
 
     return ask
+
+
+def _asks(rows: list[dict[str, Any]], stated: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The row that asks for a value of the data sheet: a force in percent or A; None if there is one in N already."""
+    signals = {"percent", "per-mille"} if "rated" in stated else {"A"} if _sheet(stated) else {""}
+    by_role = {row["role"]: row for row in rows}
+    for role in ("force", "torque", "current", "command"):
+        row = by_role.get(role)
+        if row is not None and not row["missing"] and role in ("force", "torque"):
+            return None
+        if row is not None and row["signal"] in signals:
+            return row
+    return None
 
 
 def _sheet(stated: Mapping[str, Any]) -> dict[str, Any]:

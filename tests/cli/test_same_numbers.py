@@ -39,7 +39,7 @@ from studio_server import Served
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-import entry  # noqa: E402  # no module of the package: it lies beside it
+import entry  # no module of the package: it lies beside it
 
 runner = CliRunner()
 AXIS, KV, KP, PER_PERCENT = PlainAxis(mass=180.0), 30.0, 9000.0, 12.0
@@ -193,8 +193,12 @@ def test_the_factor_goes_through_the_socket(log: Path, tmp_path: Path, by_mappin
 def same(log: Path, folder: Path, stated: Mapping_[str, Any], ask: surfaces.Ask, session: Path) -> surfaces.Told:
     """Machine file and report, or the refusal, of command line, Python and page: equal to the last digit."""
     told = surfaces.on_command_line(log, folder / "by_command", stated)
-    assert surfaces.in_python(log, folder / "in_python", stated) == told
-    assert surfaces.on_the_page(ask, session, log, stated) == surfaces.of_page(told)
+    python, page = (
+        surfaces.in_python(log, folder / "in_python", stated),
+        surfaces.on_the_page(ask, session, log, stated),
+    )
+    surfaces.assert_same(told, python)
+    surfaces.assert_same(surfaces.of_page(told), page)
     return told
 
 
