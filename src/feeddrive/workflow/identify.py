@@ -19,7 +19,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
-from feeddrive.files.log import Log
+from feeddrive.files.log import Log, clipped
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.mapping import axes_in
 from feeddrive.files.preview import Preview
@@ -264,6 +264,7 @@ def _identified(
     for guessed roles that the samples contradict.
     """
     doubt = Doubt() if read is None else read.doubt
+    motion: MotionLog | None = None
     try:
         # without a mass the fit comes first: swapped columns or noise explain implausible sizes better than wrong units
         if doubt.moves:
@@ -276,7 +277,7 @@ def _identified(
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
             read.stop(progress)
-    except LogError:
+    except LogError as error:
         if read is not None and swapped(channels):
             columns = read.columns
             moving, acting = (
@@ -287,6 +288,11 @@ def _identified(
                 f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; "
                 f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
+        # a mass that the fit cannot tell may have its cause in columns that do not belong together
+        doubts = () if read is None or motion is None else read.contradictions
+        against = [doubt.why for doubt in doubts if doubt.kind in ("force", "axis")]
+        if against and isinstance(error, NotIdentifiableError):
+            raise NotIdentifiableError(f"{error}. What the samples say of the columns: {against[0]}") from None
         raise
     return replace(identified, doubt=doubt.why or identified.doubt)
 
@@ -298,6 +304,10 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
     """
     moving, acting = _chosen(file, log, drive, named)
     limit = None if drive.loop is None else drive.loop.control.force_limit
+    if why := clipped(moving, log[moving], times=1):
+        raise NotIdentifiableError(
+            f"{file}: {why}: the recorder or the encoder ends there; record the motion again within its range"
+        )
     position, rotary = log[moving], moving in _ANGLES
     set_position = log.channels.get("setpoint_angle" if rotary else "setpoint_position")
     force, is_torque = drive.acting(file, log, acting)

@@ -1,0 +1,54 @@
+"""Faults put into foreign logs, and what feeddrive says: `python benchmarks/gates.py --seed 1`.
+
+The faults and what must become of them are those of `tests/gates.py`; the logs are drawn from `tests/foreign_axis.py`,
+`--count` axes of each of five laws. `--keep FILE` adds the answers of a run to a file, from which the table of several
+runs is printed: a law at a time with `--law`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import foreign_axis as foreign
+import gates
+
+HOW = ("refused", "named", "harmless", "other", "unseen")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=3)
+    parser.add_argument("--law", action="append", choices=foreign.LAWS)
+    parser.add_argument("--keep", type=Path)
+    options = parser.parse_args()
+    answers = json.loads(options.keep.read_text()) if options.keep is not None and options.keep.exists() else []
+    begun = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        for log in gates.drawn(options.seed, options.count, options.law or foreign.LAWS, Path(folder)):
+            for name, fault in gates.FAULTS.items():
+                found = gates.answer(fault, log, Path(folder) / "log.csv")
+                answers.append([log.law, name, found.how])
+                if not fault.holds(found):
+                    print(f"{log.law}, {log.mass:.4g} kg, {name}: {found.how}: {found.said[:300]}", flush=True)
+    if options.keep is not None:
+        options.keep.write_text(json.dumps(answers))
+    logs = len(answers) // len(gates.FAULTS)
+    print(f"\nseed {options.seed}, {logs} logs, {time.process_time() - begun:.0f} s CPU\n")
+    print("| fault | " + " | ".join(HOW) + " |")
+    print("|---|" + "---|" * len(HOW))
+    for name in gates.FAULTS:
+        found = Counter(how for _, fault, how in answers if fault == name)
+        print(f"| {name} | " + " | ".join(str(found[how] or "") for how in HOW) + " |")
+
+
+if __name__ == "__main__":
+    main()
