@@ -75,12 +75,8 @@ class Fault(NamedTuple):
 
     def holds(self, answer: Answer) -> bool:
         """True if the answer is what must become of the fault."""
-        return answer.how in {
-            "refused",
-            "named",
-            *(["harmless"] if self.may else []),
-            *(["unseen"] if self.blind else []),
-        }
+        allowed = {"harmless": self.may, "unseen": bool(self.blind)}
+        return answer.how in ("refused", "named") or allowed.get(answer.how, False)
 
 
 def _changed(**factors: float) -> Callable[[Drawn], Columns]:
@@ -177,9 +173,7 @@ FAULTS: dict[str, Fault] = {
     "positions in m, head mm": Fault(_headed((SET, POSITION), "mm"), UNITS),
     "one position in mm, head m": Fault(_changed(position=1e3), UNITS),
     "force in kN, head N": Fault(_changed(force=1e-3), UNITS),
-    "force in N, head kN": Fault(
-        _headed((FORCE,), "kN"), UNITS, blind="the larger machine exists, up to 200 t and 500 kN"
-    ),
+    "force in N, head kN": Fault(_headed((FORCE,), "kN"), UNITS, blind="there are machines of 200 t and 500 kN"),
     "set and actual exchanged": Fault(_exchanged(SET, POSITION), r"exchanged|swapped|set position"),
     "position and force exchanged": Fault(_exchanged(POSITION, FORCE), r"exchanged|swapped"),
     "force reversed": Fault(_changed(force=-1.0), r"sign"),

@@ -1,4 +1,4 @@
-"""Faults of logs are refused or named with their cause, or leave the mass as it is: the table of docs/identification.md.
+"""Faults of logs are refused or named with their cause, or leave the mass as it is (docs/identification.md).
 
 `gates` has the faults; `python benchmarks/gates.py --seed 1` makes the table.
 """
@@ -41,9 +41,8 @@ def test_the_log_without_a_fault_is_recommended(log: gates.Drawn) -> None:
 def test_no_fault_of_a_drawn_log_gives_a_wrong_mass_unseen(law: str, tmp_path: Path) -> None:
     """Another cause than the true one may be said of one fault in ten; no mass is wrong without a word."""
     logs = list(gates.drawn(2611, 2, (law,), tmp_path))
-    answers = [
-        (name, gates.answer(fault, log, tmp_path / "log.csv")) for log in logs for name, fault in gates.FAULTS.items()
-    ]
+    cases = [(log, name, fault) for log in logs for name, fault in gates.FAULTS.items()]
+    answers = [(name, gates.answer(fault, log, tmp_path / "log.csv")) for log, name, fault in cases]
     unseen = [(name, said) for name, said in answers if said.how == "unseen" and not gates.FAULTS[name].blind]
     assert not unseen
     wrong = [(name, said) for name, said in answers if not gates.FAULTS[name].holds(said)]
