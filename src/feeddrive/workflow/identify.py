@@ -28,6 +28,7 @@ from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.motion.identify import Identified, identify_motion, swapped, with_rigid
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
+from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
@@ -290,7 +291,7 @@ def _identified(
             ) from None
         # a mass that the fit cannot tell may have its cause in columns that do not belong together
         doubts = () if read is None or motion is None else read.contradictions
-        against = [doubt.why for doubt in doubts if doubt.kind in ("force", "axis")]
+        against = [doubt.why for doubt in sorted(doubts, key=lambda doubt: not doubt.certain)]
         if against and isinstance(error, NotIdentifiableError):
             raise NotIdentifiableError(f"{error}. What the samples say of the columns: {against[0]}") from None
         raise
@@ -504,14 +505,24 @@ def tables(identified: Identified) -> list[Table]:
     return [*shown, identified.delay.table(), rigid.rows_table(), rigid.residuals.table(), rigid.validation.table()]
 
 
+def _terms(rigid: RigidFit) -> str:
+    """List the forces of the fitted model, as the words of a caption."""
+    periodic = sum(np.isfinite(period) for period in rigid.periods)
+    terms = ["mass times acceleration"]
+    terms += ["the force that bends the axis (by the fourth derivative of the position)"] if rigid.bends else []
+    terms += ["a force proportional to the position"] if len(rigid.periods) > periodic else []
+    terms += ["a force that repeats along the travel"] if periodic else []
+    return f"{', '.join(terms)} plus friction"
+
+
 def _pictures(identified: Identified) -> Iterator[Picture]:
     rigid = identified.rigid
     left = Text(f"{Quantity(rigid.residuals.relative, 'share'):3}")
     yield Picture(
         "fit",
         "Fitted and measured force",
-        "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
-        "left out: there friction is no single number.",
+        f"Inverse dynamics: {_terms(rigid)}, over the force that was commanded. Reversals are left out: there friction is "
+        "no single number.",
         Text(f"Measured and fitted force over time; the residual is {left} of the force."),
         rigid.chart,
     )
