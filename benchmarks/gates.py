@@ -36,18 +36,20 @@ def main() -> None:
         for log in gates.drawn(options.seed, options.count, options.law or foreign.LAWS, Path(folder)):
             for name, fault in gates.FAULTS.items():
                 found = gates.answer(fault, log, Path(folder) / "log.csv")
-                answers.append([log.law, name, found.how])
+                answers.append([log.law, name, found.how, found.off])
                 if not fault.holds(found):
                     print(f"{log.law}, {log.mass:.4g} kg, {name}: {found.how}: {found.said[:300]}", flush=True)
     if options.keep is not None:
         options.keep.write_text(json.dumps(answers))
     logs = len(answers) // len(gates.FAULTS)
     print(f"\nseed {options.seed}, {logs} logs, {time.process_time() - begun:.0f} s CPU\n")
-    print("| fault | " + " | ".join(HOW) + " |")
-    print("|---|" + "---|" * len(HOW))
+    print("| fault | " + " | ".join(HOW) + " | recommended mass off, at most |")
+    print("|---|" + "---|" * len(HOW) + "---|")
     for name in gates.FAULTS:
-        found = Counter(how for _, fault, how in answers if fault == name)
-        print(f"| {name} | " + " | ".join(str(found[how] or "") for how in HOW) + " |")
+        found = Counter(how for _, fault, how, _ in answers if fault == name)
+        off = max(abs(off) for _, fault, _, off in answers if fault == name)
+        told = f"{100.0 * off:.2g} %" if off else ""
+        print(f"| {name} | " + " | ".join(str(found[how] or "") for how in HOW) + f" | {told} |")
 
 
 if __name__ == "__main__":

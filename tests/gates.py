@@ -53,10 +53,12 @@ class Answer(NamedTuple):
     how   refused with the cause; named in a judgment or remark; harmless for the mass, within the joint error of both
           logs; other: refused or advised against with another cause; unseen
     said  the error, or verdict and remarks
+    off   relative change of a mass that was recommended
     """
 
     how: str
     said: str
+    off: float = 0.0
 
 
 class Fault(NamedTuple):
@@ -284,5 +286,6 @@ def answer(fault: Fault, log: Drawn, path: Path) -> Answer:
     # the log without the fault has an error of its own
     same = abs(mass - log.mass) <= NORMAL * np.hypot(error, log.error)
     if same:
-        return Answer("harmless", said)
-    return Answer("named" if told else "unseen", f"mass {mass:.4g} +- {error:.2g} for {log.mass:.4g}: {said}")
+        return Answer("harmless", said, mass / log.mass - 1.0)
+    changed = f"mass {mass:.4g} +- {error:.2g} for {log.mass:.4g}: {said}"
+    return Answer("named" if told else "unseen", changed, mass / log.mass - 1.0)

@@ -83,10 +83,9 @@ def in_python(log: Path, out: Path, stated: Mapping[str, Any]) -> Told:
     except FeeddriveError as error:
         return Told(refused=_plain(str(error), log))
     told = written(out, log)
+    units = Units(rotary=found.rotary)
     for said in (found.recommendation, *found.remarks):
-        assert _squeezed(_plain(resolve(sentence(said), Units(rotary=found.rotary)), log)) in _squeezed(told.report), (
-            said
-        )
+        assert _squeezed(_plain(resolve(sentence(said), units), log)) in _squeezed(told.report), said
     assert tables(found)
     return told
 

@@ -137,7 +137,7 @@ def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_p
     page.wait_for_selector("#check-question:has-text('Does this look like your machine?')")
     opened.settled()
     shown = page.locator("#columns-of-log tbody tr:visible th")
-    assert shown.all_inner_texts() == ["X1_target", "X1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "X1_target", "X1_actual"]
     assert page.locator(".cards .bad dt").all_inner_texts() == ["travel", "speed", "acceleration"]  # in m
     page.click("button:has-text('X1_actual is in mm')")
     opened.settled()
@@ -146,8 +146,8 @@ def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_p
     assert page.get_by_label("Unit of X1_target", exact=True).input_value() == "mm"
     page.select_option("#axis-of-log", "y1")
     opened.settled()
-    assert shown.all_inner_texts() == ["Y1_target", "Y1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "Y1_target", "Y1_actual"]
     page.check("#columns-of-all-axes")
-    assert shown.all_inner_texts() == ["X1_target", "X1_actual", "Y1_target", "Y1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "X1_target", "X1_actual", "Y1_target", "Y1_actual"]
     assert opened.said == []
     opened.context.close()

@@ -41,6 +41,7 @@ class Check:
     words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
     sentences  what the samples have against roles and units; the last ones are notes, of which `words` has the number
     doubts     the roles that the samples contradict for certain
+    open_      the roles that the samples neither confirm nor contradict
     chart      position, speed and force over time; without a position the columns as they are
     """
 
@@ -48,6 +49,7 @@ class Check:
     sentences: tuple[str, ...]
     doubts: tuple[RoleDoubt, ...]
     chart: Chart
+    open_: tuple[RoleDoubt, ...] = ()
 
 
 def checked(
@@ -103,6 +105,7 @@ def checked(
         tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in (*sentences, *notes)),
         tuple(doubt for doubt in read.contradictions if doubt.certain),
         plain() if preview is None else preview_chart(preview),
+        tuple(doubt for doubt in read.contradictions if doubt.kind == "open"),
     )
 
 

@@ -512,7 +512,7 @@ def _terms(rigid: RigidFit) -> str:
     terms += ["the force that bends the axis (by the fourth derivative of the position)"] if rigid.bends else []
     terms += ["a force proportional to the position"] if len(rigid.periods) > periodic else []
     terms += ["a force that repeats along the travel"] if periodic else []
-    return f"{', '.join(terms)} plus friction"
+    return " plus ".join([*terms, "friction"])
 
 
 def _pictures(identified: Identified) -> Iterator[Picture]:
@@ -521,8 +521,8 @@ def _pictures(identified: Identified) -> Iterator[Picture]:
     yield Picture(
         "fit",
         "Fitted and measured force",
-        f"Inverse dynamics: {_terms(rigid)}, over the force that was commanded. Reversals are left out: there friction is "
-        "no single number.",
+        f"Inverse dynamics: {_terms(rigid)}, over the force that was commanded. Reversals are left out: there friction "
+        "is no single number.",
         Text(f"Measured and fitted force over time; the residual is {left} of the force."),
         rigid.chart,
     )

@@ -510,7 +510,9 @@ class Bring(Room):
                 *(need.column for need in other.needs.values()),
             )
         }
-        doubted = {doubt.roles[0]: doubt for doubt in reversed(self._check(content).doubts)}
+        check = self._check(content)
+        doubted = {doubt.roles[0] for doubt in check.doubts}
+        open_ = {doubt.roles[0] for doubt in check.open_} - doubted
         shown = list[dict[str, Any]]()
         # the order must not depend on the roles: a row stays where it is while a role is chosen in it
         for name in dict.fromkeys([*content.names, *roles, *needs]):
@@ -528,6 +530,8 @@ class Bring(Room):
                 why = _computed(scale)
             if role in doubted:
                 why = "the samples contradict this role"
+            elif role in open_:
+                why = "the samples neither confirm nor contradict this role"
             if role == "command" and not self._unit(content, name):
                 signal = "pid.output"  # what HAL sends has no unit
             shown.append(
@@ -540,6 +544,7 @@ class Bring(Room):
                     "why": why,
                     "missing": column is None and name in needs,
                     "doubted": role in doubted,
+                    "open": role in open_,
                     "other_axis": not role and name in others,
                     "signal": entered.get("signal", signal) if role in _ACTING else "",
                     "scale": "" if scale is None else scale.table().title,
