@@ -426,5 +426,5 @@ def test_a_role_that_the_samples_leave_open_is_marked_in_its_row_and_not_as_wron
     said = desk.look("a.csv")
     marked = row(said, "x_motor_mm")
     assert (marked["open"], marked["doubted"]) == (True, False)
-    assert marked["why"] == "the samples neither confirm nor contradict this role"
+    assert marked["why"] == "the samples leave this role open"
     assert not row(said, "F_N")["open"]

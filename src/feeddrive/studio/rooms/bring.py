@@ -531,7 +531,7 @@ class Bring(Room):
             if role in doubted:
                 why = "the samples contradict this role"
             elif role in open_:
-                why = "the samples neither confirm nor contradict this role"
+                why = "the samples leave this role open"
             if role == "command" and not self._unit(content, name):
                 signal = "pid.output"  # what HAL sends has no unit
             shown.append(
