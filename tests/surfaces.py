@@ -135,7 +135,8 @@ def assert_same(one: Told, other: Told) -> None:
     """Say the lines that differ, and not the whole report."""
     differ: list[str] = []
     for first, second in zip(map(str, astuple(one)), map(str, astuple(other)), strict=True):
-        differ += difflib.unified_diff(*(text.replace(". ", ".\n").split("\n") for text in (first, second)), n=0)
+        here, there = (text.replace(". ", ".\n").split("\n") for text in (first, second))
+        differ += difflib.unified_diff(here, there, n=0)
     assert one == other, "\n".join(differ)[:4000]
 
 

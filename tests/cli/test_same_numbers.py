@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from collections.abc import Callable, Iterator
 from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -36,10 +37,6 @@ from feeddrive.workflow.identify import machine_text
 from plain_drive import Cascade, PlainAxis, write_columns
 from slow_share import all_but
 from studio_server import Served
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-import entry  # no module of the package: it lies beside it
 
 runner = CliRunner()
 AXIS, KV, KP, PER_PERCENT = PlainAxis(mass=180.0), 30.0, 9000.0, 12.0
@@ -190,6 +187,16 @@ def test_the_factor_goes_through_the_socket(log: Path, tmp_path: Path, by_mappin
 # ---------------------------------------------------------------- logs that are not ours, left to the guess or named
 
 
+def benchmark(name: str) -> ModuleType:
+    """A script of benchmarks/, which is no package."""
+    spec = spec_from_file_location(name, Path(__file__).parents[2] / "benchmarks" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 def same(log: Path, folder: Path, stated: Mapping_[str, Any], ask: surfaces.Ask, session: Path) -> surfaces.Told:
     """Machine file and report, or the refusal, of command line, Python and page: equal to the last digit."""
     told = surfaces.on_command_line(log, folder / "by_command", stated)
@@ -263,6 +270,7 @@ def test_page_command_line_and_python_say_the_same_of_a_log(
 @pytest.mark.parametrize("law", foreign.LAWS)
 def test_thirty_foreign_logs_give_the_same_numbers_everywhere(tmp_path: Path, law: str) -> None:
     """First left to the guess, then named; a refusal is the same sentence."""
+    entry = benchmark("entry")
     rng = np.random.default_rng([2610, foreign.LAWS.index(law)])
     machines = 0
     with serving(tmp_path / "served") as served:

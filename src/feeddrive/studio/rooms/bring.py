@@ -530,7 +530,9 @@ class Bring(Room):
                 why = _computed(scale)
             if role in doubted:
                 why = "the samples contradict this role"
-            elif role in open_:
+            # a person who chose the role has settled what the samples cannot
+            is_open = role in open_ and guess.mapping.reasons.get(role) != CHOSEN
+            if is_open:
                 why = "the samples leave this role open"
             if role == "command" and not self._unit(content, name):
                 signal = "pid.output"  # what HAL sends has no unit
@@ -544,7 +546,7 @@ class Bring(Room):
                     "why": why,
                     "missing": column is None and name in needs,
                     "doubted": role in doubted,
-                    "open": role in open_,
+                    "open": is_open,
                     "other_axis": not role and name in others,
                     "signal": entered.get("signal", signal) if role in _ACTING else "",
                     "scale": "" if scale is None else scale.table().title,

@@ -230,7 +230,7 @@ def _of(logs: foreign.Logs, one_way: foreign.Logs, law: str, rng: np.random.Gene
     there = [columns_of(logs.log(i, first=300)) for i in range(len(logs))]
     # the gains of a loop that rang were lowered after the first run, and the law that is kept has the first ones
     calm = logs.stable & one_way.stable & (np.asarray(logs.truth.get("lowered", 0)) == 0)
-    for i in np.flatnonzero(np.broadcast_to(calm, len(logs))):
+    for i in map(int, np.flatnonzero(np.broadcast_to(calm, len(logs)))):
         done = _identify(there[i], path)
         if isinstance(done, FeeddriveError) or done[1] is not Judgment.USE_VALUES:
             continue
