@@ -279,7 +279,9 @@ def _identified(
         if read is not None:
             read.stop(progress)
     except LogError as error:
-        if read is not None and swapped(channels):
+        # a reversed force moves its axis as well as a position moves a force: the samples tell them apart
+        reversed_ = read is not None and any(doubt.kind == "sign" for doubt in read.contradictions)
+        if read is not None and not reversed_ and swapped(channels):
             columns = read.columns
             moving, acting = (
                 next((columns[role].name for role in roles if role in columns), roles[0])
