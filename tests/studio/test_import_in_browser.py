@@ -46,7 +46,7 @@ def test_a_log_is_assigned_while_another_one_arrives(empty: Any, tmp_path: Path)
     page.wait_for_selector("#columns-of-log tr")
     opened.settled()
     before = rows(page)
-    assert [name for name, _ in before] == ["load", "spare", "target", "actual"]
+    assert [name for name, _ in before] == ["t_s", "load", "spare", "target", "actual"]
     chosen = page.get_by_label("Role of spare", exact=True)
     chosen.focus()
     page.keyboard.type("exc")  # a list is chosen from by the first letters
@@ -82,7 +82,7 @@ def test_percent_asks_for_the_rated_value_in_its_row(empty: Any, tmp_path: Path)
     page.get_by_label("Role of load", exact=True).select_option("force")
     opened.settled()
     places = rows(page)
-    line = page.locator("#columns-of-log tr:has-text('load')").first
+    line = page.locator("#columns-of-log tr:has(th:has-text('load'))").first
     assert "force: enter its rated value" in line.inner_text()
     rated.fill(str(RATED))
     page.keyboard.press("Tab")
