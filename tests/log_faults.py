@@ -35,6 +35,7 @@ class Drawn:
 
     mass, error  of the log without a fault, as identified, kg
     seed         draws the places of faults
+    one_way_mass the true mass of the axis that moves one way, kg
     """
 
     law: str
@@ -45,6 +46,7 @@ class Drawn:
     mass: float
     error: float
     seed: int
+    one_way_mass: float
 
 
 class Answer(NamedTuple):
@@ -67,12 +69,14 @@ class Fault(NamedTuple):
     put     the columns with the fault
     cause   what an error, a judgment or a remark says of it
     may     True if the fault may leave the mass as it is, so that nothing need be said
+    alone   True if the log is that of the axis that moves one way
     blind   why one log cannot show the fault; empty if it can
     """
 
     put: Callable[[Drawn], Columns]
     cause: str
     may: bool = False
+    alone: bool = False
     blind: str = ""
 
     def holds(self, answer: Answer) -> bool:
@@ -194,7 +198,7 @@ FAULTS: dict[str, Fault] = {
     "force of another axis": Fault(
         lambda log: {**log.columns, FORCE: log.other[FORCE]}, r"of another axis|no force|leaves|synchronised"
     ),
-    "one way only": Fault(lambda log: log.one_way, r"one direction|both directions"),
+    "one way only": Fault(lambda log: log.one_way, r"one direction|both directions", may=True, alone=True),
     "pushed by an unknown force": Fault(
         lambda log: log.pushed, r"does not hold|was added|leaves|changed along", may=True
     ),
@@ -235,7 +239,9 @@ def _of(logs: foreign.Logs, one_way: foreign.Logs, law: str, rng: np.random.Gene
         if isinstance(done, FeeddriveError) or done[1] is not Judgment.USE_VALUES:
             continue
         other = there[i - 1] if len(there) > 1 else pushed[i]
-        yield Drawn(law, there[i], pushed[i], other, columns_of(one_way.log(i, first=300)), *done[0], seed=int(i))
+        backward = columns_of(one_way.log(i, first=300))
+        its_mass = float(np.ravel(np.broadcast_to(one_way.truth["mass"], len(one_way)))[i])
+        yield Drawn(law, there[i], pushed[i], other, backward, *done[0], seed=i, one_way_mass=its_mass)
 
 
 def plain(path: Path) -> Drawn:
@@ -284,8 +290,9 @@ def answer(fault: Fault, log: Drawn, path: Path) -> Answer:
     if judgment.bad:
         return Answer("named" if told else "other", said)
     # the log without the fault has an error of its own
-    same = abs(mass - log.mass) <= NORMAL * np.hypot(error, log.error)
+    before, its_error = (log.one_way_mass, 0.0) if fault.alone else (log.mass, log.error)
+    same = abs(mass - before) <= NORMAL * np.hypot(error, its_error)
     if same:
-        return Answer("harmless", said, mass / log.mass - 1.0)
-    changed = f"mass {mass:.4g} +- {error:.2g} for {log.mass:.4g}: {said}"
-    return Answer("named" if told else "unseen", changed, mass / log.mass - 1.0)
+        return Answer("harmless", said, mass / before - 1.0)
+    changed = f"mass {mass:.4g} +- {error:.2g} for {before:.4g}: {said}"
+    return Answer("named" if told else "unseen", changed, mass / before - 1.0)
