@@ -62,7 +62,7 @@ def data_sheet(written: Any, *, rotary: bool) -> dict[str, Any]:
     if unit == "%":
         return known | {"rated": f"{written.rated:g}{'Nm' if rotary else 'N'}"}
     if unit == "A":
-        return known | {"torque_constant" if rotary else "force_constant": written.rated}
+        return known | {"torque_constant" if rotary else "motor_constant": written.rated}
     return known
 
 

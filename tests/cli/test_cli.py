@@ -104,7 +104,9 @@ def test_the_demo_writes_all_it_promises_and_ends_with_the_report(run) -> None:
 
 
 def test_the_written_job_repeats_the_run_to_the_last_bit(run) -> None:
-    assert run("run", "emps", "--out", "a")[0] == 0
+    code, out, _ = run("run", "emps", "--out", "a")
+    assert code == 0
+    assert "Next: feeddrive tune a/machine.toml" in out
     assert run("run", "a/job.toml", "--out", "b")[0] == 0
     for law in Path("a/runs").glob("*.parquet"):
         assert law.read_bytes() == (Path("b/runs") / law.name).read_bytes()

@@ -1,6 +1,8 @@
 """What is typed of a log on the page, in a file, on the command line and in Python means the same everywhere.
 
-The log is that of a drive that records its force in percent of 1,200 N: one of it is 12 N.  Its mass is 180 kg.
+The log of the first tests is that of a drive that records its force in percent of 1,200 N: one of it is 12 N.  Its
+mass is 180 kg.  Those of the last ones are drawn by `benchmarks/entry.py` from a simulator that shares no code with
+feeddrive: names, units, percent, amperes, decimal commas, laws, masses, encoders, axes that turn.
 """
 
 from __future__ import annotations
@@ -8,13 +10,20 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Iterator
+from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import foreign_axis as foreign
+import surfaces
+from column_logs import written as write_log
 from feeddrive.cli.commands import app
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import read_machine
@@ -26,6 +35,7 @@ from feeddrive.studio.server import Session
 from feeddrive.workflow import identify
 from feeddrive.workflow.identify import machine_text
 from plain_drive import Cascade, PlainAxis, write_columns
+from slow_share import all_but
 from studio_server import Served
 
 runner = CliRunner()
@@ -172,3 +182,110 @@ def test_the_factor_goes_through_the_socket(log: Path, tmp_path: Path, by_mappin
 
         typed_on_page(ask, log.name, factor=12)
         assert machine_in(tmp_path / "served").read_text(encoding="utf-8") == by_mapping
+
+
+# ---------------------------------------------------------------- logs that are not ours, left to the guess or named
+
+
+def benchmark(name: str) -> ModuleType:
+    """A script of benchmarks/, which is no package."""
+    spec = spec_from_file_location(name, Path(__file__).parents[2] / "benchmarks" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def same(log: Path, folder: Path, stated: Mapping_[str, Any], ask: surfaces.Ask, session: Path) -> surfaces.Told:
+    """Machine file and report, or the refusal, of command line, Python and page: equal to the last digit."""
+    told = surfaces.on_command_line(log, folder / "by_command", stated)
+    python, page = (
+        surfaces.in_python(log, folder / "in_python", stated),
+        surfaces.on_the_page(ask, session, log, stated),
+    )
+    surfaces.assert_same(told, python)
+    surfaces.assert_same(surfaces.of_page(told), page)
+    return told
+
+
+def several_axes(path: Path) -> Path:
+    """Two axes with velocities, forces in percent, and a column of which no name says what it is."""
+    columns: dict[str, np.ndarray] = {}
+    for axis, mass in (("X1", 95.0), ("Y1", 42.0)):
+        log = PlainAxis(mass=mass).run(Cascade(KV, 50.0 * mass))
+        columns.setdefault("time [ms]", 1e3 * log["time"])
+        columns[f"{axis}_CommandPosition [mm]"] = 1e3 * log["set"]
+        columns[f"{axis}_ActualPosition [mm]"] = 1e3 * log["position"]
+        columns[f"{axis}_ActualVelocity [mm/s]"] = 1e3 * np.gradient(log["position"], 1e-3)
+        columns[f"{axis}_OutputForce [%]"] = log["force"] / 4.0
+    return write_log(path, {**columns, "spare": np.sin(np.arange(log["time"].size))})
+
+
+def turning(path: Path) -> Path:
+    """An axis that turns: degrees, and amperes of a motor of 2.5 N m/A."""
+    T, inertia = 1e-3, 0.05  # kg m2
+    axes = foreign.Axes(
+        mass=inertia,
+        viscous=2.0 * inertia,
+        coulomb_positive=3.0 * inertia,
+        coulomb_negative=3.0 * inertia,
+        resolution=1e-5,
+        rotary=True,
+    )
+    moves = 10.0 * foreign.smooth_moves(T, (0.1, 0.0), 0.2, 2.0, 80.0, 0.1, 0.2)
+    law = foreign.Cascade(Kv=25.0, Kp=120.0 * inertia)
+    log = foreign.simulate(axes, law, moves, T, np.random.default_rng(3), count=1).log(0)
+    columns = {"t [s]": log["time"], "SetPosition [deg]": np.degrees(log["setpoint"])}
+    columns |= {"ActPosition [deg]": np.degrees(log["position"]), "MotorCurrent [A]": log["force"] / 2.5}
+    return write_log(path, columns)
+
+
+KINDS: dict[str, tuple[Callable[[Path], Path], dict[str, Any]]] = {
+    "axis y1 of two": (several_axes, {"axis": "y1", "rated": "400N"}),
+    "the first axis of two": (several_axes, {"rated": "400N"}),
+    "percent of nothing": (several_axes, {}),
+    "an axis that turns": (turning, {"rotary": True, "torque_constant": 2.5}),
+    "a wrong force": (several_axes, {"axis": "x1", "force": "spare:N"}),
+}
+
+
+@pytest.mark.parametrize("kind", all_but(["axis y1 of two", "percent of nothing"], KINDS, "the same of other logs"))
+def test_page_command_line_and_python_say_the_same_of_a_log(
+    tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("feeddrive.report.page.svg", lambda *_: "")  # pictures take the time, and are not compared
+    writes, stated = KINDS[kind]
+    log = writes(tmp_path / "log.csv")
+    (session := tmp_path / "session").mkdir()
+    told = same(log, tmp_path, stated, surfaces.asking_here(session, log), session)
+    assert bool(told.machine) == ("rated" in stated or "torque_constant" in stated)
+    if "axis y1" in kind:
+        assert "[axis.y1" in str(told.machine)
+        assert "[axis.x" not in str(told.machine)
+
+
+@pytest.mark.slow(reason="six foreign logs of a law, each identified twice by command, in Python and on a running page")
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("law", foreign.LAWS)
+def test_thirty_foreign_logs_give_the_same_numbers_everywhere(tmp_path: Path, law: str) -> None:
+    """First left to the guess, then named; a refusal is the same sentence."""
+    entry = benchmark("entry")
+    rng = np.random.default_rng([2610, foreign.LAWS.index(law)])
+    machines = 0
+    with serving(tmp_path / "served") as served:
+        for number, two in enumerate((False, True) * 3):
+            logs = entry.draw(rng, law, two=two)
+            rotary = bool(logs.axes.rotary)
+            (folder := tmp_path / str(number)).mkdir()
+            log = logs.log(0, first=300)
+            written = foreign.write_csv(folder / f"log_{number}.csv", log, rng, rotary=rotary, two=two)
+            clock = {"time": f"{written.names['time']}:{written.units['time']}"}
+            known = entry.data_sheet(written, rotary=rotary), entry.named(written, rotary=rotary, two=two)
+            for attempt, stated in enumerate(known):
+                name = f"{number}_{attempt}"
+                with served.page(name) as page:
+                    ask = surfaces.asking(served, page, written.path)
+                    told = same(written.path, folder / name, clock | stated, ask, tmp_path / "served")
+                machines += told.machine is not None
+    assert machines >= 6  # of 12

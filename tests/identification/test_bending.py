@@ -18,6 +18,7 @@ from feeddrive.identification.motion.law_structures import CASCADE, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import RigidFit, _contradicted, _hides, identify_rigid
 from feeddrive.identification.regression import cross_validated
+from feeddrive.workflow.identify import _terms
 
 T = 5e-4
 MASS, SHARE = 80.0, 0.5  # kg, share of the load
@@ -55,6 +56,7 @@ def test_the_mass_of_an_axis_that_bends_is_within_its_error(end: str, resonance:
     """Without the term it is off by the share (f / f_resonance)² of its ramps; a motor bends at its antiresonance."""
     fit = identify_rigid(log_of(end, resonance=resonance))
     assert fit.bends
+    assert "bends the axis" in _terms(fit)
     assert abs(fit["mass"].value - MASS) < 3.0 * fit["mass"].error
     assert fit["mass"].error < 0.01 * MASS
     # the load needs more force where the motor runs ahead, the motor less: M / (2 pi f)² with + and -
@@ -66,6 +68,7 @@ def test_the_mass_of_an_axis_that_bends_is_within_its_error(end: str, resonance:
 def test_a_stiff_axis_does_not_bend() -> None:
     fit = identify_rigid(log_of(stiff=True))
     assert not fit.bends
+    assert _terms(fit) == "mass times acceleration plus friction"
     assert abs(fit["mass"].value - MASS) < 3.0 * fit["mass"].error
 
 

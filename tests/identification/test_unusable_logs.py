@@ -156,6 +156,52 @@ def test_a_row_three_steps_or_a_thousandth_of_the_travel_off_is_a_jump(rows: int
         motion(position, humming(rows))
 
 
+def with_lost_rows(times: int, share: float = 1.0, off: float = 0.0) -> np.ndarray:
+    """A ramp, and one of a share of its speed in which `times` steps are 2 + `off` usual ones."""
+    k = np.arange(1000.0)
+    # the speed swings slowly, so that the readings stand on no counts
+    steps = np.where(k < 500, 1e-5, 1e-5 * share) * (1.0 + 0.05 * np.sin(0.01 * k))
+    steps[600 : 600 + 50 * times : 50] *= 2.0 + off
+    return np.cumsum(steps)
+
+
+@pytest.mark.parametrize(("share", "seen"), [(0.2, False), (0.5, True)])
+def test_lost_rows_show_from_three_tenths_of_the_fastest_step_on(share: float, seen: bool) -> None:
+    position = with_lost_rows(3, share)
+    if not seen:
+        assert motion(position, humming(1000)).position.size == 1000
+        return
+    with pytest.raises(NotIdentifiableError, match="rows were lost: after row"):
+        motion(position, humming(1000))
+
+
+@pytest.mark.parametrize(("off", "lost"), [(0.2, True), (0.4, False)])
+def test_a_step_over_a_lost_row_is_a_whole_number_of_usual_ones_to_a_quarter(off: float, lost: bool) -> None:
+    position = with_lost_rows(3, off=off)
+    if not lost:
+        assert motion(position, humming(1000)).position.size == 1000
+        return
+    with pytest.raises(NotIdentifiableError, match="3 such rows, 3 rows lost"):
+        motion(position, humming(1000))
+
+
+@pytest.mark.parametrize(("times", "with_set", "refused"), [(1, False, False), (2, False, True), (1, True, True)])
+def test_one_such_step_is_enough_where_the_set_position_has_it_too(times: int, with_set: bool, refused: bool) -> None:
+    position = with_lost_rows(times)
+    goal = position + 1e-5 if with_set else None
+    if not refused:
+        assert motion(position, humming(1000), set_position=goal).position.size == 1000
+        return
+    with pytest.raises(NotIdentifiableError, match="rows were lost"):
+        motion(position, humming(1000), set_position=goal)
+
+
+def test_a_set_position_without_the_step_speaks_against_lost_rows() -> None:
+    position = with_lost_rows(3)
+    goal = np.linspace(position[0], position[-1], position.size)
+    assert motion(position, humming(1000), set_position=goal).position.size == 1000
+
+
 @pytest.mark.parametrize(("times", "fits"), [(1.03, True), (1.08, False)])
 def test_a_force_5_percent_beyond_its_limit_was_not_under_it(times: float, fits: bool) -> None:
     force = 0.9 * humming()

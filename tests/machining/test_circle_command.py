@@ -53,6 +53,7 @@ def test_logs_give_figures_causes_and_a_report(tmp_path: Path) -> None:
     found = CliRunner().invoke(app, given)
     assert found.exit_code == 0, found.output
     assert "circular test after ISO 230-4: R 50 mm in XY" in found.output
+    assert "Next:" not in found.output  # logs name no machine file to tune
     figures = json.loads((out / "circle.json").read_text())
     assert figures["radius_m"] == pytest.approx(0.05)
     causes = {each["name"]: each for each in figures["causes"]}
@@ -80,6 +81,7 @@ def test_a_machine_runs_its_circles(tmp_path: Path) -> None:
     figures = json.loads((out / "circle.json").read_text())
     causes = {each["name"]: each for each in figures["causes"]}
     assert causes["reversal spike y"]["draws_m"] > 2e-5  # 120 N of friction that nothing feeds forward
+    assert "Next: feeddrive tune xy_table --axis y" in found.output
     assert [each["name"] for each in figures["figures"]][:2] == ["CCW 1200 mm/min", "CW 1200 mm/min"]
 
 

@@ -46,7 +46,7 @@ def test_a_log_is_assigned_while_another_one_arrives(empty: Any, tmp_path: Path)
     page.wait_for_selector("#columns-of-log tr")
     opened.settled()
     before = rows(page)
-    assert [name for name, _ in before] == ["load", "spare", "target", "actual"]
+    assert [name for name, _ in before] == ["t_s", "load", "spare", "target", "actual"]
     chosen = page.get_by_label("Role of spare", exact=True)
     chosen.focus()
     page.keyboard.type("exc")  # a list is chosen from by the first letters
@@ -82,7 +82,7 @@ def test_percent_asks_for_the_rated_value_in_its_row(empty: Any, tmp_path: Path)
     page.get_by_label("Role of load", exact=True).select_option("force")
     opened.settled()
     places = rows(page)
-    line = page.locator("#columns-of-log tr:has-text('load')").first
+    line = page.locator("#columns-of-log tr:has(th:has-text('load'))").first
     assert "force: enter its rated value" in line.inner_text()
     rated.fill(str(RATED))
     page.keyboard.press("Tab")
@@ -137,7 +137,7 @@ def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_p
     page.wait_for_selector("#check-question:has-text('Does this look like your machine?')")
     opened.settled()
     shown = page.locator("#columns-of-log tbody tr:visible th")
-    assert shown.all_inner_texts() == ["X1_target", "X1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "X1_target", "X1_actual"]
     assert page.locator(".cards .bad dt").all_inner_texts() == ["travel", "speed", "acceleration"]  # in m
     page.click("button:has-text('X1_actual is in mm')")
     opened.settled()
@@ -146,8 +146,8 @@ def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_p
     assert page.get_by_label("Unit of X1_target", exact=True).input_value() == "mm"
     page.select_option("#axis-of-log", "y1")
     opened.settled()
-    assert shown.all_inner_texts() == ["Y1_target", "Y1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "Y1_target", "Y1_actual"]
     page.check("#columns-of-all-axes")
-    assert shown.all_inner_texts() == ["X1_target", "X1_actual", "Y1_target", "Y1_actual"]
+    assert shown.all_inner_texts() == ["t_s", "X1_target", "X1_actual", "Y1_target", "Y1_actual"]
     assert opened.said == []
     opened.context.close()

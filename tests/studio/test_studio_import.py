@@ -82,7 +82,7 @@ def row(said: dict[str, Any], column: str) -> dict[str, Any]:
 def test_rows_stay_in_the_order_of_the_file_whatever_their_roles_are(tmp_path: Path) -> None:
     desk = Desk(tmp_path, "a.csv")
     order = columns(desk.look("a.csv"))
-    assert order == ["load", "spare", "target", "actual"]
+    assert order == ["t_s", "load", "spare", "target", "actual"]
     for column, role in (("actual", "setpoint_position"), ("spare", "position_load"), ("target", ""), ("load", "")):
         said = desk.ask("role", name="a.csv", column=column, role=role, unit="")
         assert columns(said) == order
@@ -414,3 +414,17 @@ def test_what_may_have_a_good_reason_is_a_note_and_marks_no_row(tmp_path: Path) 
     assert (len(said["remarks"]), said["check"]["notes"]) == (1, 1)
     assert "trails" in said["remarks"][0]
     assert not any(each["doubted"] for each in said["columns"])
+
+
+def test_a_role_that_the_samples_leave_open_is_marked_in_its_row_and_not_as_wrong(tmp_path: Path) -> None:
+    """Two encoders on a stiff axis: neither runs ahead of the other, so that one may be at the motor as the other."""
+    noise = 1e-7 * np.random.default_rng(3).standard_normal((2, RUN["time"].size))
+    names = {"t_s": RUN["time"], "x_motor_mm": 1e3 * (RUN["position"] + noise[0])}
+    names |= {"x_table_mm": 1e3 * (RUN["position"] + noise[1]), "F_N": RUN["force"]}
+    desk = Desk(tmp_path)
+    desk.session.desk.files = {"a.csv": write_columns(tmp_path / "a.csv", names)}
+    said = desk.look("a.csv")
+    marked = row(said, "x_motor_mm")
+    assert (marked["open"], marked["doubted"]) == (True, False)
+    assert marked["why"] == "the samples leave this role open"
+    assert not row(said, "F_N")["open"]

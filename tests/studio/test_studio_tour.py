@@ -65,7 +65,7 @@ def test_the_tour_is_offered_on_an_empty_page_marks_what_is_next_and_stays_over_
     assert opened.ended() == "done"
     assert "step 1 of" in page.inner_text("#tour")
     assert not page.is_visible("#bring-tour")
-    assert page.locator("#columns-of-log tbody tr").count() == 4
+    assert page.locator("#columns-of-log tbody tr").count() == 5
     page.click("#tour-next")
     opened.settled()
     assert marked(page) == ["identify"]

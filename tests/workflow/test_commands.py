@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import types
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -397,3 +398,37 @@ def test_the_command_to_type_next_is_one_that_can_be_typed(tmp_path: Path) -> No
         assert Path(words[0]).exists()
         assert str(outcome).endswith(f"Next: {outcome.then}")
         assert outcome.record()["next"] == outcome.then
+
+
+def typed_next(outcome: Outcome[Any]) -> list[str]:
+    """The words of the command to type next, of which the files exist and the options are known."""
+    _, name, *words = shlex.split(outcome.then)
+    group: Any = get_command(app)
+    group.get_command(typer.Context(group), name).make_context(name, list(words))
+    return [name, *words]
+
+
+def test_excite_leads_to_the_response_and_plan_to_a_run_of_the_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("feeddrive.report.page.svg", lambda *_: "")  # pictures take the time
+    excite, plan = load("excite"), load("plan")
+    out = tmp_path / "sent"
+    request = excite.build_request("linear_motor", band="20..60", amplitude=100.0, resolution=5.0, periods=2, out=out)
+    command, *logs = typed_next(excite.run(request, Progress()))
+    assert command == "frf"
+    assert [Path(log).name for log in logs] == ["simulated_1.parquet", "simulated_2.parquet"]
+    assert all(Path(log).exists() for log in logs)
+    assert excite.run(replace(request, out=None), Progress()).then == ""
+    part = tmp_path / "part.ngc"
+    part.write_text("G21 G90 G1 X5 F2000\nG1 Y5\nM2\n", encoding="utf-8")
+    given = {"program": part, "machine": "xy_table", "out": tmp_path / "plan"}
+    words = typed_next(plan.run(plan.build_request(**given), Progress()))
+    assert words == ["run", str(tmp_path / "plan" / "job.toml")]
+    job = fd.read_job(words[1])
+    assert job.program is not None
+    assert job.program.file == part
+    # no job has a tolerance of corners that the program does not state
+    other = plan.build_request(**{**given, "tolerance": 5e-5, "out": tmp_path / "other"})
+    assert plan.run(other, Progress()).then == ""
+    assert not (tmp_path / "other" / "job.toml").exists()

@@ -255,7 +255,8 @@ def test_right_columns_have_no_contradiction(tmp_path: Path) -> None:
     columns = heads({"x_motor [mm]": 1e3 * RUN.motor, "v_act [mm/s]": 1e3 * RUN.velocity})
     guess = channels(written(tmp_path / "log.csv", columns))
     assert guess.doubts == ()
-    assert set(guess.mapping) == {"setpoint_position", "position_motor", "position_load", "velocity_load", "force"}
+    moving = {"setpoint_position", "position_motor", "position_load", "velocity_load"}
+    assert set(guess.mapping) == {"time", *moving, "force"}
 
 
 def test_a_contradiction_stops_only_what_nobody_told(tmp_path: Path) -> None:

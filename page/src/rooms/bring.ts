@@ -304,9 +304,13 @@ export class Bring implements Room {
       placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02",
       title: "its numbers in SI",
     });
+    const turns = make("input", { type: "checkbox", id: "bring-rotary" });
+    turns.checked = kept("rotary") !== "";
+    turns.addEventListener("change", () => keep("rotary", turns.checked ? "yes" : ""));
     const more = [
       law,
       field("lead", "Lead of the screw (m), for angles"),
+      make("label", { for: turns.id }, turns, " The axis itself turns, without a screw"),
       field("force_constant", "N per unit of the command"),
       field("sample_time", "Sample time (s), without a clock"),
     ];
@@ -314,7 +318,10 @@ export class Bring implements Room {
       make(
         "div",
         { class: "buttons" },
-        button("Identify", () => this.ask({ do: "bring.identify", name, ...given() }), { id: "identify", class: "main" }),
+        button("Identify", () => this.ask({ do: "bring.identify", name, rotary: turns.checked, ...given() }), {
+          id: "identify",
+          class: "main",
+        }),
         button(
           "Estimate frequency responses",
           () => this.ask({ do: "bring.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),

@@ -15,6 +15,7 @@ export interface Column extends Signal {
   missing: boolean; // its factor is still needed
   other_axis: boolean; // it has a role in the table of another axis
   doubted: boolean; // the samples contradict its role
+  open: boolean; // the samples neither confirm nor contradict its role
   scale: string; // what the rated value gave: "1 of 'load' is 8.5 N"
   course: number[]; // of the column over the log, 0 to 100
   low: string; // its ends, in the unit in which it is read
@@ -22,6 +23,7 @@ export interface Column extends Signal {
 }
 
 class Row {
+  private static made = 0;
   readonly element = make("tr");
   private readonly role: HTMLSelectElement;
   private readonly unit: Field;
@@ -49,6 +51,9 @@ class Row {
       { "aria-label": `Role of ${name}` },
       ...[["", "not used"] as [string, string], ...among].map(([value, text]) => make("option", { value }, text)),
     );
+    // the reason, with the mark of a role that is wrong, missing a value, or open, is read with the choice
+    this.why.id = `why-of-column-${++Row.made}`;
+    this.role.setAttribute("aria-describedby", this.why.id);
     this.unit = new Field(`Unit of ${name}`, "6", () => this.send());
     this.factor = new Field(`Factor of ${name}`, "6", () => this.send(), true);
     this.rated = new Rated(ask, file, name);
@@ -79,6 +84,8 @@ class Row {
     }
     if (this.why.textContent !== column.why) this.why.textContent = this.why.title = column.why;
     this.element.classList.toggle("missing", column.missing || column.doubted);
+    this.element.classList.toggle("open", column.open);
+    this.role.setAttribute("aria-invalid", String(column.doubted));
     this.element.classList.toggle("unused", column.role === "");
     this.rated.show(column);
     this.element.classList.toggle("other", column.other_axis);

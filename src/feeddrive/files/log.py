@@ -142,12 +142,15 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
                 Text(f"'{name}' is constant, {level}: it contains no information, or it was not connected")
             )
             continue
-        sentences += [sentence for sentence in (_clipped(name, values), _slow(name, values)) if sentence]
+        sentences += [sentence for sentence in (clipped(name, values), _slow(name, values)) if sentence]
     return tuple(sentences)
 
 
-def _clipped(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal repeatedly reaches its extreme value at full slope and stays there, else ""."""
+def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
+    """Return a remark if the signal reaches its extreme value at full slope and stays there, else "".
+
+    times  how often it must happen: once is enough for a position, which no axis stops within a sample
+    """
     if np.unique(values).size < _LEVELS:
         return ""
     steps = np.abs(np.diff(values))
@@ -160,7 +163,7 @@ def _clipped(name: str, values: np.ndarray) -> str:
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
         # The signal must have moved towards the limit in the sample before: a state jumps there.
         long[long] = before
-        if np.count_nonzero(long) >= _TIMES and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
+        if np.count_nonzero(long) >= times and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
             share = Quantity(np.mean(values == limit), "share", form="2")
             return Text(
                 f"'{name}' is clipped: it stays at its {word} value {Quantity(limit):6} {np.count_nonzero(long)} times "

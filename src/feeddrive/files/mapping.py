@@ -193,6 +193,17 @@ def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[
     return tuple(axis for axis in all_ if axis in moving) or tuple(all_)
 
 
+def nameless_in(names: abc.Collection[str], units_: abc.Mapping[str, str], axis: str = "") -> tuple[str, ...]:
+    """Return the channels whose names and units say nothing; in a log of several axes those that name no other one."""
+    axes = axes_of(names)
+    read = {name: read_name(name, units_.get(name, ""), axes[name]) for name in names}
+    return tuple(
+        name
+        for name, reading in read.items()
+        if reading.axis in ("", axis) and not (reading.exact or _role(reading) or reading.why)
+    )
+
+
 def axis_called(name: str, asked: str, axes: abc.Collection[str]) -> str:
     """Return the axis that the user names: in any case, and `x` for `x1` if no other axis begins so.
 

@@ -41,6 +41,7 @@ class Check:
     words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
     sentences  what the samples have against roles and units; the last ones are notes, of which `words` has the number
     doubts     the roles that the samples contradict for certain
+    open_      the roles that the samples neither confirm nor contradict
     chart      position, speed and force over time; without a position the columns as they are
     """
 
@@ -48,6 +49,7 @@ class Check:
     sentences: tuple[str, ...]
     doubts: tuple[RoleDoubt, ...]
     chart: Chart
+    open_: tuple[RoleDoubt, ...] = ()
 
 
 def checked(
@@ -68,9 +70,15 @@ def checked(
     log = _on_its_clock(log, clock, guess.mapping.get("time"))
     if log is None:
         return Check(_NO_FIGURES, (), (), plain())
+    # the log has its clock already, whatever its column was called in the file
+    columns_, reasons = (
+        {role: value for role, value in there.items() if role != "time"}
+        for there in (guess.mapping.columns, guess.mapping.reasons)
+    )
+    mapping = replace(guess.mapping, columns=columns_, reasons=reasons)
     try:
-        read = mapped(OpenedFile(log), {}, guess.mapping, ROLES, None, Progress())
-        preview = log_preview(log, guess.mapping, guess.needs)
+        read = mapped(OpenedFile(log), {}, mapping, ROLES, None, Progress())
+        preview = log_preview(log, mapping, guess.needs)
     except FeeddriveError as error:
         return Check(_NO_FIGURES, (str(error),), (), plain())
     except Exception as error:
@@ -97,6 +105,7 @@ def checked(
         tuple(sentence(_WITH_OPTIONS.sub("", text.removeprefix(name))) for text in (*sentences, *notes)),
         tuple(doubt for doubt in read.contradictions if doubt.certain),
         plain() if preview is None else preview_chart(preview),
+        tuple(doubt for doubt in read.contradictions if doubt.kind == "open"),
     )
 
 

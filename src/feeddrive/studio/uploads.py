@@ -176,7 +176,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
         if y.ndim == 1 and y.size > 1 and np.all(np.isfinite(y)):
             columns[name] = envelope(np.asarray(log.time, np.float64), y, _POINTS)
     axes = guess.axes if len(guess.axes) > 1 else ()
-    guesses = {axis: guess if axis == guess.mapping.axis else proposed(file, axis, clock, step) for axis in axes}
+    guesses = {axis: guess if axis == guess.mapping.axis else proposed(file, axis, None, step) for axis in axes}
     content = Understood(
         path.name,
         LOG,

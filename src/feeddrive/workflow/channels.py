@@ -24,7 +24,6 @@ from feeddrive.files.commissioning import Commissioning, read_commissioning
 from feeddrive.files.frf import names_frequency, read_controllers, read_frfs
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.mapping import (
-    NAMELESS,
     Guess,
     Mapping,
     MappingLike,
@@ -33,10 +32,11 @@ from feeddrive.files.mapping import (
     guess_roles,
     log_preview,
     measures,
+    nameless_in,
     role_doubts,
     write_roles,
 )
-from feeddrive.files.names import RELATIVE
+from feeddrive.files.names import RELATIVE, read_name
 from feeddrive.files.preview import Preview, preview_of
 from feeddrive.files.read_log import LogRequest, OpenedFile, read_log, read_request, time_units
 from feeddrive.files.role_checks import POSITIONS, RoleDoubt, doubts_of, option_for
@@ -435,9 +435,10 @@ class Mapped:
     doubt           a doubt about its magnitudes
     contradictions  what its samples have against the roles of its columns
     guessed         roles that nobody told: a certain contradiction of one of them stops a command
-    named           roles of columns that were named on the command line
+    named           roles of columns that a person named: by an option, in a file of roles, or on the page
     preview         peak figures of the motion; None without a position
     second          what further columns say against clock and scales: velocities, and the current beside a force
+    axis            the axis of the columns, in a log of several; else empty
     """
 
     log: Log
@@ -449,6 +450,7 @@ class Mapped:
     named: frozenset[str] = frozenset()
     preview: Preview | None = None
     second: tuple[str, ...] = ()
+    axis: str = ""
 
     def stop(self, progress: Progress) -> None:
         """Raise LogError for implausible magnitudes and for guessed roles that the samples contradict for certain."""
@@ -489,30 +491,41 @@ def mapped(
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     values = values or DriveValues()
     told = dict(_converted(path, role, Column.of(text), values) for role, text in named.items() if text is not None)
-    typed = frozenset(told)
+    axes = axes_in(path.columns.values, path.columns.units)
+    if axis is not None and (len(axes) < 2 or (names_machine and axis.lower() not in axes)):
+        axis = None
     optional: abc.Mapping[str, Column] = {}
     open_: dict[str, str] = {}
     skipped = 0
-    nameless: tuple[str, ...] = ()
-    if channels is not None:
+    if channels is None:
+        guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
+        guessed = _beside(path, told, guess.mapping)
+        mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
+        if any(role in wanted for role in guessed if role != "time") or any(role not in told for role in guess.needs):
+            show(guess, path, progress)
+        if not set(mapping) - {"time"}:
+            raise _nothing_known(path, guess)
+        open_ = {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
+        of_axis = guess.mapping.axis
+    else:
         request = requested(channels, path.path)
         # a reason that feeddrive wrote, and nobody replaced, is still a guess
-        sure = {role for role in request.mapping if request.mapping.reasons.get(role, CHOSEN) == CHOSEN} | {*told}
-        told = {**request.mapping, **told}
+        chosen = {role for role in request.mapping if request.mapping.reasons.get(role, CHOSEN) == CHOSEN}
+        told = {**{role: request.mapping[role] for role in request.mapping if role in chosen}, **told}
+        guessed = _beside(path, told, request.mapping)
+        mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
         optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
-        skipped = request.skip_samples
-        mapping = {role: column for role, column in told.items() if role in wanted}
-        likely: abc.Mapping[str, Column] = told
-    else:
-        sure = {*told}
-        axes = axes_in(path.columns.values, path.columns.units)
-        if axis is not None and (len(axes) < 2 or (names_machine and axis.lower() not in axes)):
-            axis = None
-        guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
-        mapping, open_, nameless = _guessed_roles(path, guess, told, wanted, progress)
-        likely = guess.mapping.columns
+        skipped, of_axis = request.skip_samples, request.mapping.axis
+        if not all(any(role in mapping for role in roles) for roles in (_MOTIONS, _ACTING)):
+            guess = proposed(
+                path, of_axis if of_axis in axes else None, mapping.get("time"), sample_time, values, likely_time=False
+            )
+            open_ = {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
+    # in one order, whichever way the roles came: the first position and the first force of it are compared
+    mapping = {role: mapping[role] for role in ROLES if role in mapping}
     whole = with_units(path, mapping, unit)
     used = {column.name for column in whole.values()}
+    likely = {**guessed, **told}
     more = {role: column for role, column in likely.items() if role in beside and column.name not in used}
     try:
         log = read_log(path, whole, optional={**optional, **more}, sample_time=sample_time).from_row(skipped)
@@ -524,10 +537,16 @@ def mapped(
     log = replace(log, left_out={**open_, **log.left_out}) if open_ else log
     stated_units = {role for role, column in whole.items() if column != mapping[role]}
     stated_units |= {role for role, column in told.items() if column.unit or column.factor is not None}
+    stated_units |= {role for role, column in guessed.items() if _unit_was_given(path, column)}
     unused = tuple(f"{role} ('{column.name}')" for role, column in told.items() if role not in (*wanted, "time"))
     roles = {role: log[role] for role in whole if role in log.channels}
-    others = {name: file_values for name in nameless if (file_values := path.columns.values.get(name)) is not None}
-    others = {name: column[skipped:] for name, column in others.items() if column.size - skipped == log.time.size}
+    used = {column.name for column in (*guessed.values(), *told.values())}
+    nameless = nameless_in(path.columns.values, path.columns.units, of_axis)
+    others = {name: path.columns.values[name][skipped:] for name in nameless if name not in used}
+    # a column with gaps or of another length is no signal of the axis
+    others = {
+        name: values for name, values in others.items() if values.size == log.time.size and np.all(np.isfinite(values))
+    }
     found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
     for doubt_ in found:
         progress.remark(Text(f"- {doubt_.why}"))
@@ -548,10 +567,11 @@ def mapped(
         doubt(path, log, whole, stated_units, steady=steady),
         unused,
         found,
-        frozenset(whole) - sure,
-        typed,
+        frozenset(whole) - {*told},
+        frozenset(told),
         preview_of(str(path), roles, whole, log.sample_time, path.columns.units),
         tuple(second),
+        of_axis if len(axes) > 1 else "",
     )
 
 
@@ -606,42 +626,34 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
     return role, column
 
 
-def _guessed_roles(
-    path: OpenedFile,
-    guess: Guess,
-    told: abc.Mapping[str, Column],
-    wanted: Collection[str],
-    progress: Progress,
-) -> tuple[dict[str, Column], dict[str, str], tuple[str, ...]]:
-    """Return the columns by role, named or else guessed, by role the reason why a likely column was rejected, and the
-    names of the columns that say nothing.
-
-    A column is named by the user or else guessed; the guesses are shown to the user.
-    """
-    guessed = {role: column for role, column in guess.mapping.items() if role in wanted and role not in told}
+def _beside(path: OpenedFile, told: abc.Mapping[str, Column], guessed: abc.Mapping[str, Column]) -> dict[str, Column]:
+    """Return the guessed roles that remain beside those that a person told."""
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
-    guessed = {role: column for role, column in guessed.items() if column.name not in taken}
-    if any(role in told for role in POSITIONS):
-        # a person who named the position needs no other one, whose unit may be unknown
-        guessed = {
-            role: column
-            for role, column in guessed.items()
-            if role not in POSITIONS or column.unit or column.factor is not None or stated(path, column.name, role)
-        }
-    if guessed or any(role not in told for role in guess.needs):
-        show(guess, path, progress)
-    mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
-    if not set(mapping) - {"time"}:
-        names = ", ".join([*guess.unused, *(column.name for column in guess.mapping.values())][:20])
-        raise LogError(
-            f"{path}: no column is known by its name, its unit or its samples; there are: {names}. Name them, as "
-            f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
-        )
-    reasons = {role: why for role, why in _open(guess, wanted).items() if role not in mapping}
-    used = {column.name for column in mapping.values()}
-    nameless = tuple(name for name, why in guess.unused.items() if why == NAMELESS and name not in used)
-    return mapping, reasons, nameless
+    kept = {role: column for role, column in guessed.items() if role not in told and column.name not in taken}
+    if not any(role in told for role in POSITIONS):
+        return kept
+    # a person who named the position needs no other one, whose unit may be unknown
+    return {
+        role: column
+        for role, column in kept.items()
+        if role not in POSITIONS or column.unit or column.factor is not None or stated(path, column.name, role)
+    }
+
+
+def _unit_was_given(path: OpenedFile, column: Column) -> bool:
+    """Return True if a person gave the unit or the factor of a guessed column: the file states another one, or none."""
+    own = read_name(column.name, path.columns.units.get(column.name, "")).unit
+    return column.factor is not None or column.unit not in ("", unit_of(own) or own)
+
+
+def _nothing_known(path: OpenedFile, guess: Guess) -> LogError:
+    """Return the error for a log without a column whose role can be guessed."""
+    names = ", ".join([*guess.unused, *(column.name for column in guess.mapping.values())][:20])
+    return LogError(
+        f"{path}: no column is known by its name, its unit or its samples; there are: {names}. Name them, as "
+        f"with --set-position 'r:mm' --position 'x:mm' --force 'f:N', or give them with --channels"
+    )
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
@@ -865,6 +877,10 @@ def proposed(
         time, why = likely
         log = whole_log(file, time, None)
     guess = guess_roles(log, axis)
+    name = next((name for name in file.columns.values if is_time(name)), None)
+    if time is None and name is not None:
+        own = unit_of(stated(file, name, "time")) or ""
+        time, why = Column(name=name, unit=own if measures(own, "time") else ""), _why_clock(file, name, log)
     if time is not None:
         mapping = guess.mapping
         columns, reasons = {"time": time, **mapping}, {**mapping.reasons, "time": why}
@@ -1028,6 +1044,16 @@ def _filter_text(block: Filter) -> str:
     return Text(
         f"{block.kind} "
         + ", ".join(f"{Quantity(value, tree.declaration(block, name).unit):4}" for name, value in tree.leaves(block))
+    )
+
+
+def _why_clock(file: OpenedFile, name: str, log: Log) -> str:
+    """Return the reason for a column of the time that is known by its name."""
+    if "time" in log.provenance:
+        return Text(f"a usual name; {log.provenance['time']}")
+    step = Quantity(log.sample_time, "s")
+    return (
+        "a usual name" if stated(file, name, "time") else Text(f"a usual name; no unit is stated, s is taken: {step}")
     )
 
 

@@ -42,7 +42,7 @@ from feeddrive.machining.circle_test import (
 from feeddrive.report.machining_report import circle_report
 from feeddrive.report.page import html
 from feeddrive.report.report import Report
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, line, option
 
 # a whole turn at constant feed must remain between run-in and run-out, which use parts of the first and last turn
 _TURNS = 2.2
@@ -126,8 +126,19 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
         files = {"Report": request.out / "report.html", "Figures": request.out / "circle.json"}
     tables = [test.table(), peaks_table(test), measured.causes.table()]
     return Outcome(
-        measured, tables, _remarks(measured), files=files, page=partial(measured_circle_report, measured, request.note)
+        measured,
+        tables,
+        _remarks(measured),
+        files=files,
+        page=partial(measured_circle_report, measured, request.note),
+        then="" if machine is None else _tuning(request.sources[0], test),
     )
+
+
+def _tuning(machine: Path, test: CircleTest) -> str:
+    """Return the command that tunes the axis with the largest peak after a reversal; logs name no machine to tune."""
+    peaks = quadrant_peaks(test)
+    return line("tune", machine, axis=max(peaks, key=lambda peak: abs(peak.height)).axis) if peaks else ""
 
 
 def _reported(paths: tuple[Path, ...], progress: Progress) -> Iterator[Path]:

@@ -27,7 +27,7 @@ from feeddrive.loop.loop import UNITS
 from feeddrive.plot.over_frequency import frequency_estimate_chart
 from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, frequencies, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, frequencies, line, option, stem
 
 _USELESS = 0.3  # relative standard deviation beyond which a line is useless for tuning
 WARNING = (
@@ -92,6 +92,7 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         seed=request.seed,
     )
     files: dict[str, str] = {}
+    then, notes = "", list[str]()
     page = partial(
         excitation_report,
         excitation,
@@ -101,12 +102,17 @@ def excite(request: ExciteRequest, progress: Progress) -> Outcome[Excitation]:
         progress.step("report")
         report = write_excitation(excitation, request.out, page())
         files["Report"] = f"{report}, to be sent: {report.parent / 'excitation_1.csv'}"
+        logs = [report.parent / f"simulated_{k}.parquet" for k, _ in enumerate(excitation.drawings, start=1)]
+        then = line("frf", *logs)
+        notes.append("Once the machine has played the excitation, its own logs take the place of the simulated ones.")
     return Outcome(
         excitation,
         [excitation.table()],
         [*excitation.remarks, WARNING],
+        notes=notes,
         files=files,
         page=page,
+        then=then,
     )
 
 

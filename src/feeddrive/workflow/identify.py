@@ -20,7 +20,7 @@ from feeddrive.files.columns import Column
 from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
-from feeddrive.files.log import Log
+from feeddrive.files.log import Log, clipped
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.mapping import axes_in
 from feeddrive.files.odrive import read_odrive
@@ -32,6 +32,7 @@ from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.known_values import against_known
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.motion.pooled import IdentifiedLogs, law_table, pool_logs
+from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate, lever
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
@@ -198,7 +199,9 @@ def _identify_motion(
         result = replace(pooled, model=model, remarks=remarks)
     why = result.unusable or ("" if model.loop is not None else _NO_LAW)
     names = [log.log.name for log in alone]
-    text = None if why else machine_text(model, machine, axis_name(loop, request.axis), names)
+    # an axis of a log with several keeps its name
+    named = request.axis or (None if runs[0].read is None else runs[0].read.axis or None)
+    text = None if why else machine_text(model, machine, axis_name(loop, named), names)
     files: dict[str, Path] = {}
     rows = (Text(f"{log.log.position.size}, {Quantity(log.log.sample_time, 's'):6} apart") for log in alone)
     known = {
@@ -413,6 +416,7 @@ def _identified(
     """
     channels, read = run.channels, run.read
     doubt = Doubt() if read is None else read.doubt
+    motion: MotionLog | None = None
     try:
         # without a mass the fit comes first: swapped columns or noise explain implausible sizes better than wrong units
         if doubt.moves:
@@ -426,8 +430,10 @@ def _identified(
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
             read.stop(progress)
-    except LogError:
-        if read is not None and swapped(channels):
+    except LogError as error:
+        # a reversed force moves its axis as well as a position moves a force: the samples tell them apart
+        reversed_ = read is not None and any(doubt.kind == "sign" for doubt in read.contradictions)
+        if read is not None and not reversed_ and swapped(channels):
             columns = read.columns
             moving, acting = (
                 next((columns[role].name for role in roles if role in columns), roles[0])
@@ -437,6 +443,11 @@ def _identified(
                 f"{channels['name']}: position and force are swapped: '{acting}' moves as '{moving}' makes it; "
                 f"exchange their names, as --position '{acting}:mm' --force '{moving}:N' with their units"
             ) from None
+        # a mass that the fit cannot tell may have its cause in columns that do not belong together
+        doubts = () if read is None or motion is None else read.contradictions
+        against = [doubt.why for doubt in sorted(doubts, key=lambda doubt: not doubt.certain)]
+        if against and isinstance(error, NotIdentifiableError):
+            raise NotIdentifiableError(f"{error}. What the samples say of the columns: {against[0]}") from None
         raise
     against, remarks = against_known(
         identified, request.mass, request.feed, None if loop is None else float(loop.sample_time)
@@ -457,6 +468,10 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
     """
     moving, acting = _chosen(file, log, drive, named)
     limit = None if drive.loop is None else drive.loop.control.force_limit
+    if why := clipped(moving, log[moving], times=1):
+        raise NotIdentifiableError(
+            f"{file}: {why}: the recorder or the encoder ends there; record the motion again within its range"
+        )
     position, rotary = log[moving], moving in _ANGLES
     set_position = log.channels.get("setpoint_angle" if rotary else "setpoint_position")
     force, is_torque = drive.acting(file, log, acting)
@@ -717,14 +732,24 @@ def tables(identified: Identified) -> list[Table]:
     return [*shown, identified.delay.table(), rigid.rows_table(), rigid.residuals.table(), rigid.validation.table()]
 
 
+def _terms(rigid: RigidFit) -> str:
+    """List the forces of the fitted model, as the words of a caption."""
+    periodic = sum(np.isfinite(period) for period in rigid.periods)
+    terms = ["mass times acceleration"]
+    terms += ["the force that bends the axis (by the fourth derivative of the position)"] if rigid.bends else []
+    terms += ["a force proportional to the position"] if len(rigid.periods) > periodic else []
+    terms += ["a force that repeats along the travel"] if periodic else []
+    return " plus ".join([*terms, "friction"])
+
+
 def _pictures(identified: Identified) -> Iterator[Picture]:
     rigid = identified.rigid
     left = Text(f"{Quantity(rigid.residuals.relative, 'share'):3}")
     yield Picture(
         "fit",
         "Fitted and measured force",
-        "Inverse dynamics: mass times acceleration plus friction, over the force that was commanded. Reversals are "
-        "left out: there friction is no single number.",
+        f"Inverse dynamics: {_terms(rigid)}, over the force that was commanded. Reversals are left out: there friction "
+        "is no single number.",
         Text(f"Measured and fitted force over time; the residual is {left} of the force."),
         rigid.chart,
     )

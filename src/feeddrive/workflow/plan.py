@@ -16,6 +16,7 @@ from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -29,7 +30,7 @@ from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, option
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (
@@ -110,9 +111,44 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 planned = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, planned)
+            if job := _job(request, machine, planned):
+                (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
-    return _outcome(planned, request.out, machine)
+    outcome = _outcome(planned, request.out, machine)
+    return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
+
+
+JOB = "job.toml"  # the machine along the program that was planned
+
+
+def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
+    """Return the job that runs the machine along the program; empty if no job can plan it as it was planned here."""
+    # a job has the tolerance, the feed and the sample time of program and machine
+    changed = (request.tolerance, request.override, request.sample_time) != (None, None, None)
+    if machine is None or planned.proof.count or changed or request.front_end != "auto":
+        return ""
+    axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
+    if axis is None:
+        return ""
+    lines = [
+        f"title = {quoted(f'{request.program.name} on {machine.name}')}",
+        f"machine = {quoted(_found(machine.file.name))}",
+        f"axis = {quoted(axis)}",
+        "",
+        "[program]",
+        f"file = {quoted(_found(request.program))}",
+    ]
+    for name in ("tools", "offsets", "limits"):
+        path: Path | None = getattr(request, name)
+        lines += [] if path is None else [f"{name} = {quoted(_found(path))}"]
+    lines += [f"{name} = true" for name in ("tables_inch", "skip_deleted") if getattr(request, name)]
+    return "\n".join([*lines, ""])
+
+
+def _found(path: str | Path) -> str:
+    """Return a path that holds in any folder; a bundled name stays one."""
+    return str(Path(path).resolve()) if Path(path).exists() else str(path)
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:

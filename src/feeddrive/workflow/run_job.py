@@ -33,7 +33,7 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.report.laws import Entry
 from feeddrive.report.page import html
-from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option, stem
+from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, line, option, stem
 from feeddrive.workflow.evaluated import EngineRequest
 
 _TEXT = 100_000  # rows: longer runs are not written as text
@@ -91,6 +91,9 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     # a run that ended in the safe force has figures, but they are not those of the motion
     judgment = Judgment.TRIPPED if any(_tripped(job, row) for row in result.rows) else Judgment.RAN
     remarks = [remark for remark in (job.rule, *result.remarks) if remark]
+    # the copy of the machine beside the report
+    there = request.out is not None and not judgment.bad
+    then = line("tune", Path(request.out) / "machine.toml", axis=job.axis) if there and request.out is not None else ""
     return Outcome(
         result,
         tables,
@@ -99,6 +102,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
         judgment=judgment,
         failure=judgment.says if judgment.bad else "",
         page=partial(job_report, result),
+        then=then,
     )
 
 

@@ -30,6 +30,10 @@ _JUMP = 3.0  # usual steps by which a row of a position leaves its neighbors
 _JUMP_TRAVEL = 1e-3  # of the travel, the least that counts
 _BEYOND = 1.05  # times its limit, beyond which a force was not commanded under that limit
 _SPIKE_ROWS = 3  # samples that a spike lasts at most
+# share of the fastest step that a step has to be for lost rows to show: slower ones stand out of noise and ramps less
+_LOST_SPEED = 0.3
+_LOST_OFF = 0.25  # of a step, by which a step over lost rows may differ from a whole number of usual ones
+_LOST_ALONE = 2  # such steps of a position without a set position that has them too: one may be a faulty reading
 _TOUCHED = 0.01  # share of its window in which a row sees the force at its limit
 _PER_SAMPLE = 3.0  # counts: from this speed on a reading that stands was not read anew
 _HELD_OVER = 16  # samples: the longest hold that is looked for is shorter
@@ -74,6 +78,7 @@ class MotionLog:
         self._check_saturation()
         self._check_spikes()
         self._check_jumps()
+        self._check_lost()
 
     @property
     def frame(self) -> Frame:
@@ -214,6 +219,31 @@ class MotionLog:
                 "moves so; repair these rows, or cut the log there"
             )
 
+    def _check_lost(self) -> None:
+        """Raise NotIdentifiableError for rows that were lost while their stamps were not: the axis jumps ahead.
+
+            x(k+1) - x(k) = (1 + n) step,   n = 1, 2, ... rows lost,   step = median9 of the steps about it
+
+        A set position jumps in the same rows; it has no noise, so that one such row is enough.
+        """
+        ahead = _ahead(self.position)
+        if not np.any(ahead):
+            return
+        if self.set_position is not None:
+            goal = _ahead(self.set_position)
+            # the axis follows its set position by less than a row or two where rows are lost
+            ahead = np.where((goal > 0) & (ahead > 0), ahead, 0)
+        places = np.flatnonzero(ahead)
+        if places.size < (_LOST_ALONE if self.set_position is None else 1):
+            return
+        k = int(places[np.argmax(ahead[places])])
+        both = "position advances" if self.set_position is None else "position and set position advance"
+        raise NotIdentifiableError(
+            f"{self.name}: rows were lost: after row {k + 1} ({Quantity(k * self.sample_time, 's'):SI}) the {both} by "
+            f"{int(ahead[k]) + 1} usual steps at once ({places.size} such rows, {int(np.sum(ahead))} rows lost), and "
+            "the time goes on as if none were missing; record the log again without loss, or cut it there"
+        )
+
     def without_spikes(self) -> tuple[Self, tuple[str, ...]]:
         """Replace smaller spikes of the force by interpolation, and return the log with a remark on them.
 
@@ -297,6 +327,33 @@ _ON_COUNT = 0.05
 # rows over which the spread is averaged: from sixteen runs a single row is known to a fifth only
 _NEAR_COUNT = 51
 _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at rest
+
+
+def _ahead(position: np.ndarray) -> np.ndarray:
+    """Return the number of rows that each step of a position, shape (n-1,), seems to have lost, 0 for most."""
+    steps = np.diff(position)
+    size = np.abs(steps)
+    fast = _LOST_SPEED * float(np.quantile(size, _USUAL_SHARE))
+    lost = np.zeros(steps.size, np.int64)
+    inside = size[1:-1]
+    doubled = (2.0 - _LOST_OFF) * np.maximum(size[:-2], size[2:])
+    candidates = 1 + np.flatnonzero((inside > doubled / (1.0 + _LOST_OFF)) & (inside > fast))
+    if candidates.size == 0:
+        return lost
+    # imported here: commands that only read a log start without it
+    from scipy.ndimage import median_filter
+
+    usual = median_filter(steps, _NEAR, mode="nearest")
+    least = max(fast, _PER_SAMPLE * count_of(position))
+    apart = np.abs(steps - usual)
+    noise = _NOISE * float(np.median(apart[np.abs(usual) > least])) if np.any(np.abs(usual) > least) else np.inf
+    for k in candidates:
+        if abs(usual[k]) <= least or apart[k] <= noise:
+            continue
+        times = steps[k] / usual[k]
+        if times > 2.0 - _LOST_OFF and abs(times - round(times)) <= _LOST_OFF:
+            lost[k] = round(times) - 1
+    return lost
 
 
 def count_of(position: np.ndarray) -> float:

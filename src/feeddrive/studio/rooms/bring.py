@@ -289,6 +289,7 @@ class Bring(Room):
             motor=asked.text_or_none("motor"),
             load=asked.text_or_none("load"),
             lead=asked.number_or_none("lead"),
+            rotary=asked.yes("rotary"),
             force_constant=asked.number_or_none("force_constant"),
             sample_time=asked.number_or_none("sample_time"),
             law=asked.text_or_none("law"),
@@ -509,7 +510,9 @@ class Bring(Room):
                 *(need.column for need in other.needs.values()),
             )
         }
-        doubted = {doubt.roles[0]: doubt for doubt in reversed(self._check(content).doubts)}
+        check = self._check(content)
+        doubted = {doubt.roles[0] for doubt in check.doubts}
+        open_ = {doubt.roles[0] for doubt in check.open_} - doubted
         shown = list[dict[str, Any]]()
         # the order must not depend on the roles: a row stays where it is while a role is chosen in it
         for name in dict.fromkeys([*content.names, *roles, *needs]):
@@ -527,6 +530,10 @@ class Bring(Room):
                 why = _computed(scale)
             if role in doubted:
                 why = "the samples contradict this role"
+            # a person who chose the role has settled what the samples cannot
+            is_open = role in open_ and guess.mapping.reasons.get(role) != CHOSEN
+            if is_open:
+                why = "the samples leave this role open"
             if role == "command" and not self._unit(content, name):
                 signal = "pid.output"  # what HAL sends has no unit
             shown.append(
@@ -539,6 +546,7 @@ class Bring(Room):
                     "why": why,
                     "missing": column is None and name in needs,
                     "doubted": role in doubted,
+                    "open": is_open,
                     "other_axis": not role and name in others,
                     "signal": entered.get("signal", signal) if role in _ACTING else "",
                     "scale": "" if scale is None else scale.table().title,
