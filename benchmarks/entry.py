@@ -84,7 +84,7 @@ def named(written: Any, *, rotary: bool, two: bool) -> dict[str, Any]:
 
 def identified(path: Path, out: Path, **typed: Any) -> tuple[Identified, Any]:
     command = load("identify")
-    outcome = command.run(command.build_request(log=path, out=out, **typed), Progress())
+    outcome = command.run(command.build_request(logs=[path], out=out, **typed), Progress())
     return outcome.result, outcome
 
 

@@ -269,7 +269,7 @@ def _identify(columns: Columns, path: Path) -> FeeddriveError | tuple[tuple[floa
     """Mass and error, judgment, and all that was said; or the error."""
     command = load("identify")
     try:
-        outcome = command.run(command.build_request(log=written(path, columns)), Progress())
+        outcome = command.run(command.build_request(logs=[written(path, columns)]), Progress())
     except FeeddriveError as error:
         return error
     mass = outcome.result.rigid["mass"]

@@ -353,7 +353,7 @@ def test_noise_far_below_the_gain_limit_forbids_nothing() -> None:
 @pytest.mark.slow(reason="a search over all gains and filters, with both clocks: 10 s")
 def test_from_the_file_to_the_tuned_machine(tmp_path: Path) -> None:
     path = written(tmp_path, drawn(2))
-    identified = identify.run(IdentifyRequest(log=path, out=tmp_path / "model"))
+    identified = identify.run(IdentifyRequest(logs=path, out=tmp_path / "model"))
     assert not identified.judgment.bad
     assert identified.then == f"feeddrive tune {path}"
     machine = machine_of_text((tmp_path / "model" / "machine.toml").read_text(encoding="utf-8"), "machine.toml")

@@ -11,6 +11,7 @@ job.toml             a copy of the job, next to its machine and part program; to
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -116,7 +117,8 @@ def _tripped(job: Job, row: Entry) -> bool:
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
     """Run a bundled example: a ball-screw axis under its present controller and three better ones, or a milling cut."""
-    return run.run(RunRequest(DEMOS[request.what], out=request.out), progress)
+    # a demo ends with the report to open
+    return replace(run.run(RunRequest(DEMOS[request.what], out=request.out), progress), then="")
 
 
 def write_results(result: JobResult, out: str | Path) -> Path:
