@@ -60,6 +60,7 @@ OF_LINUX = {
     "export/linuxcnc_session.py": "runs LinuxCNC, whose programs are looked for first",
     "mutants.py": "a tool of `make mutate`, which forks after its imports",
     "constant_mutants.py": "the same: it forks a process for each changed constant",
+    "forked_jobs.py": "asks first whether processes can be forked",
     "bus_bench.py": "tests of bus/",
     "bus_scenarios.py": "tests of bus/",
 }

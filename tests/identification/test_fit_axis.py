@@ -16,9 +16,9 @@ from feeddrive.files.machine import read_machine
 from feeddrive.identification.regression import Estimate
 from feeddrive.identification.response.agreement import (
     Agreement,
-    _lines_above_noise,
     blind,
     entangled,
+    lines_above_noise,
     predicted,
 )
 from feeddrive.identification.response.modal_fit import _best_start, _simplest, fit_modes
@@ -161,7 +161,14 @@ def test_parameters_apart_by_a_hundredth_with_an_error_of_a_tenth_are_not_identi
 @pytest.mark.parametrize(("deviation", "above"), [(0.2, 40), (0.45, 20)])
 def test_lines_with_a_deviation_of_0_3_are_noise(deviation: float, above: int) -> None:
     variance = np.where(np.arange(40) < 20, 0.01**2, deviation**2)
-    assert np.count_nonzero(_lines_above_noise(replace(FLAT, variance=variance))) == above
+    assert np.count_nonzero(lines_above_noise(replace(FLAT, variance=variance))) == above
+
+
+def test_a_line_in_noise_that_looks_certain_by_chance_is_noise() -> None:
+    """Its variance is that of few averages; the lines around it say what it is."""
+    variance = np.where(np.arange(40) < 20, 0.01**2, 1.0)
+    variance[[25, 32]] = 0.1**2
+    assert np.flatnonzero(lines_above_noise(replace(FLAT, variance=variance))).tolist() == [*range(20)]
 
 
 @pytest.mark.parametrize(("lines", "enough"), [(6, False), (12, True)])

@@ -19,6 +19,7 @@ _MOST_HALVED = 12
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
 OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
+_AROUND = 9  # lines over which the median of the variance is taken
 _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 _MOST_HANGING = 0.5  # autocorrelation from line to line from which the residual is systematic
 _TIED = 0.995  # correlation from which two parameters count as one combination
@@ -185,16 +186,24 @@ def predicted(
             model_error=refined.model_error,
         )
         for (response, _), frf, left in zip(model(part.values), responses, out, strict=True):
-            apart, above_noise = np.abs(np.log(response / frf.response)) ** 2, _lines_above_noise(frf)
+            apart, above_noise = np.abs(np.log(response / frf.response)) ** 2, lines_above_noise(frf)
             unused.append(apart[left & above_noise])
             used.append(apart[~left & above_noise])
     return float(np.sqrt(np.mean(np.concatenate(used)))), float(np.sqrt(np.mean(np.concatenate(unused))))
 
 
-def _lines_above_noise(frf: FRF) -> np.ndarray:
-    """Return a mask of the lines above the noise, or of all lines if hardly any is above it."""
-    share = np.zeros(frf.frequency.size) if frf.variance is None else frf.variance / frf.magnitude**2
-    above_noise = share < OPEN_LINE**2
+def lines_above_noise(frf: FRF) -> np.ndarray:
+    """Return a mask of the lines above the noise, or of all lines if hardly any is above it.
+
+    The variance of a line is estimated from few averages and scatters: in noise some lines look certain by chance.  So
+    the median over the lines around one must be below `OPEN_LINE`, too.
+    """
+    if frf.variance is None:
+        return np.ones(frf.frequency.size, bool)
+    from scipy.ndimage import median_filter  # takes a second to import
+
+    share = frf.variance / frf.magnitude**2
+    above_noise = np.maximum(share, median_filter(share, _AROUND, mode="nearest")) < OPEN_LINE**2
     return above_noise if np.count_nonzero(above_noise) >= 2 * _FOLDS else np.ones(above_noise.size, bool)
 
 

@@ -21,13 +21,13 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.identification.regression import Estimate, estimates_table
 from feeddrive.identification.response.agreement import (
-    OPEN_LINE,
     Agreement,
     advice,
     agreement,
     beyond,
     blind,
     entangled,
+    lines_above_noise,
 )
 from feeddrive.identification.response.modal_fit import ModalFit, fit_modes
 from feeddrive.identification.response.refine import (
@@ -855,9 +855,9 @@ def _misses(fit: PlantFit) -> float:
     The mean counts, not a median: a structure mode is a few lines that are far off.
     """
     noise = [
-        share[share < OPEN_LINE**2]
+        (frf.variance / frf.magnitude**2)[lines_above_noise(frf)]
         for frf in fit.agreement.measured
-        if frf.variance is not None and np.any((share := frf.variance / frf.magnitude**2) < OPEN_LINE**2)
+        if frf.variance is not None
     ]
     expected = float(np.mean(np.concatenate(noise))) if noise else 0.0
     return float(np.sqrt(max(fit.agreement.unused**2 - expected, 0.0)))
