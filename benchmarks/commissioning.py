@@ -121,7 +121,7 @@ def measured(seed: int, folder: Path) -> Row:
     file = read_commissioning(path)
     assert file is not None
     fit = drive_axis(file, Progress()).result.fit
-    names = [estimate.name for estimate in fit.estimates]
+    names = [estimate.name for estimate in (*fit.estimates, *fit.derived)]
     total = fit["total_mass" if "total_mass" in names else "mass"]
     off = total.value - axis.inertia
     # a rigid model has no zero

@@ -59,3 +59,11 @@ def test_two_masses_are_limited_by_their_resonance() -> None:
     most = 0.26 * 2.0 * zeta * rate * 60.0 / (1.2 * 40.0)
     assert float(found.law.Kp) <= 100.0 * most * (1.0 + 1e-9)
     assert max(found.peaks) <= PEAK
+
+
+def test_a_start_law_for_a_mass_that_is_hardly_known_is_slower_and_keeps_its_margin() -> None:
+    """30 % off: Ms at most 1.4 for 70 and 130 % of the mass, by the margins of the loop itself."""
+    usual, wide = start_law(axis(), T), start_law(axis(), T, spread=0.3)
+    assert float(wide.law.Kp) < float(usual.law.Kp)
+    assert max(wide.peaks) <= PEAK
+    assert "30 %" in wide.sentence

@@ -26,7 +26,7 @@ from feeddrive.loop.simulate import simulate
 RULE = 0.25  # wc times the delay of the velocity loop: at most 0.25 keeps Ms below 1.4 for masses within 20 %
 RATIO = 4.0  # wc over Kv, and over 1/Tn: at 3 the stiffest law with the same Ms is less than a tenth stiffer
 PEAK = 1.4  # largest Ms of a start law, for each mass
-SPREAD = 0.2  # relative error of the mass that the law must bear
+SPREAD = 0.2  # relative error of the mass that the law must bear at least
 _TWO_MASSES = 0.26  # of 2 ζ ωr m_motor/m_load: peak gain of the resonance at most 1 - 1/1.4, whatever its phase
 _LOWER, _TIMES = 0.85, 24  # factor of wc while a check fails, and how often at most: down to 2 %
 _RAGGED = 0.05  # of the largest force, that one count of the encoder may make through the velocity gain
@@ -41,24 +41,31 @@ _SETTLED = 0.02  # of the largest following error, within which it then stays, o
 class StartLaw(Result):
     """A safe start law with its checks.
 
-    peaks     Ms for the mass less 20 %, the mass, and the mass plus 20 %
+    spread    relative error of the mass for which it was checked
+    peaks     Ms for the mass less this error, the mass, and the mass plus this error
     error     m, largest following error in the simulated move
     left      m, what the reading still moves by at the end of the move's rest
     """
 
     loop: Loop
     law: CascadePPI
+    spread: float
     peaks: tuple[float, float, float]
     error: float
     left: float
 
     def table(self) -> Table:
         """Return the gains and what was checked."""
+        within = Quantity(self.spread, "share", form="2")
         rows = [
             ["Kv", Quantity(self.law.Kv, "1/s"), UNIT],
             ["Kp", Quantity(self.law.Kp, "N s/m"), UNIT],
             ["Tn", Quantity(RATIO / self._rate, "s"), UNIT],
-            ["Ms for the mass - 20 %, as it is, + 20 %", ", ".join(f"{Quantity(p):.2f}" for p in self.peaks), ""],
+            [
+                Text(f"Ms for the mass - {within}, as it is, + {within}"),
+                ", ".join(f"{Quantity(p):.2f}" for p in self.peaks),
+                "",
+            ],
             ["largest following error of a simulated move", Quantity(self.error, "m"), UNIT],
         ]
         return Table("safe start law, which is not what ran", ["what", Column("value", form="4 SI"), "unit"], rows)
@@ -75,8 +82,8 @@ class StartLaw(Result):
         return Text(
             f"the control is a safe start law from the identified plant, NOT the law that ran: Kv "
             f"{Quantity(law.Kv, '1/s'):3}, Kp {Quantity(law.Kp, 'N s/m'):3}, Tn {Quantity(RATIO / self._rate, 's'):3}, "
-            f"Ms {Quantity(low):.2f} at most for masses within {Quantity(SPREAD, 'share'):2}, simulated with friction "
-            f"without hunting; tune it next (feeddrive tune), or state the law that ran"
+            f"Ms {Quantity(low):.2f} at most for masses within {Quantity(self.spread, 'share'):2}, simulated with "
+            f"friction without hunting; tune it next (feeddrive tune), or state the law that ran"
         )
 
 
@@ -88,18 +95,20 @@ def start_law(
     force_limit: float | None = None,
     force: float = math.inf,
     motion: tuple[float, float, float] = (0.05, 0.1, 1.0),
+    spread: float = SPREAD,
 ) -> StartLaw:
     """Return a P-PI cascade for an axis whose law is not known, after its margins and a simulated move were checked.
 
         th = delay of the actuator + (n + 1) T/2,   wc = 0.25 / th,   Kp = m wc,   Kv = wc/4,   Tn = 4/wc
 
     n is the smallest number of samples with which a count of the encoder makes at most 5 % of `force`. With two masses
-    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for masses of 80, 100 and 120 %,
-    and until the axis with its friction comes to rest after a move.
+    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for the mass and for masses
+    off by `spread`, and until the axis with its friction comes to rest after a move.
 
     count   m, of the encoder; 0 if it is fine
     force   N, largest force of the log
     motion  travel (m), speed (m/s) and acceleration (m/s2) of the simulated move
+    spread  relative error of the mass
 
     Source: the maximum of Ms of the loop gain (wc/s)(1 + κ wc/s)(1 + ν wc/s) e^(-s th) over κ = ν = 1/4, own.
     Raises NotIdentifiableError if no crossover passes.
@@ -110,24 +119,24 @@ def start_law(
         late = float(axis.actuator.delay()) + 0.5 * (n + 1) * T
         if mass * RULE / late * count / (n * T) <= _RAGGED * force:
             break
-    wc = min(RULE / late, _resonant(axis))
+    wc = min(RULE / late, _resonant(axis, spread))
     for _ in range(_TIMES):
         law = CascadePPI(Kv=wc / RATIO, Kp=mass * wc, Tn=RATIO / wc, velocity_samples=n)
         control = Control(law=law, force_limit=force_limit)
         loop = Loop(control=control, axis=axis, sample_time=T)
-        peaks = tuple(_peak(_heavier(loop, factor)) for factor in (1.0 - SPREAD, 1.0, 1.0 + SPREAD))
+        peaks = tuple(_peak(_heavier(loop, factor)) for factor in (1.0 - spread, 1.0, 1.0 + spread))
         if max(peaks) <= PEAK:
             error, left = _moved(_counted(loop, count), motion, max(_REST, _RESETS * RATIO / wc))
             if left <= max(_SETTLED * error, 2.0 * count):
-                return StartLaw(loop, law, (peaks[0], peaks[1], peaks[2]), error, left)
+                return StartLaw(loop, law, spread, (peaks[0], peaks[1], peaks[2]), error, left)
         wc *= _LOWER
     raise NotIdentifiableError(
         f"no start law has a sensitivity of {Quantity(PEAK):.2f} at most for masses within "
-        f"{Quantity(SPREAD, 'share'):2} and comes to rest: state the law that ran in a machine file"
+        f"{Quantity(spread, 'share'):2} and comes to rest: state the law that ran in a machine file"
     )
 
 
-def _resonant(axis: Axis) -> float:
+def _resonant(axis: Axis, spread: float) -> float:
     """Return the largest wc, in 1/s, with which the resonance of two masses stays below the stability limit."""
     plant = axis.plant
     if not isinstance(plant, TwoMass):
@@ -136,7 +145,7 @@ def _resonant(axis: Axis) -> float:
     joint = 1.0 / motor + 1.0 / load
     rate = math.sqrt(float(plant.stiffness) * joint)
     zeta = 0.5 * float(plant.damping) * joint / rate
-    return _TWO_MASSES * 2.0 * zeta * rate * motor / ((1.0 + SPREAD) * load)
+    return _TWO_MASSES * 2.0 * zeta * rate * motor / ((1.0 + spread) * load)
 
 
 def _heavier(loop: Loop, factor: float) -> Loop:

@@ -49,7 +49,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.report.report import Part, Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.tuning.filters import read_block
-from feeddrive.tuning.start_law import start_law
+from feeddrive.tuning.start_law import SPREAD, start_law
 from feeddrive.workflow.channels import ALL, Doubt, Mapped, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command, line
 from feeddrive.workflow.drive_logs import column_texts, log_names, narrow, write_report, written
@@ -379,6 +379,7 @@ def _started(identified: Identified) -> Identified:
             force_limit=log.force_limit,
             force=float(np.max(np.abs(log.force))),
             motion=(0.5 * float(np.ptp(log.position)), fast, fast / _RISE),
+            spread=max(SPREAD, NORMAL * identified.mass.error / identified.mass.value),
         )
     except FeeddriveError as error:
         return replace(identified, remarks=(*identified.remarks, Text(f"{error}")))

@@ -280,7 +280,9 @@ def beyond(delay: DelayFit, stated: float) -> int:
 _PLACE = "control"  # of a law that no machine file states
 _CLEARLY = 1.02  # times the position residual of plain friction up to which the machine's own kind is kept
 SURER = 2.0  # times that an error of the closed loop must be larger for the inverse dynamics to be taken
-USABLE_MASS = 0.1  # largest relative standard error of a mass in a machine file: a start law keeps its margin over 20 %
+# largest relative standard error of a mass in a machine file: a start law is checked for masses off by twice that, and
+# a loop with a gain margin of 6 dB bears a mass that is 30 % off
+USABLE_MASS = 0.15
 POOR = 0.15  # largest unexplained share of the force for which the values are recommended
 _BENDS = "so the axis bends, binds or is driven by something else; measure a frequency response next"
 
