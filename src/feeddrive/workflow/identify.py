@@ -205,7 +205,7 @@ def _identify_motion(
     files: dict[str, Path] = {}
     rows = (Text(f"{log.log.position.size}, {Quantity(log.log.sample_time, 's'):6} apart") for log in alone)
     known = {
-        "Log" if len(runs) == 1 else "Logs": log_names(request.sources),
+        **({"Log": called(request.log)} if len(runs) == 1 else {"Logs": log_names(request.sources)}),
         "Rows": joined("; ", rows),
         "Columns": "; ".join(dict.fromkeys(column_texts(run.columns) or "those of the object" for run in runs)),
         "Machine": called(request.machine),
