@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from feeddrive.files.machine import read_machine
+from feeddrive.identification.response.agreement import Agreement
 from feeddrive.jobs import measured
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -66,9 +67,9 @@ def test_a_line_with_a_standard_deviation_of_30_percent_is_useless() -> None:
 
 @pytest.mark.parametrize(("unused", "misses"), [(0.3, False), (0.5, True)])
 def test_a_model_that_misses_by_three_decibels_is_no_plant(unused: float, misses: bool) -> None:
-    fit: Any = SimpleNamespace(
-        agreement=SimpleNamespace(unused=unused), units=SimpleNamespace(si=False, turns=False, of=lambda unit: unit)
-    )
+    agreement: Any = SimpleNamespace(unused=unused)
+    agreement.poor = Agreement.poor.__get__(agreement)
+    fit: Any = SimpleNamespace(agreement=agreement, units=SimpleNamespace(si=False, turns=False, of=lambda unit: unit))
     text = str(identify_responses.told_by(fit))
     assert text.startswith("the model misses lines") == misses
     if misses:

@@ -201,6 +201,10 @@ def drive_axis(
     progress.step("band of the model")
     chosen = two_mass_band(plant, held=False) if band is None and model == "auto" and modes is None else None
     result = _fitted(plant, chosen, band, model, modes, dict(fixed or {}), progress)
+    # a mode between the lines from which the band was chosen, where most lines are noise
+    while chosen is not None and result.fit.agreement.poor and (lower := chosen.lower()) is not None:
+        chosen = lower
+        result = _fitted(plant, chosen, band, model, modes, dict(fixed or {}), progress)
     if chosen is not None and not chosen.whole:
         remarks.append(
             Text(

@@ -43,7 +43,6 @@ from feeddrive.workflow.commissioning import NO_CLOCK, drive_axis
 from feeddrive.workflow.drive_logs import logs_stem, narrow, write_report, written
 from feeddrive.workflow.force import DriveValues
 
-_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
 _DECIBEL = 8.686  # dB per unit of ln
 
 
@@ -360,7 +359,7 @@ def told_by(fit: PlantFit | ModalFit, *, turns: bool = False) -> str:
     """
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
-    if fit.agreement.unused > _POOR:
+    if fit.agreement.poor:
         return Text(f"the model misses lines that were not used by {Quantity(_DECIBEL * fit.agreement.unused, 'dB'):2}")
     if fit.units.turns and not turns:
         return "the result is in kg m2 at the motor; give --force-constant and --lead, or --rotary if the axis turns"
@@ -378,7 +377,7 @@ def advice(result: AxisFits | ModalFit, *, turns: bool = False) -> Advice:
     """Return the judgment on the model and one sentence with the reason; `turns` as in `told_by`."""
     fit = result if isinstance(result, ModalFit) else result.fit
     unused = _DECIBEL * fit.agreement.unused
-    if fit.agreement.unused > _POOR:
+    if fit.agreement.poor:
         where, apart = fit.agreement.worst
         wrong = not isinstance(result, ModalFit) and result.wrong_sign
         other = (

@@ -18,6 +18,7 @@ _STEP = 0.02  # of the largest velocity over force: the longest step of a drawn 
 _MOST_HALVED = 12
 _FEW = 15  # steps where the start is a fit of nearly all lines
 _FOLDS = 5
+_POOR = 0.35  # RMS of ln(fitted/measured) on unused lines, 3 dB, beyond which a model is rejected
 OPEN_LINE = 0.3  # relative deviation from which a line is too uncertain
 _AROUND = 9  # lines over which the median of the variance is taken
 _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
@@ -54,6 +55,11 @@ class Agreement(Result):
         """Return the autocorrelation of the residuals over lines: 0 for noise, near 1 if the model lacks a term."""
         across = sum(float(np.real(np.vdot(r[:-lag], r[lag:]))) for r in self.residuals if r.size > lag)
         return across / max(sum(float(np.real(np.vdot(r, r))) for r in self.residuals), 1e-300)
+
+    @property
+    def poor(self) -> bool:
+        """True if unused lines are missed by more than 3 dB RMS: the model is none of this response."""
+        return self.unused > _POOR
 
     @property
     def worst(self) -> tuple[float, float]:

@@ -763,6 +763,11 @@ class ModelBand:
     begin: tuple[TwoMass, ...]
     scatter: Mapping[str, float]
 
+    def lower(self) -> ModelBand | None:
+        """Return the band without its uppermost octave; None if it would end near the lowest lines."""
+        high = self.high / _OCTAVE
+        return None if high < _LEAST_DECADE * self.low else replace(self, high=high, whole=False)
+
     def widened(self, fit: PlantFit) -> PlantFit:
         """Return a fit to this band whose standard errors include the scatter and the accuracy of a drive's sensors."""
 
