@@ -144,9 +144,8 @@ class RefusedError(Exception):
     """What the page was told in place of an answer."""
 
 
-def asking_here(folder: Path, log: Path) -> Ask:
+def asking_here(session: Session, log: Path) -> Ask:
     """Ask the handlers of the studio, whose jobs run in this process."""
-    session = Session(folder)
     session.desk.files[log.name] = log
     session.desk.start = lambda _room, _what, work, then, *_: then(work(Progress()))  # type: ignore[method-assign]
 

@@ -7,7 +7,6 @@ feeddrive: names, units, percent, amperes, decimal commas, laws, masses, encoder
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Callable, Iterator
 from collections.abc import Mapping as Mapping_
@@ -29,7 +28,6 @@ from feeddrive.files.columns import Column
 from feeddrive.files.machine import read_machine
 from feeddrive.files.mapping import Mapping
 from feeddrive.language import tree
-from feeddrive.language.progress import Progress
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow import identify
@@ -60,14 +58,7 @@ def on_the_page(log: Path, folder: Path, *, again: bool = False, **typed: Any) -
     again  do the same once more by the command that the page says
     """
     session = Session(folder)
-    session.desk.files[log.name] = log
-    session.desk.start = lambda _room, _what, work, then, *_: then(work(Progress()))  # type: ignore[method-assign]
-
-    def ask(do: str, **more: Any) -> dict[str, Any]:
-        said = session.answer({"number": 1, "do": do, "name": log.name, **more})
-        words: dict[str, Any] = json.loads(said[4 : 4 + int.from_bytes(said[:4], "little")])
-        return words
-
+    ask = surfaces.asking_here(session, log)
     typed_on_page(ask, log.name, **typed)
     machine = machine_in(folder)
     if again:
@@ -258,7 +249,7 @@ def test_page_command_line_and_python_say_the_same_of_a_log(
     writes, stated = KINDS[kind]
     log = writes(tmp_path / "log.csv")
     (session := tmp_path / "session").mkdir()
-    told = same(log, tmp_path, stated, surfaces.asking_here(session, log), session)
+    told = same(log, tmp_path, stated, surfaces.asking_here(Session(session), log), session)
     assert bool(told.machine) == ("rated" in stated or "torque_constant" in stated)
     if "axis y1" in kind:
         assert "[axis.y1" in str(told.machine)

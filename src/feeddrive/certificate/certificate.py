@@ -310,7 +310,7 @@ class Certificate(Result):
     """
 
     document: Mapping[str, Any]
-    _accepted: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    _accepted: dict[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]], init=False)
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:

@@ -214,6 +214,11 @@ def stray_remarks(where: str, values: np.ndarray, stray: np.ndarray, unit: str) 
     return (remark,)
 
 
+def median_spread(values: np.ndarray) -> float:
+    """Return the standard deviation of normal values about 0 by their median size, 1.4826 median |x|."""
+    return 1.4826 * float(np.median(np.abs(values)))
+
+
 def ols_covariance(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Return s² (XᵀX)⁻¹ with s² = rᵀr / (n - p): valid only for a white residual of constant variance."""
     n, p = columns.shape

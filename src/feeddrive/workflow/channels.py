@@ -487,6 +487,7 @@ def mapped(
     axis      the axis of a log with several; one of a log without axes is that of the machine alone
     names_machine  True if the axis may be one that only the machine file has
     values    rated value and constants of the drive, for columns in percent, A or V
+    beside    roles that are read as a second source for clock and scales, and used for nothing else
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     values = values or DriveValues()
@@ -499,7 +500,7 @@ def mapped(
     skipped = 0
     if channels is None:
         guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
-        guessed = _beside(path, told, guess.mapping)
+        guessed = _remaining(path, told, guess.mapping)
         mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
         if any(role in wanted for role in guessed if role != "time") or any(role not in told for role in guess.needs):
             show(guess, path, progress)
@@ -512,7 +513,7 @@ def mapped(
         # a reason that feeddrive wrote, and nobody replaced, is still a guess
         chosen = {role for role in request.mapping if request.mapping.reasons.get(role, CHOSEN) == CHOSEN}
         told = {**{role: request.mapping[role] for role in request.mapping if role in chosen}, **told}
-        guessed = _beside(path, told, request.mapping)
+        guessed = _remaining(path, told, request.mapping)
         mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
         optional, sample_time = request.mapping.optional, sample_time or request.mapping.sample_time
         skipped, of_axis = request.skip_samples, request.mapping.axis
@@ -545,7 +546,7 @@ def mapped(
     others = {name: path.columns.values[name][skipped:] for name in nameless if name not in used}
     # a column with gaps or of another length is no signal of the axis
     others = {
-        name: values for name, values in others.items() if values.size == log.time.size and np.all(np.isfinite(values))
+        name: column for name, column in others.items() if column.size == log.time.size and np.all(np.isfinite(column))
     }
     found = doubts_of(roles, whole, log.sample_time, others, steady=steady)
     for doubt_ in found:
@@ -626,7 +627,9 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
     return role, column
 
 
-def _beside(path: OpenedFile, told: abc.Mapping[str, Column], guessed: abc.Mapping[str, Column]) -> dict[str, Column]:
+def _remaining(
+    path: OpenedFile, told: abc.Mapping[str, Column], guessed: abc.Mapping[str, Column]
+) -> dict[str, Column]:
     """Return the guessed roles that remain beside those that a person told."""
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}

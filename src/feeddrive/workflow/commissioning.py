@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -200,11 +201,11 @@ def drive_axis(
     remarks += words
     progress.step("band of the model")
     chosen = two_mass_band(plant, held=False) if band is None and model == "auto" and modes is None else None
-    result = _fitted(plant, chosen, band, model, modes, dict(fixed or {}), progress)
+    fitted = partial(_fitted, plant, band=band, model=model, modes=modes, fixed=dict(fixed or {}), progress=progress)
+    result = fitted(chosen)
     # a mode between the lines from which the band was chosen, where most lines are noise
     while chosen is not None and result.fit.agreement.poor and (lower := chosen.lower()) is not None:
-        chosen = lower
-        result = _fitted(plant, chosen, band, model, modes, dict(fixed or {}), progress)
+        chosen, result = lower, fitted(lower)
     if chosen is not None and not chosen.whole:
         remarks.append(
             Text(

@@ -7,6 +7,7 @@ import numpy as np
 
 from feeddrive.identification.excitation.frequency_estimate import FEWEST, FrequencyEstimate, Record, saturation
 from feeddrive.identification.excitation.nonperiodic import local_rational
+from feeddrive.identification.regression import median_spread
 from feeddrive.language.errors import LogError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -73,8 +74,8 @@ def find_blows(force: np.ndarray) -> list[_Blow]:
 
 def _rest(u: np.ndarray) -> float:
     """Return the standard deviation of the force at rest, from its median absolute value."""
-    # 1.4826 turns a median deviation into the standard deviation of normal noise; a few blows do not move a median
-    return 1.4826 * float(np.median(np.abs(u)))
+    # a few blows do not move a median
+    return median_spread(u)
 
 
 def _runs(inside: np.ndarray) -> list[tuple[int, int]]:

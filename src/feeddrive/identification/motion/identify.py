@@ -349,10 +349,7 @@ class Identified(Result):
     @property
     def unsure(self) -> Text:
         """A phrase that says how well the log tells the mass."""
-        mass = self.mass
-        share = Quantity(NORMAL * mass.error / mass.value, "share")
-        low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
-        return Text(f"the log tells the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %; {MORE_RAMPS}")
+        return Text(f"the log tells {within(self.mass)}; {MORE_RAMPS}")
 
     @property
     def recommendation(self) -> str:
@@ -404,6 +401,13 @@ class Identified(Result):
         return Text(
             f"; friction is taken as {self.rigid.friction}, as the criterion of {other} is worse by {Quantity(worse):3}"
         )
+
+
+def within(mass: Estimate) -> Text:
+    """Return within what a mass is known, as the rest of a sentence on the log that tells it."""
+    share = Quantity(NORMAL * mass.error / mass.value, "share")
+    low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
+    return Text(f"the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %")
 
 
 def identify_motion(

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.regression import median_spread
 
 MOST_DELAY = 3  # samples between reading and command that are tried
 MOST_SAMPLES = 8  # over which a velocity may be computed by differences
@@ -387,7 +388,7 @@ class Signals:
         from scipy.ndimage import median_filter  # takes a second to import
 
         middle = median_filter(self.force, _MEDIAN, mode="nearest")
-        spread = 1.4826 * float(np.median(np.abs(self.force - middle)))
+        spread = median_spread(self.force - middle)
         most = float(np.max(np.abs(middle)))
         return ~widened(np.abs(self.force) > (1.0 - _HELD) * most - _NOISE * spread)
 

@@ -20,7 +20,7 @@ from feeddrive.identification.motion.law_rows import (
     triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
-from feeddrive.identification.regression import robust_covariance
+from feeddrive.identification.regression import median_spread, robust_covariance
 
 ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
 _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
@@ -50,7 +50,7 @@ RATIO = 2.0  # of what a law leaves in the space of the instruments over chance:
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _BANDS = np.geomspace(1e-3, 0.1, 5)  # of the usual error: half widths of a dead band that are tried
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
-_LEAST_ROWS = 100
+_LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
@@ -151,12 +151,12 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     e = e - np.mean(e[few.places])
     bends = []
     for signal in (e, v):
-        size = 1.4826 * float(np.median(np.abs(signal[few.places]))) or float(np.std(signal))
+        size = median_spread(signal[few.places]) or float(np.std(signal))
         bends += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
         bends += [np.abs(signal)]
     # a dead band takes what is within it from the error, and its integral from that of the law
-    usual = 1.4826 * float(np.median(np.abs(e[few.places])))
-    within = [np.clip(e, -width, width) for width in _BANDS * usual if width > 0.0]
+    widths = _BANDS * median_spread(e[few.places])
+    within = [np.clip(e, -width, width) for width in widths if width > 0.0]
     kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
     more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
     own = law_structures.regressors(found, few)
@@ -235,7 +235,7 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
     """Yield masks of fewer rows: those without strays, and those below a noisy plateau of the command."""
     # single samples at a limit, where a feedforward spikes, and steps of the set position
     rest = first.residual(first.best)
-    spread = 1.4826 * float(np.median(np.abs(rest)))
+    spread = median_spread(rest)
     noise = ROUNDING * math.sqrt(first.floor.power / rest.size)
     far = np.abs(rest) > _STRAY * max(spread, noise)
     if 0 < np.sum(far) <= _FEW * far.size:

@@ -17,10 +17,11 @@ from feeddrive.identification.motion.identify import (
     identify_motion,
     is_richer,
     with_rigid,
+    within,
 )
 from feeddrive.identification.motion.identify_law import ControlFit, LawReading
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation
-from feeddrive.identification.motion.rigid import FRICTIONS, SURE_MASS, RigidFit, identify_rigid
+from feeddrive.identification.motion.rigid import MORE_RAMPS, SURE_MASS, RigidFit, identify_rigid
 from feeddrive.identification.regression import NORMAL, Estimate, estimates_table
 from feeddrive.identification.second_source import LOAD, MASS, Cause, Ratio, causes_of, said
 from feeddrive.language import tree
@@ -39,6 +40,7 @@ _HALVINGS = 60  # of the interval of the scatter: its rounding is then far below
 _CHANCE = 0.05  # of logs that agree: the probability of a larger disagreement below which they are said to differ
 _NEVER = 1e-4  # chance below which only that is shown: errors are not known well enough to tell it
 _CERTAIN = 1e9  # degrees of freedom of a known scatter
+_LAW = "law "  # before the names of gains beside mass and friction
 
 
 @dataclass(frozen=True)
@@ -152,15 +154,29 @@ def identify_pooled(
     cannot be identified.
     Sources: Paule & Mandel 1982; Satterthwaite 1946.
     """
-    if len(logs) < LEAST_LOGS:
-        raise ParameterError(f"logs = {len(logs)} must be >= {LEAST_LOGS}: pooling needs several logs of one axis")
+    _check_number(logs)
     frames = {log.frame.name for log in logs}
     if len(frames) > 1:
         raise ParameterError(f"the logs are in units of {' and of '.join(sorted(frames))}: give all at the same place")
-    models = tuple(FRICTIONS) if friction == "best" else (friction,)
-    by_model = {model: tuple(identify_rigid(log, friction=model, how=how) for log in logs) for model in models}
-    best = min(models, key=lambda model: sum(fit.criterion[model] for fit in by_model[model]))
-    return pooled(by_model[best], name)
+    fits = [identify_rigid(log, friction=friction, how=how) for log in logs]
+    best = _joint_friction(fits)
+    return pooled(
+        [
+            fit if fit.friction == best else identify_rigid(log, friction=best, how=how)
+            for log, fit in zip(logs, fits, strict=True)
+        ],
+        name,
+    )
+
+
+def _check_number(logs: Sequence[object]) -> None:
+    if len(logs) < LEAST_LOGS:
+        raise ParameterError(f"logs = {len(logs)} must be >= {LEAST_LOGS}: pooling needs several logs of one axis")
+
+
+def _joint_friction(fits: Sequence[RigidFit]) -> str:
+    """Return the friction model with the lowest sum of the information criteria of the logs."""
+    return min(fits[0].criterion, key=lambda model: sum(fit.criterion[model] for fit in fits))
 
 
 def pooled(fits: Sequence[LogFit], name: str = "pooled") -> PooledFit:
@@ -298,11 +314,9 @@ class IdentifiedLogs(Result):
 
     def _unsure(self) -> Text:
         mass, scatter = self.model.mass, self.pooled.scatter[MASS]
-        share = Quantity(NORMAL * mass.error / mass.value, "share")
-        low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
-        text = Text(f"{len(self.logs)} logs tell the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %")
+        text = Text(f"{len(self.logs)} logs tell {within(mass)}")
         if scatter == 0.0:
-            return text + Text("; record moves with shorter ramps, of 30 ms or more")
+            return text + Text(f"; {MORE_RAMPS}")
         more = Quantity(NORMAL * self.pooled.with_one_more(MASS) / mass.value, "share")
         return text + Text(
             f": they differ by {Quantity(scatter, mass.unit):2}, and {len(self.logs)} logs tell little of such a "
@@ -343,14 +357,10 @@ def pool_logs(
     Raises ParameterError for fewer than two logs, for one that is given twice, and for logs at different places;
     LogError for logs of different axes.
     """
-    if len(found) < LEAST_LOGS:
-        raise ParameterError(f"logs = {len(found)} must be >= {LEAST_LOGS}: pooling needs several logs of one axis")
+    _check_number(found)
     _check_places(found)
-    models = {log.rigid.friction for log in found}
-    if len(models) > 1:
-        sums = {model: sum(log.rigid.criterion[model] for log in found) for model in models}
-        best = min(sums, key=lambda model: sums[model])
-        found = [log if log.rigid.friction == best else again(k, best) for k, log in enumerate(found)]
+    best = _joint_friction([log.rigid for log in found])
+    found = [log if log.rigid.friction == best else again(k, best) for k, log in enumerate(found)]
     middle = _middle(found)
     _check_axes(found, middle)
     laws = _same_laws(found)
@@ -603,9 +613,6 @@ def _shown(causes: Sequence[Cause]) -> str:
     words += ["friction"] if len(shown) > len(words) + len(gains) else []
     words += [f"the gains {', '.join(gains)}"] if gains else []
     return f"{', '.join(words[:-1])}{' and ' if len(words) > 1 else ''}{words[-1]}"
-
-
-_LAW = "law "
 
 
 def _joint(a: Estimate, b: Estimate) -> float:

@@ -73,7 +73,7 @@ MORE_RAMPS = (
     "friction for a tenth of the time"
 )
 SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
-_FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the rows that are tried where the usual ones tell less
+_FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the second preparation, twice as fine as the usual one
 _WIDEST = 10.0  # errors over those for a white residual
 _EXACT = 1e-3  # share of the RMS force: the filters alone leave about as much of a log without noise
 _DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
@@ -263,6 +263,9 @@ def identify_rigid(
     folds      number of stretches in the cross-validation, each predicted by a fit of the others
     dead_time  samples besides the hold, from which its search starts; default: 0
 
+    Without `how` the log is fitted twice, by rows of 10 ms and by finer ones of 5 ms, which count if they are surer of
+    the mass and the others do not tell it to 5 %. Errors contain how far the two fits contradict each other.
+
     With a set position the set motion serves as instruments (two-stage least squares): errors of the readings, and the
     reaction of the control to a disturbance, are not correlated with it.  Without one the values are least squares.
 
@@ -424,11 +427,11 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns[used] != 0.0, axis=0)]
-    chosen = beside = Terms()
+    chosen, suspected = Terms(), False
     best = _solve(log, rows, columns, rows.how.delay, free=True, instruments=instruments, used=used)
     criterion = regression.information(best.residual, best.values.size)
     for kind in ("bend", "slope", "period"):
-        tried = replace(beside, bends=True)
+        tried = replace(chosen, bends=True)
         if kind != "bend":
             period = np.inf if kind == "slope" else 2.0 * np.pi
             if kind == "period" and log.frame is regression.TABLE:
@@ -437,7 +440,7 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
                 period = _strongest(places[used], best.columns, best.residual, end - begin)
             if not period or (np.isfinite(period) and end - begin < _LEAST_TURN * period):
                 continue
-            tried = replace(beside, periods=(*beside.periods, period))
+            tried = replace(chosen, periods=(*chosen.periods, period))
         added = tried.columns(log, rows, log.position)
         wider = np.column_stack([columns, added])
         if _dependent(wider[used]) or _hides(columns[used], wider[used]):
@@ -445,7 +448,7 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
         seen = tried.instruments(log, rows, instruments)
         solved = _solve(log, rows, wider, rows.how.delay, free=True, instruments=seen, used=used)
         lower = regression.information(solved.residual, solved.values.size)
-        new = [columns.shape[1] + k for k, name in enumerate(tried.names) if name not in beside.names]
+        new = [columns.shape[1] + k for k, name in enumerate(tried.names) if name not in chosen.names]
         values, covariance = solved.values[new], solved.covariance[np.ix_(new, new)]
         # without any residual there is no error either, and no evidence
         known = np.linalg.matrix_rank(covariance) == len(new)
@@ -453,12 +456,9 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
         if not (criterion - lower > _EVIDENCE and sure):
             continue
         # through the control, counts of the readings look like bending; instruments do not hold them
-        if kind == "bend" and not solved.instrumented:
-            chosen = replace(chosen, suspected=True)
-        else:
-            chosen = replace(tried, bends=tried.bends and not chosen.suspected, suspected=chosen.suspected)
-        beside, criterion, best = tried, lower, solved
-    return chosen
+        suspected = suspected or (kind == "bend" and not solved.instrumented)
+        chosen, criterion, best = tried, lower, solved
+    return replace(chosen, bends=chosen.bends and not suspected, suspected=suspected)
 
 
 def _dependent(columns: np.ndarray) -> bool:
@@ -719,7 +719,7 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
         left = rows.force_with(log.force, solved.delay) - columns @ solved.values[: columns.shape[1]]
         away = np.abs(left - np.median(left[used]))
         least = _EXACT * float(np.sqrt(np.mean(solved.force**2)))
-        far = away > max(_PULSE * 1.4826 * float(np.median(away[used])), least)
+        far = away > max(_PULSE * regression.median_spread(away[used]), least)
         # a row on both sides: the decimating low pass spreads a pulse by some 10 ms
         near = np.convolve(far, np.ones(2 * _PULSE_SPREAD + 1), "same") > 0.0
         if np.mean(near) > _MOST_PULSES or _needs(columns, near):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feeddrive.analysis.conversion import as_frf
-from feeddrive.identification.regression import ols_covariance, robust_covariance
+from feeddrive.identification.regression import median_spread, ols_covariance, robust_covariance
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, span
@@ -362,7 +362,7 @@ def _cost(r: np.ndarray, far: float) -> float:
 
 def _spread(r: np.ndarray) -> float:
     """Return the robust standard deviation of residuals, from their median absolute value."""
-    return 1.4826 * float(np.median(np.abs(r))) + 1e-12
+    return median_spread(r) + 1e-12
 
 
 def _descend(
