@@ -344,7 +344,11 @@ class Identified(Result):
     @property
     def unusable(self) -> str:
         """The reason why the values must not be used in a machine file, or an empty string."""
-        return self.faulty or (self.unsure if self.mass.error > USABLE_MASS * self.mass.value else "")
+        if self.faulty:
+            return self.faulty
+        if self.contradicted:
+            return "a second source contradicts clock or scales of the log"
+        return self.unsure if self.mass.error > USABLE_MASS * self.mass.value else ""
 
     @property
     def unsure(self) -> Text:
