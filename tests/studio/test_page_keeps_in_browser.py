@@ -165,7 +165,7 @@ def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served
     assert page.locator("#lost button").is_visible()
 
 
-def test_a_connection_that_breaks_comes_back(studio: Any) -> None:
+def test_a_connection_that_breaks_comes_back_and_keeps_what_is_being_typed(studio: Any) -> None:
     opened = studio.open()
     page = opened.page
     page.close()
@@ -176,11 +176,14 @@ def test_a_connection_that_breaks_comes_back(studio: Any) -> None:
     )
     page.goto(studio.address)
     page.wait_for_selector("#verdict:not(:empty)")
+    page.fill("[id='number-law.Kp']", "-1")
     page.evaluate("window.held.close()")
     page.wait_for_selector("#lost:visible")
     page.wait_for_selector("#lost", state="hidden")
-    page.click("#tab-tune")
-    page.fill("[id='number-law.Kp']", "-1")
+    opened.page = page
+    opened.settled()
+    field = "document.activeElement.id + ' ' + document.activeElement.value"
+    assert page.evaluate(field) == "number-law.Kp -1"
     page.keyboard.press("Enter")
     page.wait_for_selector("#error:has-text('must be > 0')")
 

@@ -11,6 +11,7 @@ export class Numbers {
   private readonly rows = new Map<string, { knob: Knob; slider: HTMLInputElement; field: HTMLInputElement }>();
 
   private last: Record<string, number> = {};
+  private listed = ""; // the knobs that stand there
 
   constructor(
     private readonly section: HTMLElement,
@@ -18,7 +19,11 @@ export class Numbers {
     private readonly removed: (place: number) => void = () => {},
   ) {}
 
+  // The same knobs once more, as after a lost connection, leave the fields alone: somebody may be writing into one.
   list(knobs: Knob[]): void {
+    const listed = JSON.stringify(knobs);
+    if (listed === this.listed) return;
+    this.listed = listed;
     this.rows.clear();
     this.section.replaceChildren();
     let group: HTMLFieldSetElement | null = null;
