@@ -175,9 +175,9 @@ def test_a_peak_is_covered_down_to_the_rounding_of_its_angle() -> None:
     """A decay of 1e-8 needs intervals of 1e-8 rad, thirty times halved; one of 1e-15 is lost in rounding."""
     T = 1e-3
     bands = check.Bands([{"from_Hz": 0.0, "to_Hz": 500.0, "r": [1.0]}], 1, T)
-    assert check.separated_with_images(slow_pole(1e-8), bands, 1.0) > 1
+    assert check.separated_with_images(slow_pole(1e-8), bands, 1.0, check.Work()) > 1
     with pytest.raises(check.RefusedError, match="cannot be shown"):
-        check.separated_with_images(slow_pole(1e-15), bands, 1.0)
+        check.separated_with_images(slow_pole(1e-15), bands, 1.0, check.Work())
 
 
 def test_an_interval_is_never_tried_where_the_bound_of_its_inverse_does_not_hold() -> None:
