@@ -49,7 +49,7 @@ class MeasuredLoop(Result):
         return margin_intervals(self.loop_gain, level=level, seed=seed)
 
     def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
-        """Judge the stability of the closed loop by the Nyquist criterion.
+        """Assess the stability of the closed loop by the Nyquist criterion.
 
         unstable_poles  number of unstable poles of the open loop
         integrators     number of integrators of axis and law together; None: from the slope of L

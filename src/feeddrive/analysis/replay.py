@@ -51,7 +51,7 @@ def path_of(control: Control, set_position: np.ndarray, sample_time: float) -> R
     """Return the set positions of a log (m) as the reference of a controller.
 
     A controller that feeds forward gets their central differences, whose Taylor expansion has the same backward
-    differences; others get the positions alone, to the bit.
+    differences; all others get the positions alone, bit-identical.
     """
     if not control.feedforward and not control.law.feeds:
         return Recorded(position=set_position, sample_time=sample_time)

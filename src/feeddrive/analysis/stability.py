@@ -71,7 +71,7 @@ class Stability(Result):
 
 
 def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stability:
-    """Judge the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
+    """Assess the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
     """
@@ -232,7 +232,7 @@ def encirclement(
     unstable_poles: int = 0,
     integrators: int | None = None,
 ) -> Encirclement:
-    """Judge the stability of the closed loop by the change of arg(1 + L) from line to line (Nyquist 1932).
+    """Assess the stability of the closed loop by the change of arg(1 + L) from line to line (Nyquist 1932).
 
         unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
 

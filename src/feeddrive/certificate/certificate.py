@@ -326,7 +326,7 @@ class Certificate(Result):
     def accepted(self) -> tuple[str, ...]:
         """Return the checker's sentences, one per plant. Raises check.RefusedError if the certificate is rejected.
 
-        They are kept as long as the document has the same content: the proof of a multirate control takes seconds.
+        They are cached until the document changes, since the proof for a multirate controller takes seconds.
         """
         content = f"{check.digest(self.document)} {self.document.get('sha256')}"
         if content not in self._accepted:

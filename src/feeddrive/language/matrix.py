@@ -239,8 +239,8 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
     """Return the point at which a condition first changes along a row of ordered positive values.
 
-    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with an
-    array of values at once.  Returns None if the condition does not change.
+    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with
+    an array of values (vectorized).  Returns None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

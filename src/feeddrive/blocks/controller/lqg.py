@@ -294,8 +294,8 @@ class LQG(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the force is continuous.
 
-        A change of the friction parameter is not mistaken for a disturbance, and a spring of changed stiffness gets the
-        deflection that it now needs.
+        A change of the friction parameter is not mistaken for a disturbance, and the deflection of the spring follows
+        its new stiffness.
         """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed

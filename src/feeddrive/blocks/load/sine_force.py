@@ -22,7 +22,7 @@ class SineForce(Load):
     end: Number | None = parameter("s", "when it ends; absent: never", default=None)
 
     def check(self) -> None:
-        """Raise StructureError if a parameter holds variants, ParameterError unless end > start."""
+        """Raise StructureError if a parameter is an array of variants, ParameterError unless end > start."""
         check_single(self)
         check_order(self.kind, self.start, self.end)
 

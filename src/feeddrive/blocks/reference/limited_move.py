@@ -39,7 +39,7 @@ class LimitedMove(Move, ABC):
         return self.profile.at(t)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the rests and the pieces of all legs."""
+        """Return the dwells and the pieces of all legs, in order of time."""
         stretches = [rest(0.0, self.start)]
         for way, last in self.ways():
             if self.profile is not None:

@@ -379,7 +379,7 @@ class _Compiled(NamedTuple):
 
 
 class Kernel(Generic[_P, _R]):
-    """A function of numbers and arrays with bit-identical results and equal errors, whether interpreted or compiled.
+    """A function of numbers and arrays with bit-identical results and equal errors, interpreted or compiled.
 
     The first call of a kernel compiles all kernels of its file and of the files whose kernels they call. A call checks
     the types of its arguments: an int is accepted for a float, and no array is copied. `python` is the decorated
