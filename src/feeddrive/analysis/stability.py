@@ -89,7 +89,7 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
     """Return the stability, or raise UnstableError if the system is unstable.
 
-    The message states frequency, growth factor, a remedy and the nearest stable gains; `where` names the loop in it.
+    The message states frequency, growth factor, a remedy and the nearest stable gains; `where` names the loop.
 
     For a machine, the gain of cross-coupled control is checked in all directions of the path.
     """
@@ -126,7 +126,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
 
 def _slower(law: Law) -> str:
-    """Return the gains to reduce and the time constants to increase, as text: `Kp and Kv, or lengthen Tn`."""
+    """Return a phrase with the gains to reduce and the time constants to increase: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]

@@ -5,7 +5,7 @@ A block is final: it implements the abstract methods and overrides no other meth
 `listen` and `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`,
 `suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
-    prepare(T)   returns a named tuple of values that depend on parameters only; runs once per run
+    prepare(T)   returns a named tuple of values that depend on parameters only; called once per run
     start(...)   returns the steady state of a block at rest
     step(...)    computes one sample: a pure function that maps the old state to the new one
     retune(...)  returns the state after a live change; forces and estimates stay continuous, and equal parameters
@@ -41,7 +41,7 @@ class Retuned:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless.
+        """Return the state after a bumpless live change from the block `old` to this one.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -54,7 +54,7 @@ class RetunedUnprepared:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless.
+        """Return the state after a bumpless live change from the block `old` to this one.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -95,7 +95,7 @@ class Mechanics(NamedTuple):
 
 
 class Plant(Block, ABC):
-    """The linear mechanics of an axis, continuous in time; forces and positions are referred to the table (linear)."""
+    """The linear mechanics of an axis, continuous in time; forces and positions are referred to the table."""
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
@@ -215,7 +215,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
-        """Return `tunables`, or else every positive parameter without a default except the plant model."""
+        """Return `tunables` or, if empty, all positive parameters without default, except mass and viscous friction."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
         free = [
             spec.name
@@ -301,7 +301,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
+        """Return True if a comparison should try the block, as set up by `begin`, with a law; default: False."""
         return False
 
     @classmethod
@@ -387,7 +387,7 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
+        """Return True if a comparison should try the block, as set up by `begin`, with a law; default: False."""
         return False
 
     @classmethod

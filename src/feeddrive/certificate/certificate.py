@@ -118,7 +118,7 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger one of the two bands."""
+        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger of the two."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         # a line within rounding of an edge belongs to both bands, and the larger radius of the two counts
@@ -214,7 +214,7 @@ def deviations(lines: int, confidence: float) -> float:
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
     """Convert a number, or points (Hz, r) that are linear in ln f in between, to steps (upper frequency in Hz, r).
 
-    The radius of a step is the larger one of those at its two ends.
+    The radius of a step is the larger of those at its two ends.
     Raises ParameterError for negative radii and for frequencies that do not increase.
     """
     if isinstance(radius, (int, float)):
@@ -247,7 +247,7 @@ def measured(
 
     The condition is |G - P| + `sure` √variance <= r|P|.
 
-    Between two lines, r is the larger one of their radii.  Below the first line r is the maximum over the first octave;
+    Between two lines, r is the larger of their radii.  Below the first line r is the maximum over the first octave;
     above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []

@@ -14,8 +14,8 @@ from feeddrive.language.text import Text
 def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarray) -> np.ndarray:
     """Return c (z - A)⁻¹ b + d at every z, shape (n,), from the Schur form of the balanced A by back substitution.
 
-    The transformation is unitary, so the result is as accurate as solving for each z, but ten times as fast, and a
-    hundred times for 200 states.
+    The transformation is unitary, so the result is as accurate as solving for each z; it is obtained ten times as
+    fast, and a hundred times as fast for 200 states.
     """
     # imported here: commands that only read files do not load scipy
     from scipy.linalg import matrix_balance, schur
@@ -149,7 +149,7 @@ class FRF(Result):
     def phase_deg(self) -> np.ndarray:
         """The phase in degrees, unwrapped along the lines that rise above the noise, starting at the first of them.
 
-        To every other line a multiple of 360° is added that brings it closest to the phase interpolated between these
+        A multiple of 360° is added to every other line to bring it closest to the phase interpolated between these
         lines, so that noise does not add up to thousands of degrees.
         """
         angle, clear = np.angle(self.response), self._clear_lines()
@@ -254,7 +254,7 @@ class FRF(Result):
         )
 
     def delayed(self, time: float) -> Self:
-        """Return the response with an exact dead time τ in s, G e^(-j2πfτ); any τ, independent of the sample time."""
+        """Return the response with an exact dead time τ in s, G e^(-j2πfτ), for any τ, whatever the sample time."""
         return self * np.exp(-2j * np.pi * self.frequency * time)
 
     def to_control(self) -> Any:

@@ -288,7 +288,7 @@ class Beginning:
 
     @cached_property
     def trees(self) -> Trees:
-        """The same numbers as trees, needed only for a trace or a live change."""
+        """The numbers and initial states as trees, needed only for a trace or a live change."""
         return self._trees()
 
     @cached_property

@@ -77,7 +77,7 @@ class CascadePPI(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return two variants: with an integral, and without one.
 
-        The first has the gains of the present cascade if that has an integral, else gains derived from `axis.rate`. The
+        The first has the gains of the present cascade if it has an integral, else gains derived from `axis.rate`. The
         second is tried only with a disturbance observer, which then provides the integral action.
         """
         rate = axis.rate

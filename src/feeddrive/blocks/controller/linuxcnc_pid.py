@@ -92,7 +92,7 @@ class LinuxcncPid(Law):
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of pids that were disabled until now: differences are up to date, integrals are zero."""
+        """Return the state of pids that have been disabled so far: differences are up to date, integrals are zero."""
         # a pid differences its command: it must have seen that of one sample before
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity

@@ -175,7 +175,7 @@ class LQG(Law):
     def prepare(self, T: Number) -> Prepared:
         """Solve both Riccati equations in normalized units, so that the gains depend on ωT alone.
 
-        The units are 1 for lengths, 1/omega for times and m omega² for forces.
+        The units are 1 m for lengths, 1/omega for times and m omega² for forces.
         """
         hold = self._hold(T)
         n = len(hold)

@@ -36,11 +36,11 @@ class PolePlacement(Law):
         v1 = (x1(k) - x1(k-1)) / T,  v2 likewise;  x2r, v2r are the setpoint, x1r = x2r + lead, v1r = v2r + lead'
         poles:  -ωc,   s² + 2 rigid_damping ωr s + ωr²,   s² + 2 axial_damping ωa s + ωa²
 
-    The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a damping
-    of 1 or more is two real poles, and poles may coincide.  Omitted frequencies default to ωr = ωc and to ωa = 0.975
-    times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise the damping of
-    the axial mode to about five times the mechanical one.  More does not help, since torsional modes and delay then
-    limit the loop.
+    The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a
+    damping ratio of 1 or more becomes two real poles, and poles may coincide.  Omitted frequencies default to ωr = ωc
+    and to ωa = 0.975 times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise
+    the damping of the axial mode to about five times the mechanical one.  More does not help, since torsional modes and
+    delay then limit the loop.
 
     `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
     blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" uses a truncated series

@@ -78,8 +78,8 @@ class SuperTwisting(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return one variant, in the zone form with slow start values.
 
-        L, and thus the width of the zone, suits disturbances that change by 50 m/s² per millisecond, and is larger if
-        the reading noise requires it.
+        L, and thus the width of the zone, is chosen for disturbances that change by 50 m/s² per millisecond, and is
+        larger if the reading noise requires it.
         """
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings

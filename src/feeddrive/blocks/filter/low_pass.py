@@ -27,7 +27,7 @@ class LowPass(Filter):
         a: Number
 
     class State(NamedTuple):
-        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, which a live change uses."""
+        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, which is needed for a live change."""
 
         delayed: Number
         output: Number
