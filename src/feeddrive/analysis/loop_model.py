@@ -122,7 +122,7 @@ def gain_edge(model: Lifted) -> float | None:
 
 
 def delay_edge(model: Lifted) -> int | None:
-    """Return the number of samples by which the dead time may grow with the loop still stable, from its poles.
+    """Return the number of samples by which the dead time may grow while the loop stays stable, from its poles.
 
     The result is None if the loop is stable even with 400 additional samples.
     """

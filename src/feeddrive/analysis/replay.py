@@ -31,7 +31,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A controller whose inputs in each sample are setpoint, readings and the force applied according to a log."""
+    """A controller whose inputs in each sample are the setpoint, the readings and the applied force of a log."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)

@@ -198,7 +198,7 @@ class Sensor(Block, ABC):
 class Law(Block, Retuned, ABC):
     """A feedback law, one per file, whose command is a force in N at the load.
 
-    feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so that no other block may do so
+    feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs separate measurements of motor and load position, else 1
     tunables parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
@@ -290,7 +290,7 @@ FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that
 class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
-    feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so that no other block may do so
+    feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so no other block may do so
     title    name of the block in a comparison
     learned  name in a comparison if the parameters are learned from trials; empty if they cannot be learned
     """
@@ -429,7 +429,7 @@ class Compensation(Block, Retuned, ABC):
 
 
 class Reference(Block, ABC):
-    """A motion in closed form or from a log; it is sampled rather than traced, so that it may use numpy."""
+    """A motion in closed form or from a log; it is sampled rather than traced, so it may use numpy."""
 
     @property
     @abstractmethod

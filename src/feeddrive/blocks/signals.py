@@ -68,7 +68,7 @@ class Estimate(NamedTuple):
     """An observer's estimate of the axis at t = kT.
 
     `disturbance` is the force on the axis in addition to the drive's: friction, cutting, gravity, model errors.  A
-    positive one acts towards larger positions, so that a controller compensates for it by subtraction.
+    positive one acts towards larger positions, so a controller compensates for it by subtraction.
     """
 
     position: Number  # m

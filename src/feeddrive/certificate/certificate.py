@@ -85,7 +85,7 @@ class LoopResponse:
 
     @cached_property
     def pole(self) -> complex:
-        """The pole of the closed loop over a period with the largest |z|."""
+        """The closed-loop pole over one period that has the largest |z|."""
         return complex(self.closed.poles()[0])
 
     @property

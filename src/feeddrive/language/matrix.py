@@ -108,7 +108,7 @@ def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """Return e^A - I from a Taylor series of fixed order for A/2ˢ and s squarings (I + D)² - I = 2D + D².
 
     s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per variant; `LARGEST_NORM` is the largest permitted norm.  Since the
-    identity I is not added, no precision is lost for a small A, so that rounding does not make an axis at rest creep.
+    identity I is not added, no precision is lost for a small A, so rounding does not make an axis at rest creep.
 
     at_least  smallest value of s, for matrices that usually need as many squarings: these squarings are unconditional,
               which saves branches in exported C code

@@ -38,7 +38,7 @@ class CascadePPI(Law):
     own `viscous` at 0.
 
     When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
-    times the wanted crossover, a law that damps it performs better.
+    times the desired crossover, a law that damps it performs better.
     Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced in the same way as the
     measured one.
     """

@@ -31,7 +31,7 @@ class LinuxcncPid(Law):
     Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a controller with this law needs no other limit.
     A parameter that is changed in a running loop changes the force at once, as `setp` does.  A pid integrates the
-    error, so that a new Igain rescales the whole accumulated integral.  A biquad keeps the delayed sums that it
+    error, so a new Igain rescales the whole accumulated integral.  A biquad keeps the delayed sums that it
     computed with its old coefficients.
 
     When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  Not needed with

@@ -46,7 +46,7 @@ class Lugre(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Return the state with undeflected bristles."""
+        """Return the state with undeflected bristles, whatever the velocity."""
         return self.State(0.0)
 
     def linear(self) -> Number:

@@ -2,7 +2,7 @@
 
 `//` and `%` follow Python's definition, using only exact operations. They are written in the kernel language; the
 interpreter uses Python's own operators. The trigonometric functions are the arithmetic of `language/mathematics.py`,
-traced to LLVM text. No library is called, so that the results are bit-identical on every machine.
+traced to LLVM text. No library is called, so the results are bit-identical on every machine.
 """
 
 from __future__ import annotations

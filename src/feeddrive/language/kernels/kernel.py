@@ -1,6 +1,6 @@
 """The kernel decorator, kernel calls, and the machine code of the kernels of a file.
 
-A kernel of another file is called as an external function, linked to the code of that file, so that every file is
+A kernel of another file is called as an external function, linked to the code of that file, so every file is
 compiled only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with
 optimizer passes and better instruction selection; results and errors are identical.
 """

@@ -141,7 +141,7 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
     """Return, for each selection, its group: the selections that are evaluated together, in place of the first of them.
 
-    A group has a common condition, so that results needed on only one side of it, such as the forces of a tooth in the
+    A group has a common condition, so results needed on only one side of it, such as the forces of a tooth in the
     cut, share one branch.  All operands of a group were traced before its first selection, so none of its selections
     depends on another.
     """
