@@ -118,7 +118,7 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger of the two."""
+        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger of the two radii."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         # a line within rounding of an edge belongs to both bands, and the larger radius of the two counts

@@ -48,9 +48,9 @@ class PolePlacement(Law):
     which needs no model of the spring but loses most of the accuracy.
 
     If the force was limited in a sample, the term that this sample added to the integral is removed one sample later.
-    When to use: ball screws and belts whose first mode lies within three times the desired crossover, with an encoder on
-    the motor and one on the table.  Not suitable for a single encoder, or if the frequency of the axial mode changes by
-    more than a fifth along the travel.
+    When to use: ball screws and belts whose first mode lies within three times the desired crossover, with one encoder
+    on the motor and one on the table.  Not suitable for a single encoder, or if the frequency of the axial mode changes
+    by more than a fifth along the travel.
     Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
     """
 
