@@ -227,7 +227,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
-        """Return one or several variants of the law with start values for a search.
+        """Return one or more variants of the law with start values for a search.
 
         `present` is the law of the axis's present controller. By default the start values follow from the units of the
         parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
@@ -392,7 +392,7 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one or several variants of the block, by default one with start values derived from the units.
+        """Return one or more variants of the block, by default one with start values derived from the units.
 
         Raises StructureError, with the reason, if no variant suits the axis.
         """
