@@ -196,7 +196,7 @@ def read_machine(
 
 
 def machine_of_text(text: str, name: str) -> MachineFile:
-    """Return the machine of a text in the form of a machine file; errors name it `name`.
+    """Parse the text of a machine file; `name` is the file name in error messages.
 
     Raises ParameterError or StructureError, like `read_machine`.
     """
