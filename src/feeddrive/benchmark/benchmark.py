@@ -47,7 +47,7 @@ _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
 def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
-    """Return the trials on a plant, P-PI first, then the refused laws, then the recipes if no laws are named.
+    """Return the trials on a plant: the laws, P-PI first, the refused laws and, if no laws are named, the recipes.
 
     Raises FileError for a damaged design.
     """
@@ -252,7 +252,7 @@ def score(
     laws      names or kinds of the laws to run, P-PI always included; default: all laws and the recipes
     designs   folders of designs that take precedence over those stored in the package
     own       a user's seed, from which all seeds of the runs are derived; 0 for the seeds of the rules
-    engine    engine that runs the laws and stores finished ones; default: in this process
+    engine    engine that runs the laws and stores finished cases; default: in this process
 
     The same rules, designs and seed give the same bits, for any number of workers.
     Raises ParameterError for an unknown law, CancelledError if cancelled.

@@ -93,7 +93,7 @@ def detached(case: Case[T]) -> tuple[tuple[Any, ...], Case[T]]:
 
 
 def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
-    """Return a case after putting back its shared fields, which were sent separately."""
+    """Return a case with its shared fields restored, which were sent separately."""
     return replace(cast(Any, case), **dict(zip(case.common, common, strict=True)))
 
 

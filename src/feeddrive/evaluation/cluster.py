@@ -68,7 +68,7 @@ def finished(
 
 @dataclass
 class _Place(Generic[C]):
-    """A submitted case, its number among the cases of this client, and how often Dask has given up on it."""
+    """A submitted case, its number among the cases of this client, and how many times Dask has given up on it."""
 
     case: C
     number: int

@@ -61,7 +61,7 @@ class Duty:
 
     @property
     def snap(self) -> StepForce:
-        """The release of a load: `force` pulls the table back until `begin`, as by a rope that is then cut."""
+        """The release of a load: `force` pulls the table back until `begin`, like a rope that is then cut."""
         return StepForce(force=-self.force, start=0.0, end=self.begin)
 
     @property

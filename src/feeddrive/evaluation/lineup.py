@@ -24,7 +24,7 @@ FIXED = "it has nothing to tune and is judged as it is"
 
 
 class Trial(NamedTuple):
-    """A law that is to be judged, or that has no gains to be judged with; and the tuning of its gains."""
+    """A law to evaluate, or a finished row if it has no gains to evaluate, with the tuning of its gains."""
 
     law: AtWork | Competitor
     tuned: Tuned | Design | None = None
@@ -35,7 +35,7 @@ class Trial(NamedTuple):
         return self.law.candidate.name if isinstance(self.law, AtWork) else self.law.name
 
     def placed(self, row: Competitor) -> Competitor:
-        """Return the evaluated row with its tuning, which may be a reason not to rank it."""
+        """Return the evaluated row with its tuning; it is not ranked if the tuning is unsettled or the design stale."""
         law, tuned, moved = self.law, self.tuned, ""
         row = replace(row, tuned=tuned)
         if tuned is None or row.kind not in ("", OUTSIDE):
@@ -62,7 +62,7 @@ class Lineup:
 
     @property
     def searched(self) -> list[Candidate]:
-        """The laws that have tunables of their own, and do not take the gains of another one."""
+        """The laws that have tunables and do not reuse the gains of another law."""
         return [law for law in self.possible if not law.like and own_tunables(law.loop.control)]
 
     @property
@@ -93,7 +93,7 @@ class Lineup:
         return name
 
     def trials(self, tunings: Mapping[str, Tuned | Design | Refusal], plant: Plant) -> Iterator[Trial]:
-        """Yield the trial of each law with its gains or those of the law `like`, and then the refused laws."""
+        """Yield a trial of each law, with its own gains or those of the law `like`, and then the refused laws."""
 
         def left_out(law: str, why: str) -> Trial:
             return Trial(Competitor(law, plant.model, unplaced=why, plant=plant.name))
@@ -122,7 +122,7 @@ class Lineup:
 
 
 def judged(trials: Sequence[Trial], engine: Engine, bar: Bar) -> list[Competitor]:
-    """Evaluate those control laws that have gains to be judged with; return the results of all laws in order."""
+    """Evaluate the laws that have gains; return the rows of all laws in order."""
     for row in (trial.law for trial in trials if isinstance(trial.law, Competitor)):
         bar.step(": ".join(filter(None, (row.plant, row.name))))
     evaluated = iter(engine.evaluate([trial.law for trial in trials if isinstance(trial.law, AtWork)], bar))

@@ -47,7 +47,7 @@ class Row(NamedTuple):
     unit      unit in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page that document the parameter; empty if no manual was available
     linear    name, unit and measure for a linear motor, if they differ; an empty name if there is no such parameter
-    turning   the same for an axis that turns
+    turning   the same for a rotary axis
     scale     additional factor on the value, such as -1 for a lower limit
     decimals  number of decimals that the controller stores; `most` is the largest magnitude that it accepts
     """
@@ -691,8 +691,8 @@ def write_parameters(
     lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
     Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for a
-    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor or an axis that
-    turns that the manufacturer does not support; FileError as `new_directory` does.
+    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor or a rotary
+    axis that the manufacturer does not support; FileError as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
     for wanted_maker in wanted:

@@ -191,7 +191,7 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, which equals the checked one and which nobody can change between check and run."""
+    """Run the fresh export, which is identical to the checked one and cannot be modified between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     # a short trial has some ten broken numbers, too

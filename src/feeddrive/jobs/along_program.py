@@ -64,8 +64,8 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
     """Return a mask of the samples at which the tool generates a finished wall of the part (see `on_part`).
 
-    Without a [process] section, all samples at feed rate are included.  Of a cut that generates no finished wall, all
-    samples at feed rate are included, too.
+    Without a [process] section, all samples at feed rate are included, and likewise for a cut that generates no
+    finished wall.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):

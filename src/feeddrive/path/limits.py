@@ -108,8 +108,8 @@ class MachineLimits:
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """Yield the moves unchanged; refuse a path tolerance that is too large, or smaller than the resolution of an axis
-        or rounding errors.
+        """Yield the moves unchanged; refuse a path tolerance that is too large, or smaller than the resolution of an
+        axis or rounding errors.
 
         Raises ProgramError at the line of an unsuitable tolerance.
         """

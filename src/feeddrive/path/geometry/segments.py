@@ -256,8 +256,8 @@ def blend(
     difference: Floats2,
     out: Floats2,
 ) -> tuple[float, float, float]:
-    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on its
-    distance, or zeros if there is none.
+    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on the
+    distance between blend and segments, or zeros if there is none.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest

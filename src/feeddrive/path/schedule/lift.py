@@ -139,8 +139,8 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Do the same as `lifted` for a motion that is at rest at neither end; `end` is u' .. u''' at the end of the
-        motion.
+        """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
+        u' .. u''' at the end of the motion.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
