@@ -55,7 +55,7 @@ def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str
     tunings = {law.name: design for law in lineup.searched if (design := designs.outcome(law.name)) is not None}
     plain = next(lineup.trials(tunings, plant)).law
     if isinstance(plain, AtWork):
-        # the rule of all laws: the tuned P-PI sets the bound of the noise
+        # the rule for all laws: the tuned P-PI sets the noise limit
         noise = plant.rule.figures(plain.candidate.loop)[of_loops.NOISE_GAIN.key]
         plant = replace(plant, rule=replace(plant.rule, noise=rules.noise_ratio * noise))
     listed = list(lineup.trials(tunings, plant))
@@ -116,7 +116,7 @@ class Benchmark(Result):
         """Return the row of a law on a plant; None if there is none."""
         return next((row for row in self.rows if (row.plant, row.name) == (plant, law)), None)
 
-    # recipes are shown for what they are: gains without a search, which need not keep the rule
+    # recipes are shown as they are: gains without a search, which need not satisfy the rule
     def counted(self, law: str) -> list[Competitor]:
         """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
         rows = [row for row in self.rows if row.name == law]
@@ -155,7 +155,7 @@ class Benchmark(Result):
         return self.scores(self.laws, f"Rules {self.rules.version}: times better than {PLAIN} at equal robustness")
 
     def tables(self) -> list[Table]:
-        """Return the score tables of the laws, and of the recipes, which may violate the rule, if there are any."""
+        """Return the score table of the laws and, if any, that of the recipes, which may violate the rule."""
         title = f"Recipes without a search, against tuned {PLAIN}; not at equal robustness"
         return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
 

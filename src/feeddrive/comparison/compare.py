@@ -171,8 +171,8 @@ def compare_laws(
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
                        from reading noise to force, relative to that of the tuned P-PI
     seed               seed of the encoder noise, the same for all laws
-    starts             number of searches per law; with a single one nothing is ranked, since no second search confirms
-                       it
+    starts             number of searches per law; with a single search no law is ranked, since no second search
+                       confirms the result
     engine             engine that tunes and evaluates the laws and stores finished cases; default: in this process
     progress           reports each step and the number of steps
 
@@ -200,7 +200,7 @@ def compare_laws(
     bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(lineup.possible) + len(lineup.refused) + 1)
     tunings, rule = tuned_all(searched, rule, engine, bar)
     plant = Plant("", loop, duty, rule, (Place(name, loop.axis, loop.axis),), (seed,), seed)
-    # today's gains are judged first and as they are: all other rows are read against them
+    # the present gains come first and unchanged: all other rows are compared with them
     today = Trial(AtWork(Candidate(TODAY, loop, "as in the machine file"), plant))
     rows = judged([today, *lineup.trials(tunings, plant)], engine, bar)
     competitors = tuple(row for row in rows if row.kind != REFUSED)

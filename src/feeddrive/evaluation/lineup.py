@@ -40,7 +40,7 @@ class Trial(NamedTuple):
         row = replace(row, tuned=tuned)
         if tuned is None or row.kind not in ("", OUTSIDE):
             return row
-        # stored are the figures of the law itself at the nominal position; those of a row are the worst of all
+        # the stored figures are those of the law at the nominal position; those of a row are the worst of all positions
         if isinstance(law, AtWork) and isinstance(tuned, Design) and tuned.law == row.name:
             moved = tuned.moved(row.figures) if len(law.plant.places) == 1 else ""
         if moved:
@@ -57,7 +57,7 @@ class Lineup:
 
     @classmethod
     def of(cls, loop: Loop, own: Sequence[type[Law]] = ()) -> Self:
-        """Return the laws for an axis; `own` are user-defined classes outside of the catalog."""
+        """Return the laws for an axis; `own` are user-defined classes that are not in the catalog."""
         return cls(*candidates(loop, own))
 
     @property
@@ -93,7 +93,7 @@ class Lineup:
         return name
 
     def trials(self, tunings: Mapping[str, Tuned | Design | Refusal], plant: Plant) -> Iterator[Trial]:
-        """Yield a trial of each law, with its own gains or those of the law `like`, and then the refused laws."""
+        """Yield a trial of each law with its gains, which may be those of another law, and then the refused laws."""
 
         def left_out(law: str, why: str) -> Trial:
             return Trial(Competitor(law, plant.model, unplaced=why, plant=plant.name))
@@ -107,7 +107,7 @@ class Lineup:
             elif tuned is not None:
                 try:
                     gains = tree.vary(base.loop.control, dict(tuned.tunables))
-                # the law has other tunables than when its design was stored
+                # the law no longer has the tunables with which its design was stored
                 except FeeddriveError as error:
                     yield left_out(law.name, f"{STALE}: {error}")
                 else:

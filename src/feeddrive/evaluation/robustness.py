@@ -47,7 +47,7 @@ class Rule:
     noise_ratio   largest force noise of a law relative to P-PI
     velocity      velocity at which the loop is linearized, m/s
     starts        number of searches per law
-    noise         noise-gain limit in N/m, known once P-PI is tuned; None before
+    noise         noise-gain limit in N/m; None until P-PI is tuned, which sets it
     repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
                   only if all of them end within 5 % of the best
     also          the axis at further positions or loads: the bounds apply there too, and the worst objective counts

@@ -582,7 +582,7 @@ LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a low-pass filter for both drives; a notch is rejected, since it is not documented."""
+    """Return the lines of a low-pass filter for AX5000 and AX8000; a notch is rejected, since it is not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -795,7 +795,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
     """Return the parts of the design that a manufacturer cannot represent.
 
-    Filters are judged one by one, all other parts by their kind.
+    Filters are checked individually, all other parts by kind.
     """
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):

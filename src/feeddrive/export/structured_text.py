@@ -74,9 +74,9 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return the values, by node, of operations that depend on fixed parameters only but are read by other rules.
+    """Return the values, by node, of operations on fixed parameters that are operands of rules on other parameters.
 
-    Such a rule also reads parameters that can still be changed.
+    The other parameters of such a rule can still be changed.
     """
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
@@ -490,7 +490,7 @@ class Printer:
         return lines
 
     def _sampled(self, taken: Iterable[str]) -> Section:
-        """Return a section of statements that read inputs, state and design, as those of a sample do."""
+        """Return a new section for the statements of one sample, which read inputs, state and design."""
         layout, routine = self.layout, self.routine
         fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
         leaves: dict[int, str] = {}

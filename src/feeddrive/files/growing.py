@@ -280,7 +280,7 @@ class GrowingTable:
     def _understand(self) -> bool:
         """Detect layout, names, units and clock from the first lines; return False while there are too few."""
         head = self._content.head()
-        # More content makes nothing clearer.
+        # More content would not help.
         full = len(head) >= HEAD
         head = head[: head.rfind(b"\n") + 1]
         if head.count(b"\n") < _LEAST and not full:

@@ -189,7 +189,7 @@ def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[
     read = [read_name(name, units_.get(name, ""), axes[name]) for name in names]
     all_ = dict.fromkeys(reading.axis for reading in read if reading.role_like and reading.axis)
     moving = {reading.axis for reading in read if reading.quantity in _MOTION}
-    # a group without a motion, as that of a program, is no axis
+    # a group without a motion, such as that of a program, is not an axis
     return tuple(axis for axis in all_ if axis in moving) or tuple(all_)
 
 
@@ -382,7 +382,7 @@ class _Taking:
             self._as_setpoint(name, reading, role, setpoint, goal, actual)
             return
         motor, load = (other, role) if role.endswith("_load") else (role, other)
-        # the first in the file is taken for the motor's, until the samples say otherwise
+        # the first in the file is assumed to be the motor's, unless the samples contradict this
         if role in self.mapping:
             self.mapping[motor] = self.mapping.pop(role)
             del self.reasons[role]

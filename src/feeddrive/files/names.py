@@ -80,7 +80,7 @@ _MEASURED = {
     "estimate",
     "estimated",
 }
-# what is logged beside an axis, and has no role in its model
+# signals that are logged with an axis but have no role in its model
 _OTHERS: Mapping[str, frozenset[str]] = {
     "the supply of the drive, no signal of the axis": frozenset(
         {"bus", "dcbus", "vbus", "ibus", "dclink", "link", "zwischenkreis", "zwischenkreisspannung", "supply"}
@@ -188,7 +188,7 @@ _LETTERED = re.compile(r"([svaIM]|V) \(?(actual|act|nominal|noml|nom)\.?(?: rpm)
 # variables of the servo trace of SINUMERIK; 32 and 64 are widths of the number
 _NCK = re.compile(r"nckServoData(Act|Cmd)(Pos|Vel|Torque|Curr)(1stEnc|2ndEnc|Mot)?(?:32|64)")
 _NCK_UNITS = {"Pos": ("position", "mm"), "Torque": ("torque", "N m"), "Curr": ("current", "A"), "Vel": ("speed", "rpm")}
-# German compounds with set or actual before or behind: Sollposition, Lageistwert
+# German compounds with set or actual at the start or at the end: Sollposition, Lageistwert
 _BEHIND = re.compile(r"(soll|ist)wert")
 _BEFORE = re.compile(
     r"(?<![a-zäöü])(soll|ist)(?=position|lage|weg|winkel|geschwindigkeit|drehzahl|beschleunigung|kraft|drehmoment|moment|strom)",
@@ -200,7 +200,7 @@ _AXIS = re.compile(r"(?:joint|axis|axes|achse|ax|j)[ ._\[-]*([0-9]{1,2}|[xyzabc]
 _UNIT_NUMBER = re.compile(r"\[u[0-9]+[;, ]+([0-9]{1,2})\]")  # of a SINUMERIK variable: [u1, 2] is axis 2
 _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 _LETTERS = frozenset("xyzabcuvws")
-# alone, these letters are an acceleration, a path, a velocity and a voltage more often than an axis: v_ist, s_soll
+# on their own, these letters denote acceleration, path, voltage or velocity more often than an axis: v_ist, s_soll
 _QUANTITIES = frozenset("asuv")
 _INTEGRAL = re.compile(r"I \(int")
 

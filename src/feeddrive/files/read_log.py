@@ -1,6 +1,6 @@
 """Reading of measured logs: the format is detected from the content; all channels share one clock.
 
-The time stamps must have a uniform sample time, no gap and no backward step. Every error states place and remedy.
+The time stamps must have a uniform sample time, no gap and no backward step. Every error states location and remedy.
 """
 
 import hashlib

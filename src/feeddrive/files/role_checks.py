@@ -31,12 +31,12 @@ _FORCES = ("force", "torque", "command", "current")
 SCALE = 2.0  # times that two channels of one motion may differ in size: a slow loop; units differ by 16 and more
 OTHER = 0.5  # share of a motion below which a channel is certainly of another axis or of another quantity
 COUNTED = 1e-4  # share by which the changes of s - x may differ from those of a logged difference
-# share by which a position may differ from the integral of its velocity: makes a mass 2 % wrong if it is the clock
+# share by which a position may differ from the integral of its velocity: as an error of the clock, 2 % of a mass
 CLOCK_OFF = 0.01
 EQUAL = 1e-3  # share by which the numbers of a force may differ from those of a current that it is: rounding of a file
 MOST_ROWS = 100_000  # rows that are compared: the liveliest stretch of a longer log
 
-# sizes that two units of one quantity have to each other: of lengths, speeds and angles
+# factors between the units of one quantity: lengths, speeds and angles
 _RATIOS = {
     "m": {"mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "m/s": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "mm/min": 1e-3 / 60.0},
@@ -246,7 +246,7 @@ class _Check:
             scale = self.scale(motor, table, like.gain)
             if scale is not None:
                 return [scale]
-            # the small difference of two encoders is not to be read off if their scales are off by more than a percent
+            # the small difference of two encoders is lost if their scales differ by more than a percent
             first = shapes.ahead(x1, x2 / like.gain if like.gain else x2, self.T)
             if first < -shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
@@ -257,7 +257,7 @@ class _Check:
                     f"in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
                 )
                 return [RoleDoubt((motor, table), "encoders", why, certain=first < -shapes.SURE)]
-            # 0 of a log that is too short or at rest, which tells nothing
+            # 0 for a log that is too short or at standstill, which gives no evidence
             if 0.0 != first < shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
                 why = Text(
@@ -583,7 +583,7 @@ def _ordered(
     unused: dict[str, str] = {}
     names = sorted(alike, key=lambda name: alike[name][1].lag)
     if len(names) > 1 and not has_setpoint:
-        # the channel that is the setpoint of all others, if it can be told
+        # the channel that is the setpoint of all others, if the samples show it
         for goal in names:
             others = [name for name in names if name != goal]
             told = [shapes.order(alike[goal][0], alike[name][0], force, T) for name in others]
@@ -602,7 +602,7 @@ def _ordered(
         roles["position_motor"] = (motor, f"{what}; motor: it runs ahead while the axis accelerates")
         roles["position_load"] = (table, f"{what}; table: it trails the motor")
         return roles, unused
-    # encoders, or position and setpoint: a guess would be wrong every second time
+    # encoders, or position and setpoint: every second guess would be wrong
     for name in names:
         others = joined(" and ", (f"'{other}'" for other in names if other != name))
         unused[name] = Text(

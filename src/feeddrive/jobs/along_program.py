@@ -33,7 +33,7 @@ def out_of_the_work(job: Job, system: System) -> System:
     """Return the machine without the cuts of the job's program, for the analysis of its axes in air."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
-    # the cuts of the program stand behind the couplings of the machine file
+    # the cuts of the program follow the couplings of the machine file
     return dataclasses.replace(system, couplings=system.couplings[: len(job.machine.couplings)])
 
 
@@ -161,7 +161,7 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
         for cut in sorted(kinds.values()):
             try:
                 verdicts.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
-            # one kind of cut that cannot be judged must not cost the verdicts on the others
+            # a kind of cut that cannot be analyzed must not prevent the verdicts on the others
             except FeeddriveError as error:
                 verdicts.append(Chatter(row, cut, None, why=str(error)))
     return tuple(verdicts)

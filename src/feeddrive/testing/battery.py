@@ -170,10 +170,10 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     near = _SHARE * np.maximum(np.abs(last), np.abs(required[0])) + _SMALL * _usual(last.size) + rounding
     # a hundredth of a bump: a slow drift must not count as one
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
-    # a law that does not hold its first force has still a transient: it shows the change of gains, not of state
+    # a law that does not hold its first force still has a transient, which shows the change of gains, not of state
     if isinstance(old, families.Law) and not errors:
         steady = steady and abs(last[0] - at.force) <= near[0]
-    # in motion other numbers may need another force: only where they need the same one is a change of it a bump
+    # in motion other numbers may need another force: a change of the force is a bump only if they need the same one
     if at.way > 0.0:
         steady = steady and np.all(np.abs(required - last) <= near)
     low, high = np.minimum(last, required) - near, np.maximum(last, required) + near

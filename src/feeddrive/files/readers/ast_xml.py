@@ -369,7 +369,7 @@ def _decoded(text: str) -> np.ndarray:
     except UnicodeEncodeError:
         raise ValueError("it has letters that are not ASCII") from None
     zero = letters == ord(_ZERO_WORD)
-    # in characters of a word that is not zero: where each point stands must be between two words
+    # counted in the characters of nonzero words: each point must lie between two words
     before = np.cumsum(~zero)
     if np.any(before[zero] % 5) or (before.size and before[-1] % 5):
         raise ValueError("a word has not five characters")
@@ -379,7 +379,7 @@ def _decoded(text: str) -> np.ndarray:
     values = digits[~zero].reshape(-1, 5).astype(np.uint64) @ _PLACES
     if np.any(values >= 2**32):
         raise ValueError("a word is beyond 32 bits")
-    # a word stands where its first character is, a zero word where its point is
+    # the position of a word is that of its first character, that of a zero word the position of its point
     first = np.flatnonzero(~zero)[::5]
     places = np.concatenate([first, np.flatnonzero(zero)])
     words = np.concatenate([values, np.zeros(np.count_nonzero(zero), np.uint64)])

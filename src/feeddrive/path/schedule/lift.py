@@ -302,7 +302,7 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """Split a section that cannot be lifted as a whole at its middle node; return both halves, the second first."""
+    """Split, at its middle node, a section that cannot be lifted as a whole; return the second half, then the first."""
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):
