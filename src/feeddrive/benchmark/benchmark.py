@@ -2,9 +2,8 @@
 
     score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's (inverted if more is better)
 
-
-so that 1 is P-PI and more is better; over the n plants on which both are ranked with a finite figure.  Figures are
-neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
+P-PI has the score 1, and more is better.  The product is over the n plants on which both are ranked with a finite
+figure.  Figures are neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
 """
 
 import math
@@ -70,8 +69,8 @@ def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str
 
 @dataclass(frozen=True)
 class Score:
-    """The score of a law by one figure: improvement factor over P-PI, number of plants, and number of further plants on
-    which it never settles.
+    """The score of a law for one figure: the improvement factor over P-PI, the number of plants, and the number of
+    further plants on which the law never settles.
     """
 
     value: float | None
@@ -160,7 +159,7 @@ class Benchmark(Result):
         return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
-        """Return a table with one row per law: number of plants, score by each figure, robust Ms."""
+        """Return a table with one row per law: number of plants, score for each figure, robust Ms."""
         rows: list[list[Cell]] = []
         for law in laws:
             count = sum(not row.unplaced for row in self.counted(law))
@@ -286,7 +285,7 @@ def search(
     stored  use the designs stored in the package as well
 
     A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
-    the searches; its own store is replaced.
+    the searches; its store is replaced by the designs in `keep`.
     Raises FileError if the folder cannot be written, CancelledError if cancelled.
     """
     engine, progress = engine or Engine(), progress or Progress()

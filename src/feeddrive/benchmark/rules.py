@@ -46,7 +46,7 @@ class PlantSection(Section):
     position: tuple[PositionSection, ...] = part("further positions, at which all bounds hold too", default=())
 
     def plant(self, job: Job, rules: Rules) -> Plant:
-        """Return the plant of its job, with the noise of the rules in the readings."""
+        """Return the plant that a job describes, with the encoder noise of the rules."""
         if job.axis is None or not isinstance(job.reference, Reference):
             raise self.error("a plant of the benchmark is one axis with a reference")
         loop = _noisy(job.machine.loop(job.axis), float(rules.noise))

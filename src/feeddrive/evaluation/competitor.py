@@ -98,7 +98,7 @@ class Competitor:
 
     @property
     def kind(self) -> str:
-        """The kind of reason why the law is not ranked, in a few words; empty if it is."""
+        """The kind of reason why the law is not ranked, in a few words; empty if it is ranked."""
         return self.unplaced.partition(":")[0]
 
     @property
@@ -152,7 +152,7 @@ class AtWork(Case[Competitor]):
         return self.plant.label(self.candidate.name)
 
     def record(self, outcome: Competitor) -> Mapping[str, Any] | None:
-        """Return the row of the benchmark as a record, keeping the quantities in its texts."""
+        """Return the row of the benchmark as a record that preserves the quantities in texts; None in a comparison."""
         if not self.plant.name:
             return None
         return {
@@ -189,7 +189,7 @@ class AtWork(Case[Competitor]):
     def _judged(self, law: Competitor) -> Competitor:
         """Return the law with its worst figures over all positions and noise seeds, and the runs of the first.
 
-        A loop that has unstable eigenvalues or leaves its bounds for any of them is unfit.
+        The law is unfit if its loop is unstable or leaves its bounds at any position or noise seed.
         """
         places, rule = self.plant.loops(law.loop), self.plant.rule
         rows: list[Competitor] = []

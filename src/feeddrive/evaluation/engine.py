@@ -1,4 +1,4 @@
-"""The engine that evaluates cases: in this process, on its cores or on a Dask cluster, resumable.
+"""The engine that evaluates cases in this process, on all cores or on a Dask cluster, and can be stopped and resumed.
 
     engine = Engine(workers=4, store=Folder(Path("kept")))
     outcomes = engine.evaluate(cases, progress)          # in the order of the cases

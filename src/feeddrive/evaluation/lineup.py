@@ -85,7 +85,7 @@ class Lineup:
         )
 
     def fitting(self, law: str) -> str:
-        """Return the name of the first form of a law. Raises ParameterError if it is unknown or refused."""
+        """Return the name of a law on this axis. Raises ParameterError if the law is unknown or refused."""
         name = self.names([law])[0]
         reason = next((refusal.reason for refusal in self.refused if refusal.name == name), "")
         if reason:

@@ -661,7 +661,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README on one file: its lines and the missing parts of the design, or why it is absent."""
+    """A section of the README on one file: its lines and the missing parts of the design, or why the file is absent."""
 
     title: str
     file: str = ""

@@ -109,7 +109,7 @@ def verify_export(
 
     The exported code is run by the tool of its target, such as FMPy for an FMU. The expected outputs are computed from
     the machine file of the export, in double precision by the simulator of this version, in single precision by the
-    same operations in Python, each of them rounded.
+    same operations in Python, each rounded to single precision.
     A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,

@@ -80,7 +80,7 @@ class JobResult(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The strings from the job file and the machine file that the user has written, such as titles and names."""
+        """The user-defined strings in the job file and the machine file, such as titles and names."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:

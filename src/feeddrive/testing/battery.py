@@ -272,7 +272,7 @@ except ImportError as absent:
 
 
 def battery(*blocks: type[Block]) -> type[Rows]:
-    """Return a test class for some blocks; assign it to a name that begins with Test in a test module.
+    """Return a test class for the given blocks; assign it to a name that begins with Test in a test module.
 
     Raises StructureError for anything but a concrete block class, and for a call within a running test, since pytest
     would then collect nothing.
@@ -350,7 +350,7 @@ def check_slopes(exercise: Exercise) -> None:
     """Compare derivatives of the graph with central differences, wherever one-sided differences and other step sizes
     agree with the central differences.
 
-    Raises AssertionError that names the output and the inputs for which they differ.
+    Raises an AssertionError that names the output and the inputs for which they differ.
     """
     graph, nodes, leaves = exercise.trace()
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
@@ -432,7 +432,7 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 class Rows:
     """The tests of the battery.
 
-    The argument of a test selects its blocks.
+    The name of a test's argument selects the blocks to which the test applies:
 
     block    all `blocks`
     asked    blocks that are called in each step
