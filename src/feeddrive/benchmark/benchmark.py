@@ -117,7 +117,7 @@ class Benchmark(Result):
 
     # recipes are shown as they are: gains without a search, which need not satisfy the rule
     def counted(self, law: str) -> list[Competitor]:
-        """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
+        """Return the rows of a law that enter its score: the ranked ones, and for a recipe all that have figures."""
         rows = [row for row in self.rows if row.name == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 

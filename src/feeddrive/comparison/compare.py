@@ -281,7 +281,7 @@ def best_law(comparison: Comparison) -> str:
 
 
 def advice(comparison: Comparison) -> Advice:
-    """Recommend the law with the least rope-snap error; state first where it is worse than P-PI or today's gains."""
+    """Recommend the law of least rope-snap error; state first where it is worse than P-PI or the present gains."""
     snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(_SNAP))}
     best = best_law(comparison)
     if not best:

@@ -34,7 +34,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """The error raised if LinuxCNC rejects a component, fails or does not end; its message contains the output."""
+    """The error if LinuxCNC rejects a component, fails or does not end; the message contains the output."""
 
     exit_code = 1
 

@@ -41,7 +41,7 @@ class Fixed:
 
     fields      values of the fixed design numbers, by field name
     parameters  parameters that can no longer be changed on the PLC
-    nodes       values, by node, that depend on fixed parameters only and are read by rules on other parameters
+    nodes       values, by node, that depend on fixed parameters only and are read by rules on tunable parameters
     """
 
     fields: Mapping[str, float]
@@ -74,10 +74,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return the values, by node, of operations on fixed parameters that are operands of rules on other parameters.
-
-    The other parameters of such a rule can still be changed.
-    """
+    """Return, by node, the values that depend on fixed parameters only and are read by rules on tunable parameters."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)

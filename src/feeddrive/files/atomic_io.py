@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the path to show in an error: in the final directory, not in the temporary one; None if not a path."""
+    """Return the path to show in an error, in the final directory instead of the temporary one; None if not a path."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)

@@ -60,7 +60,7 @@ class SpeedController:
 
     Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None without integral action
     filters  enabled filters
-    left     features in the file that feeddrive's control law does not support, as clauses
+    left     features in the file that feeddrive's control law does not support, in words
     stamp    time at which the tool stored the controller, as text
     """
 
@@ -268,7 +268,7 @@ def _controllers(root: Element) -> tuple[SpeedController, ...]:
 
 
 def _filters(regulator: Element) -> tuple[tuple[Filter, ...], tuple[str, ...]]:
-    """Return the enabled filters of the torque setpoint, and clauses on enabled filters that are not supported."""
+    """Return the enabled filters of the torque setpoint, and a phrase for each enabled filter that is not supported."""
     filters: list[Filter] = []
     left: list[str] = []
     for path, element in regulator.walk():

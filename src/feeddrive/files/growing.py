@@ -60,7 +60,7 @@ class GrowingBytes(Protocol):
     name: str
 
     def head(self) -> bytes:
-        """Return up to `HEAD` bytes from the start, as far as available."""
+        """Return the first `HEAD` bytes, or fewer if not as many are available."""
         ...
 
     def read(self) -> Grown:

@@ -189,8 +189,8 @@ def blend_at(
     difference: Floats2,
     out: Floats2,
 ) -> float:
-    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on its distance to the segments,
-    m.
+    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on the distance between blend and
+    segments, m.
     """
     n = len(shape0)
     B = factor * L
