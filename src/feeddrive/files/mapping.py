@@ -194,7 +194,7 @@ def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[
 
 
 def nameless_in(names: abc.Collection[str], units_: abc.Mapping[str, str], axis: str = "") -> tuple[str, ...]:
-    """Return the channels whose names and units suggest no role, except those that name another axis than `axis`."""
+    """Return the channels whose names and units suggest no role, except those that name an axis other than `axis`."""
     axes = axes_of(names)
     read = {name: read_name(name, units_.get(name, ""), axes[name]) for name in names}
     return tuple(
@@ -355,7 +355,7 @@ class _Taking:
         self.reasons[role] = reading.why + ("" if stated else f"; no unit is stated, {ROLES[role]} is taken")
 
     def again(self, name: str, reading: NameReading, role: str) -> None:
-        """Assign a channel whose role is already taken as setpoint or second encoder, or record why it is unused."""
+        """Assign a channel as setpoint or second encoder if its role is already taken, or record why it is unused."""
         other = _OTHER.get(role, "")
         taken = self.mapping[role].name if role in self.mapping else self.needs[role].column
         # Only a second channel without a side can be the other encoder; a third one cannot be assigned.

@@ -110,7 +110,7 @@ class Preview(Result):
         )
 
     def _own(self, value: float, unit: str) -> Text:
-        """Return a travel, speed or acceleration in the user's unit and, if useful, in that of data sheets."""
+        """Return a travel, speed or acceleration in the user's unit, with that of data sheets in parentheses."""
         if unit in ("m", "rad"):
             return Text(f"{Quantity(value, unit, form=f'4 {self.length}')}")
         if unit == "m/s":

@@ -454,7 +454,7 @@ def option_for(role: str, column: Column) -> str:
 
 
 def joined_options(words: Collection[str]) -> str:
-    """Join several options to a part of a command line, or to a phrase if some are lines of a file."""
+    """Join several options into a part of a command line, or into a phrase if some are lines of a file."""
     return " ".join(words) if all(word.startswith("--") for word in words) else " and ".join(words)
 
 
@@ -530,7 +530,7 @@ def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[
 def _best_pair(
     near: Mapping[str, np.ndarray], places: list[str], forces: list[str], T: float
 ) -> tuple[tuple[str, str] | None, Driven]:
-    """Return the pair of position and drive signal with the best fit, or None, and this fit."""
+    """Return the best-fitting pair of position and drive signal, or None, and the quality of this fit."""
     best: tuple[str, str] | None = None
     how = Driven(0.0, 0.0, 0.0)
     for place in places:
