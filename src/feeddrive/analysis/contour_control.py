@@ -112,8 +112,8 @@ class ContourGain(Result):
     """The largest stable gain of cross-coupled control in 1/s, for the critical direction of the path.
 
     direction   path direction along which a gain above `largest` is unstable: components of a unit vector by axis
-    gain        the current gain of the machine
-    peak        Ms of the contour loop at this gain, that is the maximum of 1/|1 + L| over all directions, where
+    gain        the present gain of the machine
+    peak        Ms of the contour loop at this gain, that is, the maximum of 1/|1 + L| over all directions, where
                 L = gain · n (G/Kv) n, n is the unit normal of the path, and G contains the responses of the axes from
                 set position to reading; for three axes, the largest singular value in the plane normal to the path
     """
@@ -131,7 +131,7 @@ class ContourGain(Result):
 
     @property
     def gain_margin(self) -> float:
-        """The ratio of the largest stable gain to the current gain; infinite for a gain of 0."""
+        """The ratio of the largest stable gain to the present gain; infinite for a gain of 0."""
         return self.largest / self.gain if self.gain > 0.0 else float("inf")
 
     def sentence(self) -> str:
@@ -144,7 +144,7 @@ class ContourGain(Result):
         )
 
     def table(self) -> Table:
-        """Return a table of the current gain and the largest stable gain."""
+        """Return a table of the present gain and the largest stable gain."""
         rows = [
             ["given", Quantity(self.gain, "1/s")],
             ["largest", Quantity(self.largest, "1/s")],
@@ -208,7 +208,7 @@ def _responses(model: StateSpace) -> np.ndarray:
 
 
 def _largest(stable) -> float:  # type: ignore[no-untyped-def]
-    """Return the largest gain up to which the loop is stable for all gains from 0, with a relative accuracy of 1e-6.
+    """Return the gain up to which the loop is stable for all gains from 0, with a relative accuracy of 1e-6.
 
     It is 0 if the loop is unstable even at zero gain.
     """

@@ -101,8 +101,8 @@ _LATEST = 400  # samples: largest dead time of the search
 def gain_edge(model: Lifted) -> float | None:
     """Return the factor > 1 by which the force may be multiplied until the loop becomes unstable.
 
-    It is computed from the poles over one period of the law, and is exact if all samples have the same factor, whereas
-    the loop gain of a sine considers one frequency only.
+    It is computed from the poles over one period of the law, and is exact for a factor common to all samples, whereas
+    the loop gain of a sine covers one frequency only.
     The result is None if the loop is stable for factors up to 1000.  The loop itself must be stable.
     """
 
@@ -122,7 +122,7 @@ def gain_edge(model: Lifted) -> float | None:
 
 
 def delay_edge(model: Lifted) -> int | None:
-    """Return the number of samples by which the dead time may grow with the loop still stable, from its poles.
+    """Return the number of samples by which the dead time may grow while the loop stays stable, from its poles.
 
     The result is None if the loop is stable even with 400 additional samples.
     """

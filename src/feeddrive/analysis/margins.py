@@ -187,7 +187,7 @@ class Margins(Result):
     def delay_margin(self) -> float | None:
         """The smallest additional dead time in s at which L passes through -1.
 
-        It often belongs to another crossover than the smallest phase margin.
+        It often belongs to a different crossover than the smallest phase margin.
         """
         return min((c.delay_margin for c in self.gain_crossovers), default=None)
 
@@ -482,7 +482,7 @@ FIGURES: dict[str, tuple[str, Callable[[Margins], float | None]]] = {
 
 @dataclass(frozen=True)
 class Interval:
-    """A margin with its confidence interval; `sure` is True if nearly all draws have this margin, around one value."""
+    """A margin with its confidence interval; `sure` is True if nearly all draws have it, clustered around one value."""
 
     value: float
     low: float

@@ -49,7 +49,7 @@ class MeasuredLoop(Result):
         return margin_intervals(self.loop_gain, level=level, seed=seed)
 
     def encirclement(self, unstable_poles: int = 0, integrators: int | None = None) -> Encirclement:
-        """Judge the stability of the closed loop by the Nyquist criterion.
+        """Assess the stability of the closed loop by the Nyquist criterion.
 
         unstable_poles  number of unstable poles of the open loop
         integrators     number of integrators of axis and law together; None: from the slope of L
@@ -123,7 +123,7 @@ def measured_loop(
         by_motor, by_load = 0.0, -_as_response(control, sample_time, lines, one_encoder=motor is None)
 
     def answered(of_load: FRF, of_motor: FRF | None) -> FRF:
-        """Return the response of the controller's force to an input of the axis, given those of the readings."""
+        """Return the response of the controller's force to an input of the axis, from the responses of the readings."""
         return of_load * (by_load + by_motor) if of_motor is None else of_load * by_load + of_motor * by_motor
 
     gain = -answered(load, motor).delayed(delay)
@@ -188,7 +188,7 @@ def _as_response(control: Any, T: float | None, frequency: np.ndarray, *, one_en
 
 
 def _coherence(load: FRF, motor: FRF | None) -> np.ndarray | None:
-    """Return, at each line, the smaller coherence of two measurements; without the motor's, that of the load."""
+    """Return, at each line, the smaller coherence of the two measurements; that of the load if `motor` is None."""
     if load.coherence is None or motor is None or motor.coherence is None:
         return load.coherence
     return np.minimum(load.coherence, motor.coherence)

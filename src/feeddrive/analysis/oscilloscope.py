@@ -363,7 +363,7 @@ class Oscilloscope:
 
     @property
     def lack(self) -> str:
-        """A message if the window exceeds the capacity of the recording and can never be complete; else empty."""
+        """The error message if the window exceeds the capacity of the recording; otherwise empty."""
         time = self.recording.time
         kept = float(time[-1] - time[self._at_once]) if time.size >= self.recording.most else math.inf
         if not 0.0 < kept < self.window:

@@ -31,7 +31,7 @@ _compiled: Recent[Native] = Recent(16)
 
 
 class OnLog(Block):
-    """A controller whose inputs in each sample are setpoint, readings and the force applied according to a log."""
+    """A controller whose inputs in each sample are the setpoint, the readings and the applied force of a log."""
 
     control: Control = part("the control, without its guard")
     sample_time: Number = parameter("s", "time from row to row", above=0)
@@ -51,7 +51,7 @@ def path_of(control: Control, set_position: np.ndarray, sample_time: float) -> R
     """Return the set positions of a log (m) as the reference of a controller.
 
     A controller that feeds forward gets their central differences, whose Taylor expansion has the same backward
-    differences; others get the positions alone, to the bit.
+    differences; all others get the positions alone, bit-identical.
     """
     if not control.feedforward and not control.law.feeds:
         return Recorded(position=set_position, sample_time=sample_time)

@@ -71,7 +71,7 @@ class Stability(Result):
 
 
 def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stability:
-    """Judge the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
+    """Assess the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
     """
@@ -89,7 +89,7 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
 def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where: str = "") -> Stability:
     """Return the stability, or raise UnstableError if the system is unstable.
 
-    The message states frequency, growth factor, a remedy and the nearest stable gains; `where` names the loop in it.
+    The message states frequency, growth factor, a remedy and the nearest stable gains; `where` names the loop.
 
     For a machine, the gain of cross-coupled control is checked in all directions of the path.
     """
@@ -126,7 +126,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 
 
 def _slower(law: Law) -> str:
-    """Return the gains to reduce and the time constants to increase, as text: `Kp and Kv, or lengthen Tn`."""
+    """Return a phrase with the gains to reduce and the time constants to increase: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
     units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
@@ -232,7 +232,7 @@ def encirclement(
     unstable_poles: int = 0,
     integrators: int | None = None,
 ) -> Encirclement:
-    """Judge the stability of the closed loop by the change of arg(1 + L) from line to line (Nyquist 1932).
+    """Assess the stability of the closed loop by the change of arg(1 + L) from line to line (Nyquist 1932).
 
         unstable = unstable_poles - turns,   turns = (2/2π) [arc + Σ arg((1 + Lₖ₊₁)/(1 + Lₖ)) + closing]
 

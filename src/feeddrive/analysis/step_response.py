@@ -81,7 +81,7 @@ def settling_time(time: np.ndarray, error: np.ndarray, near: float) -> float:
 def step_response(system: StateSpace | Loop, *, velocity: float = 0.05) -> StepResponse:
     """Compute the position after a step of the set position of a linear loop, or of the first input of a model.
 
-    The set velocity and its derivatives remain 0, so that their feedforward is inactive; a law that differentiates the
+    The set velocity and its derivatives remain 0, so their feedforward is inactive; a law that differentiates the
     set position itself does feed the jump forward.  Guard and force limit are inactive, and friction is linearized at
     `velocity` (m/s), see `linearize`.  For a law with a period of N samples every N-th sample is returned.
     Raises UnstableError for a loop that does not come to rest within a million samples, ParameterError for one that

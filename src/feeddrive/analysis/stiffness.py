@@ -167,7 +167,7 @@ def rope_snap(model: StateSpace | Lifted, output: str = "position_load") -> floa
 
     The sum over all samples (`summed`) uses C x(k) = C A^k (x(0) - x(∞)), x(∞) = (1 - A)⁻¹ B.
     Without integral action the axis does not return to its position, and the result is infinite.  With one encoder at
-    the motor the table does not return either: it stays where the force winds up the spring.  For a lifted model,
+    the motor the table does not return either, since the force keeps the spring deflected.  For a lifted model,
     the sum covers all samples of each period, and the step is at the start of a period.
     Raises UnstableError for a model that is not stable.
     """
@@ -223,7 +223,7 @@ def rope_snap_of_run(displacement: np.ndarray, force: float, T: float) -> float:
 
 
 def force_noise(model: StateSpace | Lifted, motor: float, load: float, *, shared: bool = False) -> float:
-    """Return the RMS of the commanded force in N that white noise of the readings causes.
+    """Return the RMS of the commanded force in N due to white noise of the readings.
 
     motor, load  standard deviations of the two readings in m, whose errors are independent
     shared       True if one encoder gives both readings: its error, `load`, is in both
@@ -272,7 +272,7 @@ def force_noise_weights(frequency: np.ndarray, T: float) -> np.ndarray:
 
 
 def force_noise_of_lines(frequency: np.ndarray, T: float, readings: Sequence[tuple[np.ndarray, float]]) -> float:
-    """Return the RMS of the commanded force in N that independent white noise of the readings causes.
+    """Return the RMS of the commanded force in N due to independent white noise of the readings.
 
     readings  for each reading, the response C S in N/m and the standard deviation of the noise in m
     """

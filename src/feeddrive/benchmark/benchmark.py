@@ -2,9 +2,8 @@
 
     score(law, figure) = (Π over plants  r)^(1/n),    r = P-PI's figure / the law's (inverted if more is better)
 
-
-so that 1 is P-PI and more is better; over the n plants on which both are ranked with a finite figure.  Figures are
-neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
+P-PI has the score 1, and more is better.  The product is over the n plants on which both are ranked with a finite
+figure.  Figures are neither summed nor weighted: stiffness, tracking and computing effort are separate columns.
 """
 
 import math
@@ -47,7 +46,7 @@ _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
 def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
-    """Return the trials on a plant, P-PI first, then the refused laws, then the recipes if no laws are named.
+    """Return the trials on a plant: the laws, P-PI first, the refused laws and, if no laws are named, the recipes.
 
     Raises FileError for a damaged design.
     """
@@ -55,7 +54,7 @@ def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str
     tunings = {law.name: design for law in lineup.searched if (design := designs.outcome(law.name)) is not None}
     plain = next(lineup.trials(tunings, plant)).law
     if isinstance(plain, AtWork):
-        # the rule of all laws: the tuned P-PI sets the bound of the noise
+        # the rule for all laws: the tuned P-PI sets the noise limit
         noise = plant.rule.figures(plain.candidate.loop)[of_loops.NOISE_GAIN.key]
         plant = replace(plant, rule=replace(plant.rule, noise=rules.noise_ratio * noise))
     listed = list(lineup.trials(tunings, plant))
@@ -70,8 +69,8 @@ def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str
 
 @dataclass(frozen=True)
 class Score:
-    """The score of a law by one figure: improvement factor over P-PI, number of plants, and number of further plants on
-    which it never settles.
+    """The score of a law for one figure: the improvement factor over P-PI, the number of plants, and the number of
+    further plants on which the law never settles.
     """
 
     value: float | None
@@ -116,9 +115,9 @@ class Benchmark(Result):
         """Return the row of a law on a plant; None if there is none."""
         return next((row for row in self.rows if (row.plant, row.name) == (plant, law)), None)
 
-    # recipes are shown for what they are: gains without a search, which need not keep the rule
+    # recipes are shown as they are: gains without a search, which need not satisfy the rule
     def counted(self, law: str) -> list[Competitor]:
-        """Return the rows of a law that count: all ranked ones, and for a recipe all with figures."""
+        """Return the rows of a law that enter its score: the ranked ones, and for a recipe all that have figures."""
         rows = [row for row in self.rows if row.name == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
@@ -155,12 +154,12 @@ class Benchmark(Result):
         return self.scores(self.laws, f"Rules {self.rules.version}: times better than {PLAIN} at equal robustness")
 
     def tables(self) -> list[Table]:
-        """Return the score tables of the laws, and of the recipes, which may violate the rule, if there are any."""
+        """Return the score table of the laws and, if any, that of the recipes, which may violate the rule."""
         title = f"Recipes without a search, against tuned {PLAIN}; not at equal robustness"
         return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
-        """Return a table with one row per law: number of plants, score by each figure, robust Ms."""
+        """Return a table with one row per law: number of plants, score for each figure, robust Ms."""
         rows: list[list[Cell]] = []
         for law in laws:
             count = sum(not row.unplaced for row in self.counted(law))
@@ -252,7 +251,7 @@ def score(
     laws      names or kinds of the laws to run, P-PI always included; default: all laws and the recipes
     designs   folders of designs that take precedence over those stored in the package
     own       a user's seed, from which all seeds of the runs are derived; 0 for the seeds of the rules
-    engine    engine that runs the laws and stores finished ones; default: in this process
+    engine    engine that runs the laws and stores finished cases; default: in this process
 
     The same rules, designs and seed give the same bits, for any number of workers.
     Raises ParameterError for an unknown law, CancelledError if cancelled.
@@ -286,7 +285,7 @@ def search(
     stored  use the designs stored in the package as well
 
     A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
-    the searches; its own store is replaced.
+    the searches; its store is replaced by the designs in `keep`.
     Raises FileError if the folder cannot be written, CancelledError if cancelled.
     """
     engine, progress = engine or Engine(), progress or Progress()

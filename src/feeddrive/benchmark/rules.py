@@ -28,14 +28,14 @@ VERSION = 1  # of the present rules
 
 
 class PositionSection(Section):
-    """A further position, or another load, of the axis of a plant."""
+    """A further position or load at which the axis of a plant is evaluated."""
 
     name: str = text("of the position", shortest=1)
     set: Mapping[str, float] = numbers('parameters of the axis there, by path: { "plant.stiffness" = 2e8 }')
 
 
 class PlantSection(Section):
-    """A plant of the benchmark: one axis with its work."""
+    """A plant of the benchmark: one axis with its duty."""
 
     job: str = text("name of its job in plants/: the machine, the move and what cuts", shortest=1)
     force: Number = parameter("N", "of rope snap and force step", above=0)
@@ -46,7 +46,7 @@ class PlantSection(Section):
     position: tuple[PositionSection, ...] = part("further positions, at which all bounds hold too", default=())
 
     def plant(self, job: Job, rules: Rules) -> Plant:
-        """Return the plant of its job, with the noise of the rules in the readings."""
+        """Return the plant that a job describes, with the encoder noise of the rules."""
         if job.axis is None or not isinstance(job.reference, Reference):
             raise self.error("a plant of the benchmark is one axis with a reference")
         loop = _noisy(job.machine.loop(job.axis), float(rules.noise))
@@ -72,7 +72,7 @@ class PlantSection(Section):
 
 
 class Rules(Section):
-    """A version of the rules of the benchmark: how laws are tuned and judged, and on which plants."""
+    """A version of the rules of the benchmark: how laws are tuned and evaluated, and on which plants."""
 
     version: int = choice("of the rules", least=1)
     sensitivity_peak: Number = parameter("", "largest Ms of the loop cut at the actuator, at every position", above=1)
@@ -107,7 +107,7 @@ class Rules(Section):
         return folder(self.version) / "designs"
 
     def seeded(self, plant: Plant, own: int = 0) -> Plant:
-        """Return a plant with the seeds of a user's number; 0 for those of the rules."""
+        """Return a plant with seeds derived from a user's number; 0 gives the seeds of the rules."""
         seeds = tuple(self.seed(plant, f"run {run}", own) for run in range(self.seeds))
         return replace(plant, seeds=seeds, lesson=self.seed(plant, "learning", own))
 

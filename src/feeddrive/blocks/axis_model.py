@@ -43,16 +43,16 @@ class SteadyForce(Protocol):
 
 @dataclass(frozen=True)
 class AxisModel:
-    """The axis as every law, observer and compensation sees it: one rigid mass with delay, encoders and friction.
+    """The model of an axis that laws, observers and compensations use: a rigid mass with delay, encoders and friction.
 
     mass, viscous      kg and N s/m of the axis as one rigid body
     delay              s from a command to its force: dead time and the lag of the current loop
     sample_time        s
     encoders           number of positions that the controller reads, 1 or 2
-    velocity_encoder   the encoder from which the velocity is computed, as in the current controller
+    velocity_encoder   the encoder from which the present controller computes the velocity
     plant, frictions   the axis's blocks, for a law that models the axis as more than one mass
     reading_noise      m, standard deviation of the velocity encoder's reading, including quantization; 0 if not stated
-    machine_modes      structural modes outside the axis, taken from the current controller
+    machine_modes      structural modes outside the axis, taken from the present controller
     """
 
     mass: float
@@ -74,7 +74,7 @@ class AxisModel:
 
     @property
     def delay_samples(self) -> int:
-        """The delay rounded to whole samples, as observers use it."""
+        """The delay rounded to whole samples, as used by observers."""
         return round(self.delay / self.sample_time)
 
     def dry_friction(self, velocity: float) -> float:
@@ -96,7 +96,7 @@ class Start(NamedTuple):
 
     name         name of the variant in a comparison
     remark       a note for the report
-    feedforward  feedforward that replaces that of the current controller
+    feedforward  feedforward that replaces that of the present controller
     only_with    names (`Beside.name`) of compensations; this variant is tried only together with one of them.  If
                  empty, it is tried alone and with every suitable compensation
     """

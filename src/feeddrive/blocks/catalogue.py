@@ -104,7 +104,7 @@ def _held(origin: str, place: str) -> list[type[Block]]:
 
 
 def _line_in(error: BaseException) -> str:
-    """Return line and file name of the innermost user code in a traceback; an empty string if there is none."""
+    """Return the line and file name of the innermost user code in a traceback; an empty string if there is none."""
     trace, place = error.__traceback__, ""
     while trace is not None:
         code = trace.tb_frame.f_code

@@ -5,7 +5,7 @@ A block is final: it implements the abstract methods and overrides no other meth
 `listen` and `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`,
 `suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
 
-    prepare(T)   returns a named tuple of values that depend on parameters only; runs once per run
+    prepare(T)   returns a named tuple of values that depend on parameters only; called once per run
     start(...)   returns the steady state of a block at rest
     step(...)    computes one sample: a pure function that maps the old state to the new one
     retune(...)  returns the state after a live change; forces and estimates stay continuous, and equal parameters
@@ -41,7 +41,7 @@ class Retuned:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any, old_prepared: Any, prepared: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless.
+        """Return the state after a bumpless live change from the block `old` to this one.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -54,7 +54,7 @@ class RetunedUnprepared:
     kind: ClassVar[str]
 
     def retune(self, state: Any, old: Any) -> Any:
-        """Return the state after a live change from the block `old` to this one, which must be bumpless.
+        """Return the state after a bumpless live change from the block `old` to this one.
 
         Raises StructureError if the block has a state but does not override this method.
         """
@@ -95,7 +95,7 @@ class Mechanics(NamedTuple):
 
 
 class Plant(Block, ABC):
-    """The linear mechanics of an axis, continuous in time; forces and positions are referred to the table (linear)."""
+    """The linear mechanics of an axis, continuous in time; forces and positions are referred to the table."""
 
     @abstractmethod
     def mechanics(self) -> Mechanics:
@@ -109,7 +109,7 @@ class Plant(Block, ABC):
 
 
 class Friction(Block, ABC):
-    """Set-valued friction at one body, solved implicitly: the force over a substep suits the velocity at its end."""
+    """Set-valued friction at one body, solved implicitly: the force over a substep fits the velocity at its end."""
 
     @abstractmethod
     def start(self, velocity: Number = 0.0) -> Any:
@@ -154,7 +154,7 @@ class Force(Block, ABC):
         """
 
     def fits(self, plant: Plant, beside: tuple[Self, ...]) -> None:
-        """Raise StructureError if the plant or the other forces cannot be combined with this one; default: never."""
+        """Raise StructureError if this force cannot be combined with the plant or with the forces `beside` it."""
 
     def substep_rules(self, h: Number) -> Iterator[Rule]:
         """Yield the validity rules of the force for substeps of h seconds; by default none."""
@@ -180,7 +180,7 @@ class Motor(Block, ABC):
 
 
 class Sensor(Block, ABC):
-    """An encoder with its errors: it returns the position that the controller reads for the position of a body."""
+    """An encoder with its errors, which turns the position of a body into the position that the controller reads."""
 
     @abstractmethod
     def start(self, position: Number) -> Any:
@@ -196,9 +196,9 @@ class Sensor(Block, ABC):
 
 
 class Law(Block, Retuned, ABC):
-    """A feedback law: the controller of one paper, in one file, whose command is a force in N at the load.
+    """A feedback law, one per file, whose command is a force in N at the load.
 
-    feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so that no other block may do so
+    feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs separate measurements of motor and load position, else 1
     tunables parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
@@ -215,7 +215,7 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def to_tune(cls) -> tuple[str, ...]:
-        """Return `tunables`, or else every positive parameter without a default except the plant model."""
+        """Return `tunables` or, if empty, all positive parameters without default, except mass and viscous friction."""
         fields = ((spec, declarations(cls)[spec.name]) for spec in dataclasses.fields(cls))  # type: ignore[arg-type]
         free = [
             spec.name
@@ -227,9 +227,9 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
-        """Return one or several variants of the law with start values for a search.
+        """Return one or more variants of the law with start values for a search.
 
-        `present` is the law of the axis's current controller. By default the start values follow from the units of the
+        `present` is the law of the axis's present controller. By default the start values follow from the units of the
         parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
         reason, if the law cannot be used on the axis.
         """
@@ -252,7 +252,7 @@ class Law(Block, Retuned, ABC):
         return 1
 
     def at_one_rate(self) -> Self:
-        """Return the law with all its parts at the sample time, for a law with a slower part (empty hook)."""
+        """Return the law with all its parts running at the sample time; by default the law itself."""
         return self
 
     def position_gain(self) -> Any:
@@ -290,7 +290,7 @@ FEEDS = ("acceleration", "velocity", "friction")  # parts of the set motion that
 class Feedforward(Block, RetunedUnprepared, ABC):
     """A force computed from the setpoint and its past; it bypasses the filters.
 
-    feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so that no other block may do so
+    feeds    parts of the set motion (`FEEDS`) that the block feeds forward, so no other block may do so
     title    name of the block in a comparison
     learned  name in a comparison if the parameters are learned from trials; empty if they cannot be learned
     """
@@ -301,14 +301,14 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
+        """Return True if a comparison should try the block, as set up by `begin`, with a law; default: False."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return a block with start values for an axis, by default from the units of the parameters.
+        """Return a block with start values for an axis, by default derived from the units of the parameters.
 
-        Raises StructureError, with the reason, if there is none.
+        Raises StructureError, with the reason, if the block cannot be used on the axis.
         """
         return begun(cls, axis)
 
@@ -335,7 +335,7 @@ class Prefilter(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, fitted to the move, together with a law; default: False."""
+        """Return True if a comparison should try the block, fitted to the move, together with a law; default: False."""
         return False
 
     @abstractmethod
@@ -354,9 +354,9 @@ class Observer(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return an observer with start values for an axis, by default from the units of the parameters.
+        """Return an observer with start values for an axis, by default derived from the units of the parameters.
 
-        Raises StructureError, with the reason, if there is none.
+        Raises StructureError, with the reason, if the observer cannot be used on the axis.
         """
         return begun(cls, axis)
 
@@ -378,7 +378,7 @@ class Observer(Block, Retuned, ABC):
 
 
 class Compensation(Block, Retuned, ABC):
-    """A block for any law that uses the reading to shift the setpoint (modes) or to add a force (rejection).
+    """A block that uses the reading to shift the setpoint (modes) or to add a force (rejection), with any law.
 
     title    name of the block in a comparison
     """
@@ -387,12 +387,12 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def goes_beside(cls, law: type[Law]) -> bool:
-        """Return True if a comparison is to try the block, as given by `begin`, together with a law; default: False."""
+        """Return True if a comparison should try the block, as set up by `begin`, with a law; default: False."""
         return False
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one or several variants of the block, by default one with start values from the units.
+        """Return one or more variants of the block, by default one with start values derived from the units.
 
         Raises StructureError, with the reason, if no variant suits the axis.
         """
@@ -425,11 +425,11 @@ class Compensation(Block, Retuned, ABC):
         return self
 
     def suits(self, law: Law) -> None:
-        """Raise StructureError, with the reason, if this block cannot be combined with the law; default: never."""
+        """Raise StructureError, with the reason, if this block cannot be combined with the law."""
 
 
 class Reference(Block, ABC):
-    """A motion in closed form or from a log; it is sampled rather than traced, so that it may use numpy."""
+    """A motion in closed form or from a log; it is sampled rather than traced, so it may use numpy."""
 
     @property
     @abstractmethod
@@ -446,7 +446,7 @@ class Reference(Block, ABC):
     def stretches(self) -> tuple[Stretch, ...]:
         """Return the motion from t = 0 as polynomials in time, for exported code.
 
-        By default it is empty: the motion is then known only from `at`.
+        By default the result is empty; the motion can then be computed only by `at`.
         """
         return ()
 
@@ -553,7 +553,7 @@ class Edge(NamedTuple):
 
 
 class Cutter(Block, ABC):
-    """A milling tool with the cutting force on it; its methods are traced so that loads and couplings can use them."""
+    """A milling tool and the cutting force on it; its methods are traced so that loads and couplings can use them."""
 
     teeth: int = choice("cutting edges, equally spaced", least=1, most=100)
     slices: int = choice("pieces of an edge, each in contact or not", default=5, least=1, most=200)

@@ -13,7 +13,7 @@ _ROUNDING = 1e-6
 
 
 def check_single(block: Block) -> None:
-    """Raise StructureError if a parameter holds variants: all loops of a batch share their references and loads."""
+    """Raise StructureError if a parameter is an array of variants; a batch shares its references and loads."""
     for name, declared in declarations(type(block)).items():
         value = getattr(block, name)
         if declared.role == "parameter" and value is not None and not isinstance(value, float):
@@ -55,7 +55,7 @@ def since(t: np.ndarray, start: float) -> np.ndarray:
 
 
 def rows_at(t: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times in units of rows, made exact if only rounding misses a row, and a mask of the times on a row."""
+    """Return times in units of rows, rounded to a row within the rounding error, and a mask of the times on a row."""
     place = t / sample_time
     near = np.rint(place)
     on_row = np.abs(place - near) <= _ROUNDING

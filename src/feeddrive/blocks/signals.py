@@ -45,9 +45,9 @@ class Setpoint(NamedTuple):
 class Reading(NamedTuple):
     """The measurements and past commands that are available to a law at t = kT, before it computes a command.
 
-    With one encoder both positions are its reading. `applied` is the force actually commanded in the last sample, after
-    filters, limit and enable; `requested` is this force before the limit. Anti-windup, observers, disturbance recovery
-    and bumpless enable use only these two.
+    With one encoder both positions are equal to its reading. `applied` is the force actually commanded in the last
+    sample, after filters, limit and enable; `requested` is this force before the limit. Anti-windup, observers,
+    disturbance recovery and bumpless enable use only these two.
 
     When a law or an observer starts, the positions are those of the previous sample, so that its first difference is
     correct, and `velocity` is the velocity of the axis at that time.
@@ -68,7 +68,7 @@ class Estimate(NamedTuple):
     """An observer's estimate of the axis at t = kT.
 
     `disturbance` is the force on the axis in addition to the drive's: friction, cutting, gravity, model errors.  A
-    positive one acts towards larger positions, so that a controller compensates for it by subtraction.
+    positive one acts towards larger positions, so a controller compensates for it by subtraction.
     """
 
     position: Number  # m

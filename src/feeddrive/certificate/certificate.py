@@ -85,7 +85,7 @@ class LoopResponse:
 
     @cached_property
     def pole(self) -> complex:
-        """The pole of the closed loop over a period with the largest |z|."""
+        """The closed-loop pole over one period that has the largest |z|."""
         return complex(self.closed.poles()[0])
 
     @property
@@ -118,7 +118,7 @@ class LoopResponse:
         return np.array(loop_gains)
 
     def radii(self, frequency: np.ndarray) -> np.ndarray:
-        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger one of the two bands."""
+        """Return the radius r of each disc, shape (discs, lines); at a band edge, the larger of the two radii."""
         edges = np.array([band["to_Hz"] for band in self.bands])
         r = np.array([band["r"] for band in self.bands], dtype=float)
         # a line within rounding of an edge belongs to both bands, and the larger radius of the two counts
@@ -214,7 +214,7 @@ def deviations(lines: int, confidence: float) -> float:
 def radius_steps(radius: Radius, nyquist: float) -> list[tuple[float, float]]:
     """Convert a number, or points (Hz, r) that are linear in ln f in between, to steps (upper frequency in Hz, r).
 
-    The radius of a step is the larger one of those at its two ends.
+    The radius of a step is the larger of those at its two ends.
     Raises ParameterError for negative radii and for frequencies that do not increase.
     """
     if isinstance(radius, (int, float)):
@@ -247,7 +247,7 @@ def measured(
 
     The condition is |G - P| + `sure` √variance <= r|P|.
 
-    Between two lines, r is the larger one of their radii.  Below the first line r is the maximum over the first octave;
+    Between two lines, r is the larger of their radii.  Below the first line r is the maximum over the first octave;
     above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
     """
     steps: list[list[tuple[float, float]]] = []
@@ -326,7 +326,7 @@ class Certificate(Result):
     def accepted(self) -> tuple[str, ...]:
         """Return the checker's sentences, one per plant. Raises check.RefusedError if the certificate is rejected.
 
-        They are kept as long as the document has the same content: the proof of a multirate control takes seconds.
+        They are cached until the document changes, since the proof for a multirate controller takes seconds.
         """
         content = f"{check.digest(self.document)} {self.document.get('sha256')}"
         if content not in self._accepted:

@@ -72,7 +72,7 @@ OUTSIDE = [
 
 
 def refusal(controller: Deployed, plant: NominalPlant, loop: LoopResponse, place: float | None) -> str:
-    """Return the message of a refusal, with the amount and a remedy.
+    """Return the message of a refusal, with the amount of the violation and a remedy.
 
     `place` is the frequency in Hz at which a disc is too wide, or None if the nominal loop is unstable.
     """
@@ -184,8 +184,9 @@ def certify_loop(
     machine      the machine to name in the certificate: name, file, axis, sha256
     made_from    name and digest of each other file to name in it, such as the measured responses
 
-    Raises NotCertifiedError, with frequency and amount, if the proof fails; ParameterError for wrong arguments and for
-    a multirate law with two encoders measured separately; NotIdentifiableError for a response that no model fits.
+    Raises NotCertifiedError, with the frequency and amount of the violation, if the proof fails; ParameterError for
+    wrong arguments and for a multirate law with two encoders measured separately; NotIdentifiableError for a response
+    that no model fits.
     Source: Doyle, Francis & Tannenbaum 1992, chapter 4 (robust stability); Rouché's theorem.
     """
     control = loop.control if isinstance(loop, Loop) else loop
@@ -282,7 +283,7 @@ def _plant(
 def _certified(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
 ) -> dict[str, Any]:
-    """Return the certificate entry of a plant; near the frequencies `also` (Hz), the margin is searched more finely.
+    """Return the certificate entry of a plant; the margin is searched on a finer grid near the frequencies `also`, Hz.
 
     Raises NotCertifiedError if the nominal loop is unstable or a disc is too wide, and ParameterError for a radius or
     responses that do not fit the plant.

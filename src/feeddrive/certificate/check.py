@@ -296,7 +296,7 @@ class Bands:
         return [max(radii) for radii in zip(*self.radii[first:last], strict=True)]
 
     def at(self, f: float) -> list[float]:
-        """Return the radius of each disc at a frequency in Hz; at a band edge, the larger one of both bands."""
+        """Return the radius of each disc at a frequency in Hz; at a band edge, the larger of the two radii."""
         u = min(1.0, math.sin(math.pi * f * self.T) ** 2)
         return self.most(u, u)
 

@@ -72,7 +72,7 @@ def rounded(value: float, arithmetic: str) -> float:
 def deployed(control: Control, sample_time: float, arithmetic: str = "float64", velocity: float = 0.05) -> Deployed:
     """Linearize a controller after rounding its parameters and precomputed coefficients.
 
-    The traced step is linearized, so that the matrices are those of the deployed code: a rounded filter coefficient
+    The traced step is linearized, so the matrices are those of the deployed code: a rounded filter coefficient
     moves the actual pole of the controller.  Guard and force limit are omitted.
     Raises ParameterError for a law with more than 64 samples per period, and for a controller with more than 60 states.
     """

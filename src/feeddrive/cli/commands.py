@@ -72,7 +72,7 @@ class _Later(TyperCommand):
 
 
 class Commands(TyperGroup):
-    """The group of all commands; help and usage errors appear in boxes on a terminal, elsewhere as lines."""
+    """The group of all commands; help and usage errors appear in boxes on a terminal, and as plain lines elsewhere."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)

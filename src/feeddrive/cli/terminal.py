@@ -102,7 +102,7 @@ class TerminalProgress(Progress):
         self._console.file.flush()
 
     def confirm(self, question: str) -> bool:
-        """Ask on the terminal; any answer but yes ends the command."""
+        """Ask on the terminal; any answer other than yes ends the command."""
         typer.confirm(visible(Text(question)), abort=True, err=self._console.stderr)
         return True
 

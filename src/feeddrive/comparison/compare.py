@@ -59,7 +59,7 @@ _NAMED = 4
 class Comparison(Result):
     """The result of a comparison: all competitors, the present control first, and the refused laws.
 
-    `velocity` in m/s is the speed at which margins and stiffness are taken: the axis must be sliding.
+    Margins and stiffness are computed for the axis sliding at `velocity`, in m/s.
     """
 
     machine: MachineFile
@@ -105,7 +105,7 @@ class Comparison(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """All that a reader must know of the laws, as sentences."""
+        """The remarks on the laws that are needed to read the figures, as sentences."""
         return (*standings(self), *against_plain(self), *noisy(self))
 
     def table(self) -> Table:
@@ -171,14 +171,15 @@ def compare_laws(
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
                        from reading noise to force, relative to that of the tuned P-PI
     seed               seed of the encoder noise, the same for all laws
-    starts             number of searches per law; with a single one nothing is ranked, since no second search confirms
-                       it
-    engine             engine that tunes and evaluates the laws and stores finished ones; default: in this process
+    starts             number of searches per law; with a single search no law is ranked, since no second search
+                       confirms the result
+    engine             engine that tunes and evaluates the laws and stores finished cases; default: in this process
     progress           reports each step and the number of steps
 
-    The present control comes first and is not changed, whether stable or not.  A law that does not fit the axis is
-    refused with the reason, a law without tunables is evaluated as it is.  Raises ParameterError for an unknown axis or
-    law.
+    The present control comes first and is not changed, whether stable or not.  A law that does not suit the axis
+    is refused with the reason; a law without tunables is evaluated unchanged.
+
+    Raises ParameterError for an unknown axis or law.
     """
     if not isinstance(machine, MachineFile):  # pyright: ignore[reportUnnecessaryIsInstance]
         remedy = "run a job with fd.run(job)" if isinstance(machine, Job) else "give what fd.read_machine(...) returns"
@@ -199,7 +200,7 @@ def compare_laws(
     bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(lineup.possible) + len(lineup.refused) + 1)
     tunings, rule = tuned_all(searched, rule, engine, bar)
     plant = Plant("", loop, duty, rule, (Place(name, loop.axis, loop.axis),), (seed,), seed)
-    # today's gains are judged first and as they are: all other rows are read against them
+    # the present gains come first and unchanged: all other rows are compared with them
     today = Trial(AtWork(Candidate(TODAY, loop, "as in the machine file"), plant))
     rows = judged([today, *lineup.trials(tunings, plant)], engine, bar)
     competitors = tuple(row for row in rows if row.kind != REFUSED)
@@ -226,7 +227,7 @@ def standings(comparison: Comparison) -> list[str]:
 
 
 def _by_reason(reasons: Mapping[str, str]) -> Text:
-    """Return the names of laws, those with the same reason together and followed by it in brackets."""
+    """Return the names of laws, grouped by reason, with the reason in parentheses after each group."""
     named = dict[str, list[str]]()
     for law, reason in reasons.items():
         named.setdefault(marked(reason), []).append(law)
@@ -280,7 +281,7 @@ def best_law(comparison: Comparison) -> str:
 
 
 def advice(comparison: Comparison) -> Advice:
-    """Recommend the law with the least rope-snap error; state first where it is worse than P-PI or today."""
+    """Recommend the law of least rope-snap error; state first where it is worse than P-PI or the present gains."""
     snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(_SNAP))}
     best = best_law(comparison)
     if not best:

@@ -277,7 +277,7 @@ _STATUS = {2: "refused the step (Discard)", 3: "failed (Error)", 4: "is beyond r
 class Instance:
     """An instance of an FMU for co-simulation, to be used in a `with` block.
 
-    The FMU's code runs with all rights of this process. Messages of the FMU are collected and quoted in errors.
+    The FMU's code runs with all privileges of this process. Messages of the FMU are collected and quoted in errors.
     """
 
     def __init__(self, archive: Archive) -> None:
@@ -427,7 +427,7 @@ def simulate_with_fmu(
     controller starts disabled, at the first reading, with the axis at rest.
 
     loop        the controller and its sample time; of the axis only the motor and the number of encoders are used
-    fmu         the FMU, **a program**: it runs with all rights of this process
+    fmu         the FMU, **a program**: it runs with all privileges of this process
     names       variables of the FMU by signal, as {"force": "F_drive", "reading": "x:mm"}; a variable that has the name
                 of a signal needs no entry.  Inputs are force (or command, in the unit of the drive), load_force and
                 start_position; outputs are reading or reading_motor and reading_load, and further signals to record

@@ -41,7 +41,7 @@ class Case(ABC, Generic[T]):
     """A unit of work of the engine: a frozen dataclass whose fields and outcome can be pickled.
 
     kind      name on the dashboard of a cluster
-    common    names of the fields that are the same object in all cases of an evaluation; each worker gets them once
+    common    names of the fields that are the same object in all cases of an evaluation; sent to each worker once
     stages    number of progress steps that the case counts as
     threaded  True if it computes in machine code that releases the interpreter lock, so that threads are sufficient
     isolated  True if it runs third-party code that may crash its process; even one worker is then a separate process
@@ -93,7 +93,7 @@ def detached(case: Case[T]) -> tuple[tuple[Any, ...], Case[T]]:
 
 
 def attached(case: Case[T], common: tuple[Any, ...]) -> Case[T]:
-    """Return a case after putting back its shared fields, which were sent separately."""
+    """Return a case with its shared fields restored, which were sent separately."""
     return replace(cast(Any, case), **dict(zip(case.common, common, strict=True)))
 
 

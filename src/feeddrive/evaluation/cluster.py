@@ -68,7 +68,7 @@ def finished(
 
 @dataclass
 class _Place(Generic[C]):
-    """A submitted case, its number among the cases of this client, and how often Dask has given up on it."""
+    """A submitted case, its number among the cases of this client, and how many times Dask has given up on it."""
 
     case: C
     number: int
@@ -231,7 +231,7 @@ async def _answer(address: str) -> None:
 
 
 def _refuse_other_versions(client: Any, address: str) -> None:
-    """Raise ParameterError if the scheduler or a worker has another version of feeddrive, or none.
+    """Raise ParameterError if the scheduler or a worker has another version of feeddrive, or lacks it.
 
     Workers that join later check the version themselves.  The scheduler needs feeddrive too, since it unpickles
     the messages that it passes on.

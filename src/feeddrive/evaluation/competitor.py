@@ -1,4 +1,4 @@
-"""One law on one plant: the axis and its work, the case that computes the law on it, and the row that shows it."""
+"""One control law on one plant: the axis with its duty, the case that evaluates the law, and the resulting row."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -39,14 +39,15 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """An axis with the work by which all laws are judged on it, and the rule that they keep.
+    """An axis, the duty on which all laws are evaluated, and the rule that they must satisfy.
 
-    name     in the benchmark, whose rows are stored; empty in a comparison, whose rows have runs, too large for a store
-    loop     the axis with its present control; all laws keep its filters, force limit and guard
+    name     name in the benchmark, whose rows are stored; empty in a comparison, whose rows contain runs, which are too
+             large for a store
+    loop     the axis with its present control; all laws use its filters, force limit and guard
     places   positions of the axis, the nominal one first
-    seeds    of the noise in the runs, whose worst figures count
-    lesson   seed of the noise in the trials in which a law learns
-    varied   error of masses and stiffnesses for the robust Ms, as a share; None: it is not computed
+    seeds    noise seeds of the runs; the worst figures over all of them count
+    lesson   noise seed of the trials in which a law learns
+    varied   relative error of masses and stiffnesses for the robust Ms; None: the robust Ms is not computed
     """
 
     name: str
@@ -68,7 +69,7 @@ class Plant:
         return [(replace(loop, axis=place.axis), replace(loop, axis=place.model)) for place in self.places]
 
     def label(self, law: str) -> str:
-        """Return the name of the work of a law, for progress and files."""
+        """Return the name of the evaluation of a law on this plant, for progress and files."""
         return f"{self.name}: {law}" if self.name else f"{law}: the work"
 
 
@@ -77,9 +78,10 @@ class Competitor:
     """A law on one axis: its loop, its figures in SI units, the reason why it is not ranked, and its runs.
 
     unplaced  empty for a ranked law, else the kind and the reason. "unfit": the loop is unstable or the motion left its
-              bounds; "outside of the rule": the bounds that it exceeds, as the present gains may
-    tuned     its search, or its stored design; None for a law that was not tuned and for a recipe
-    plant     of the benchmark, where a row has no runs, and the loop before it learned or took the gains of a recipe
+              bounds; "outside of the rule": the bounds that the law exceeds, as the present gains may
+    tuned     result of its search, or its stored design; None for a law that was not tuned and for a recipe
+    plant     name of the plant in the benchmark, where `runs` is None and `loop` does not yet have the learned
+              parameters or the gains of a recipe; empty in a comparison
     recipe    True for gains from a tuning recipe: the row is shown separately and may violate the rule
     """
 
@@ -96,7 +98,7 @@ class Competitor:
 
     @property
     def kind(self) -> str:
-        """The kind of reason why the law is not ranked, in a few words; empty if it is."""
+        """The kind of reason why the law is not ranked, in a few words; empty if it is ranked."""
         return self.unplaced.partition(":")[0]
 
     @property
@@ -132,9 +134,9 @@ class Competitor:
 
 @dataclass(frozen=True, eq=False)
 class AtWork(Case[Competitor]):
-    """The case of one law on the work: with its tuned gains, adapted to the move, simulated and evaluated.
+    """The case that adapts one law to the move of a plant, simulates it and computes its figures.
 
-    recipe   name of the tuning recipe that sets the gains of the law; empty for gains that are known
+    recipe   name of the tuning recipe that sets the gains of the law; empty if the law already has its gains
     """
 
     kind: ClassVar[str] = "law_at_work"
@@ -150,7 +152,7 @@ class AtWork(Case[Competitor]):
         return self.plant.label(self.candidate.name)
 
     def record(self, outcome: Competitor) -> Mapping[str, Any] | None:
-        """Return the row of the benchmark as a record, keeping the quantities in its texts."""
+        """Return the row of the benchmark as a record that preserves the quantities in texts; None in a comparison."""
         if not self.plant.name:
             return None
         return {
@@ -165,7 +167,7 @@ class AtWork(Case[Competitor]):
         return self._row(figures=dict(record["figures"]), unplaced=unplaced, remark=remark)
 
     def outcome(self, progress: Progress) -> Competitor:
-        """Return the law with its figures; refused if it cannot be adapted to the work or evaluated."""
+        """Return the law with its figures, or as refused if it cannot be adapted to the move or evaluated."""
         (loop, model), *_ = self.plant.loops(self.candidate.loop)
         remark = self.candidate.remark
         try:
@@ -187,7 +189,7 @@ class AtWork(Case[Competitor]):
     def _judged(self, law: Competitor) -> Competitor:
         """Return the law with its worst figures over all positions and noise seeds, and the runs of the first.
 
-        A loop that has unstable eigenvalues or leaves its bounds for any of them is unfit.
+        The law is unfit if its loop is unstable or leaves its bounds at any position or noise seed.
         """
         places, rule = self.plant.loops(law.loop), self.plant.rule
         rows: list[Competitor] = []

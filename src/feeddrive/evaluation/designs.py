@@ -17,7 +17,7 @@ _LARGEST = 1_000_000  # bytes, largest size of a file
 
 @dataclass(frozen=True)
 class Designs:
-    """A directory of designs for one plant, one JSON file per law. The directories in `also` are only read from."""
+    """A directory of designs for one plant, one JSON file per law. The directories in `also` are only read."""
 
     folder: Path
     plant: str
@@ -35,7 +35,7 @@ class Designs:
             design = Design.read(json.loads(read_whole(path, _LARGEST)))
         except (ValueError, KeyError, TypeError, AttributeError):
             raise FileError(f"{path}: is no design of the benchmark: remove it, and it is searched anew") from None
-        # a design for other rules is no error: it is as if there were none
+        # a design for other rules is no error: it is ignored
         return design if (design.plant, design.rules) == (self.plant, self.rules) else None
 
     def outcome(self, law: str) -> Design | Refusal | None:
@@ -61,7 +61,7 @@ class Designs:
                 case.candidate.tuned(design.control(case.candidate)).loop, case.rule
             ):
                 return None
-        # the law has other tunables than when its design was stored: it is searched anew
+        # the law no longer has the tunables with which its design was stored: it is tuned again
         except FeeddriveError:
             return None
         return case.as_designed(design, progress)

@@ -61,7 +61,7 @@ class Duty:
 
     @property
     def snap(self) -> StepForce:
-        """The release of a load: `force` pulls the table back until `begin`, as by a rope that is then cut."""
+        """The release of a load: `force` pulls the table back until `begin`, like a rope that is then cut."""
         return StepForce(force=-self.force, start=0.0, end=self.begin)
 
     @property
@@ -115,7 +115,7 @@ class Duty:
 
 
 class DutyRuns(NamedTuple):
-    """The runs of a loop over a duty: the move, the release of the force, the step of the force, and the cut."""
+    """The runs of a loop over a duty: the move, the force release, the force step, and the cut."""
 
     duty: Duty
     move: Run
@@ -160,7 +160,7 @@ def duty_of(loop: Loop, reference: Reference | None = None, force: float | None 
     Speed: half of the lower limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of
     30 % of the force limit, at most 10 m/s²; 2 m/s² without a limit.  The move is long enough to reach both.  Force: a
     twentieth of the limit, or five times the dry friction if that is larger, so that the axis moves, but at most half
-    of the limit; 100 N more than five times the dry friction without a limit.
+    of the limit; without a limit, 100 N more than five times the dry friction.
     Raises ParameterError for a force that is not positive.
     """
     mass = float(loop.axis.plant.rigid_mass())

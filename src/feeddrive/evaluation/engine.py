@@ -1,4 +1,4 @@
-"""The engine that evaluates cases: in this process, on its cores or on a Dask cluster, resumable.
+"""The engine that evaluates cases in this process, on all cores or on a Dask cluster, and can be stopped and resumed.
 
     engine = Engine(workers=4, store=Folder(Path("kept")))
     outcomes = engine.evaluate(cases, progress)          # in the order of the cases
@@ -10,8 +10,8 @@ The outcome of a case does not depend on where it is computed.  Comparison, benc
 this engine, which alone handles process pools, Dask and resuming.
 
 On the cores of this machine no service has to be started.  Cases in machine code that releases the interpreter lock are
-computed by threads of this process, which share the compiled code and start at once.  Cases in Python code, of which
-only one thread runs at a time, are computed by processes; a killed process is replaced, and its cases are computed
+computed by threads of this process, which share the compiled code and start at once.  Cases in Python code, which only
+one thread can execute at a time, are computed by processes; a killed process is replaced, and its cases are computed
 again.
 """
 
@@ -243,10 +243,10 @@ class _Stages(Progress):
 
 @dataclass(frozen=True)
 class Engine:
-    """The place where cases are computed, and the store of finished ones.
+    """The engine that computes cases, with a store of finished ones.
 
     workers    number of cases computed in parallel on this machine; with more than 1, the calling program must be
-               importable without side effects: its own work is under `if __name__ == "__main__":`
+               importable without side effects, with its main code under `if __name__ == "__main__":`
     scheduler  address of a Dask cluster that is used instead of this machine, such as tcp://10.0.0.5:8786
     store      store of finished cases, which are not computed again; None to store nothing
     """

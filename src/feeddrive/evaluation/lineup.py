@@ -24,7 +24,7 @@ FIXED = "it has nothing to tune and is judged as it is"
 
 
 class Trial(NamedTuple):
-    """A law that is to be judged, or that has no gains to be judged with; and the tuning of its gains."""
+    """A law to evaluate, or a finished row if it has no gains to evaluate, with the tuning of its gains."""
 
     law: AtWork | Competitor
     tuned: Tuned | Design | None = None
@@ -35,12 +35,12 @@ class Trial(NamedTuple):
         return self.law.candidate.name if isinstance(self.law, AtWork) else self.law.name
 
     def placed(self, row: Competitor) -> Competitor:
-        """Return the evaluated row with its tuning, which may be a reason not to rank it."""
+        """Return the evaluated row with its tuning; it is not ranked if the tuning is unsettled or the design stale."""
         law, tuned, moved = self.law, self.tuned, ""
         row = replace(row, tuned=tuned)
         if tuned is None or row.kind not in ("", OUTSIDE):
             return row
-        # stored are the figures of the law itself at the nominal position; those of a row are the worst of all
+        # the stored figures are those of the law at the nominal position; those of a row are the worst of all positions
         if isinstance(law, AtWork) and isinstance(tuned, Design) and tuned.law == row.name:
             moved = tuned.moved(row.figures) if len(law.plant.places) == 1 else ""
         if moved:
@@ -57,12 +57,12 @@ class Lineup:
 
     @classmethod
     def of(cls, loop: Loop, own: Sequence[type[Law]] = ()) -> Self:
-        """Return the laws for an axis; `own` are user-defined classes outside of the catalog."""
+        """Return the laws for an axis; `own` are user-defined classes that are not in the catalog."""
         return cls(*candidates(loop, own))
 
     @property
     def searched(self) -> list[Candidate]:
-        """The laws that have tunables of their own, and do not take the gains of another one."""
+        """The laws that have tunables and do not reuse the gains of another law."""
         return [law for law in self.possible if not law.like and own_tunables(law.loop.control)]
 
     @property
@@ -85,7 +85,7 @@ class Lineup:
         )
 
     def fitting(self, law: str) -> str:
-        """Return the name of the first form of a law. Raises ParameterError if it is unknown or refused."""
+        """Return the name of a law on this axis. Raises ParameterError if the law is unknown or refused."""
         name = self.names([law])[0]
         reason = next((refusal.reason for refusal in self.refused if refusal.name == name), "")
         if reason:
@@ -93,7 +93,7 @@ class Lineup:
         return name
 
     def trials(self, tunings: Mapping[str, Tuned | Design | Refusal], plant: Plant) -> Iterator[Trial]:
-        """Yield the trial of each law with its gains or those of the law `like`, and then the refused laws."""
+        """Yield a trial of each law with its gains, which may be those of another law, and then the refused laws."""
 
         def left_out(law: str, why: str) -> Trial:
             return Trial(Competitor(law, plant.model, unplaced=why, plant=plant.name))
@@ -107,7 +107,7 @@ class Lineup:
             elif tuned is not None:
                 try:
                     gains = tree.vary(base.loop.control, dict(tuned.tunables))
-                # the law has other tunables than when its design was stored
+                # the law no longer has the tunables with which its design was stored
                 except FeeddriveError as error:
                     yield left_out(law.name, f"{STALE}: {error}")
                 else:
@@ -122,7 +122,7 @@ class Lineup:
 
 
 def judged(trials: Sequence[Trial], engine: Engine, bar: Bar) -> list[Competitor]:
-    """Evaluate those control laws that have gains to be judged with; return the results of all laws in order."""
+    """Evaluate the laws that have gains; return the rows of all laws in order."""
     for row in (trial.law for trial in trials if isinstance(trial.law, Competitor)):
         bar.step(": ".join(filter(None, (row.plant, row.name))))
     evaluated = iter(engine.evaluate([trial.law for trial in trials if isinstance(trial.law, AtWork)], bar))

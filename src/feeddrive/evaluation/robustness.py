@@ -47,7 +47,7 @@ class Rule:
     noise_ratio   largest force noise of a law relative to P-PI
     velocity      velocity at which the loop is linearized, m/s
     starts        number of searches per law
-    noise         noise-gain limit in N/m, known once P-PI is tuned; None before
+    noise         noise-gain limit in N/m; None until P-PI is tuned, which sets it
     repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
                   only if all of them end within 5 % of the best
     also          the axis at further positions or loads: the bounds apply there too, and the worst objective counts
@@ -117,10 +117,10 @@ class Rule:
 class Design:
     """A tuned law as stored by the engine and in the folders of the benchmark.
 
-    plant, rules        plant of the benchmark, and version of its rules, for a design in its folders
+    plant, rules        name of the plant and version of the rules, for a design in the folders of the benchmark
     tunables, started   values after and before the tuning, by dotted name within the controller
     refused    the reason if no design was found; else empty
-    figures    by criterion key, at the nominal position; the design is stale once the recomputed figures differ
+    figures    figures by key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
     held       the active constraints, as sentences; `bounds` contains them as values
     """

@@ -1,4 +1,4 @@
-"""The target `c`: sources, a self-test, build files for make and CMake and a README, and a way to run an export."""
+"""The target `c`: sources, a self-test, build files for make and CMake, a README, and the proof of an export."""
 
 import importlib.util
 import shutil

@@ -613,7 +613,7 @@ def _struct(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
 
 
 def _grouped(name: str, members: Sequence[tuple[str, str, str]]) -> list[str]:
-    """Return a struct with members in groups, a comment above each group."""
+    """Return a struct with its members in groups and a comment above each group."""
     lines, group = [], ""
     for kind, member, heading in members or [("char", "none", "")]:
         if heading != group:

@@ -206,7 +206,7 @@ PATIENCE = 300.0  # timeout in s for a build and a run
 
 
 class EmulatorError(FeeddriveError):
-    """Raised if a bundle does not build, times out, or fails its self-test; the message contains the output."""
+    """The error if a bundle does not build, times out or fails its self-test; the message contains the output."""
 
     exit_code = 1
 

@@ -58,10 +58,10 @@ _GUARD = "control.guard."
 
 @dataclass(frozen=True)
 class DriveTrain:
-    """The drive train between motor and table: a screw with a gear, a linear motor, or the motor of an axis that turns.
+    """The drive train between motor and table: a screw with a gear, a linear motor, or the motor of a rotary axis.
 
-    lead    m; None for a linear motor and for an axis that turns, whose numbers are those of the motor's shaft
-    turns   True for an axis that turns
+    lead    m; None for a linear motor, and for a rotary axis, whose numbers are those at the motor's shaft
+    turns   True for a rotary axis
     """
 
     lead: float | None
@@ -152,9 +152,9 @@ def _fed(loop: Loop) -> tuple[float, float]:
 def drive_train(loop: Loop, lead: float | None = None, gear: float | None = None) -> DriveTrain:
     """Return the drive train given by the arguments, or else by the motor or the plant, or else that of a linear motor.
 
-    An axis that turns needs none: its numbers are those at the motor's shaft.
-    Raises ParameterError for a lead or gear that is not positive, for a gear without a lead, and if neither a motor nor
-    a lead is known.
+    A rotary axis needs no lead, since its numbers are those at the motor's shaft.
+    Raises ParameterError for a lead or gear that is not positive, for a gear without a lead, and for a linear axis if
+    neither a motor nor a lead is known.
     """
     for name, value in (("lead", lead), ("gear", gear)):
         if value is not None and not 0.0 < value < float("inf"):

@@ -437,7 +437,7 @@ _EXACT = """\
 
 
 def fmu(layout: Layout, version: int, *, title: str, made_by: str, binary: bool = True) -> bytes:
-    """Return the FMU of a routine for co-simulation by FMI 2.0 or 3.0; the same routine gives the same bytes.
+    """Return the FMU of a routine for co-simulation with FMI 2.0 or 3.0; identical routines give identical bytes.
 
     title, made_by  description of the design, and names of program and machine file; the FMU contains both
     binary          True to include a library for this computer; otherwise tools compile the included sources

@@ -44,8 +44,8 @@ class Layout:
     design   numbers that `configure` stores for reset, step and retune
     names    variable names in the source of the laws, by node
     makers   dotted names of the blocks that compute the nodes, by node
-    prepared the dotted names and nodes of the precomputed coefficients, in order
-    conditions the nodes of the routine's conditions, in order
+    prepared dotted names and nodes of the precomputed coefficients, in order
+    conditions  nodes of the routine's conditions, in order
     retune   the live parameter change in plain arithmetic; `retune_truth` flags the truth values among its nodes
     """
 

@@ -251,7 +251,7 @@ def hal(name: str) -> str:
 
 
 def check_component(name: str, functions: Sequence[str], items: Iterable[Item]) -> None:
-    """Raise ParameterError for a reserved or too long name, StructureError for duplicate names."""
+    """Raise ParameterError for a name that is reserved or too long, and StructureError for duplicate names."""
     if name in STOCK:
         raise ParameterError(
             f"the name '{name}' is that of a component of LinuxCNC, which the installed one would replace; "

@@ -1,4 +1,4 @@
-"""The target `linuxcnc-pid`: a P-PI design with LinuxCNC's stock pid components, and the remaining differences."""
+"""The target `linuxcnc-pid`: a P-PI design built from LinuxCNC's stock pid components, and remaining differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -34,7 +34,7 @@ _PACKAGES = {
 
 
 class HalError(FeeddriveError):
-    """Raised if LinuxCNC rejects a component, fails, or does not end; the message contains the output."""
+    """The error if LinuxCNC rejects a component, fails or does not end; the message contains the output."""
 
     exit_code = 1
 
@@ -186,7 +186,7 @@ def halrun(
                 `streamer.0.pin.N` and `sampler.0.pin.N`
     samples     the input rows, shape (n, len(types))
     types       types of the input pins, one letter each: f float, b bit, s signed, u unsigned
-    taken       types of the recorded output pins, likewise
+    taken       types of the recorded output pins, in the same notation
     meanwhile   halcmd commands to execute after the thread has started;  at_end: after all rows have arrived
     paced       True to run in real time, one row per period, as on a machine
     patience    timeout of the run in s
@@ -303,7 +303,7 @@ def answers(
     units_per_m  factor on lengths; with 1 the component receives exactly the numbers of `inputs`
     also         additional bit pins, with their value in each sample
     more         names and types of pins recorded after the outputs, such as ("fault-code", "s")
-    setup        halcmd commands to execute before the thread starts;  others: see `halrun`
+    setup        halcmd commands to execute before the thread starts; for the other arguments see `halrun`
     period       thread period in ns; default: the sample time
 
     Raises MissingProgramError and HalError as `halrun` does.

@@ -47,7 +47,7 @@ class Row(NamedTuple):
     unit      unit in the manufacturer's notation; `measure` is the same unit in the notation of `language.units`
     source    manual and page that document the parameter; empty if no manual was available
     linear    name, unit and measure for a linear motor, if they differ; an empty name if there is no such parameter
-    turning   the same for an axis that turns
+    turning   the same for a rotary axis
     scale     additional factor on the value, such as -1 for a lower limit
     decimals  number of decimals that the controller stores; `most` is the largest magnitude that it accepts
     """
@@ -582,7 +582,7 @@ LOW_PASS_1, LOW_PASS_2 = 1, 3  # filter types, the same numbers in both drives
 
 
 def twincat_filters(block: Filter, place: int) -> Filtered:
-    """Return the lines of a low-pass filter for both drives; a notch is rejected, since it is not documented."""
+    """Return the lines of a low-pass filter for AX5000 and AX8000; a notch is rejected, since it is not documented."""
     if place >= len(_AX5_FILTERS):
         return Filtered(why=f"a drive has {len(_AX5_FILTERS)} current command filters")
     if not isinstance(block, LowPass | LowPass2):
@@ -661,7 +661,7 @@ Entry = TypeVar("Entry", Line, LostPart)
 
 
 class Part(NamedTuple):
-    """A section of the README on one file: its lines and the missing parts of the design, or why it is absent."""
+    """A section of the README on one file: its lines and the missing parts of the design, or why the file is absent."""
 
     title: str
     file: str = ""
@@ -691,8 +691,8 @@ def write_parameters(
     lead, gear  lead of the screw (m) and gear (motor turns per screw turn), if the machine file does not contain them
 
     Raises StructureError for a law other than `cascade_ppi`; ParameterError for an unknown manufacturer, for a
-    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor or an axis that
-    turns that the manufacturer does not support; FileError as `new_directory` does.
+    manufacturer whose units refer to the motor's shaft if the motor is unknown, and for a linear motor or a rotary
+    axis that the manufacturer does not support; FileError as `new_directory` does.
     """
     wanted = list(makers) or [*MAKERS, *OTHERS]
     for wanted_maker in wanted:
@@ -795,7 +795,7 @@ def _text(head: Sequence[str], lines: Sequence[Line], comment: str, key: str) ->
 def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
     """Return the parts of the design that a manufacturer cannot represent.
 
-    Filters are judged one by one, all other parts by their kind.
+    Filters are checked individually, all other parts by kind.
     """
     parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):

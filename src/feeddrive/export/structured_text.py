@@ -41,7 +41,7 @@ class Fixed:
 
     fields      values of the fixed design numbers, by field name
     parameters  parameters that can no longer be changed on the PLC
-    nodes       values, by node, that depend on fixed parameters only and are read by rules on other parameters
+    nodes       values, by node, that depend on fixed parameters only and are read by rules on tunable parameters
     """
 
     fields: Mapping[str, float]
@@ -74,10 +74,7 @@ def fixed(layout: Layout) -> Fixed:
 
 
 def _read_by_rules(layout: Layout, held: set[int]) -> dict[int, float]:
-    """Return the values, by node, of operations that depend on fixed parameters only but are read by other rules.
-
-    Such a rule also reads parameters that can still be changed.
-    """
+    """Return, by node, the values that depend on fixed parameters only and are read by rules on tunable parameters."""
     graph, leaves = layout.graph, layout.leaves
     moves = _depending(graph, {node for node, (kind, _) in leaves.items() if kind == "parameter"} - held)
     stands = _depending(graph, held)
@@ -490,7 +487,7 @@ class Printer:
         return lines
 
     def _sampled(self, taken: Iterable[str]) -> Section:
-        """Return a section of statements that read inputs, state and design, as those of a sample do."""
+        """Return a new section for the statements of one sample, which read inputs, state and design."""
         layout, routine = self.layout, self.routine
         fields = {field.node: f"design.{self.design[field.name]}" for field in layout.design}
         leaves: dict[int, str] = {}

@@ -63,7 +63,7 @@ class Structure:
 
 @dataclass(frozen=True)
 class Unit:
-    """A function, if it has a result type, or a function block."""
+    """A function block, or a function if it has a result type."""
 
     name: str
     comment: str

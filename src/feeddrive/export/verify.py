@@ -118,7 +118,7 @@ def verify_export(
 
     The exported code is run by the tool of its target, such as FMPy for an FMU. The expected outputs are computed from
     the machine file of the export, in double precision by the simulator of this version, in single precision by the
-    same operations in Python, each of them rounded.
+    same operations in Python, each rounded to single precision.
     A file to be compiled or run is rejected beforehand if any byte differs from a fresh export.
 
     Raises FileError for such a file, for a directory that is not an export or whose code does not compile,
@@ -224,7 +224,7 @@ def _proven(
     flags: Sequence[str],
     command: str | None,
 ) -> Verified:
-    """Run the fresh export, which equals the checked one and which nobody can change between check and run."""
+    """Run the fresh export, which is identical to the checked one and cannot be modified between check and run."""
     single = design.layout.precision == "float"
     count = samples or (min(SINGLE, proof.samples) if single else proof.samples)
     # a short trial has some ten broken numbers, too

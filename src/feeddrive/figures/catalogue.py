@@ -44,7 +44,7 @@ def measurable(allow: Sequence[str] = ()) -> Mapping[str, Figure]:
 
 
 def figure(name: str, allow: Sequence[str] = ()) -> Figure:
-    """Return the figure that a study measures under a name. Raise ParameterError, with similar names, if unknown."""
+    """Return the figure that a study measures under a name. Raise ParameterError, which suggests names, if unknown."""
     candidates = measurable(allow)
     figure_ = candidates.get(name) or at_frequency(name)
     if figure_ is None:

@@ -42,8 +42,8 @@ class Goal:
     of        function of (loop, band in Hz) that returns the quantity to minimize
     slope     function of (loop with derivatives, band in Hz) that returns its logarithm with derivatives
     banded    True if the quantity depends on the band
-    on_table  True if it refers to a force on the table, so that a response to such a force should be known
-    returns   True if it measures how fast the axis recovers from a disturbance, so that it needs integral action
+    on_table  True if it refers to a force on the table, so a response to such a force should be known
+    returns   True if it measures how fast the axis recovers from a disturbance, so it needs integral action
     """
 
     name: str

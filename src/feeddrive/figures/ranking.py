@@ -97,7 +97,7 @@ def worst(figures: Sequence[Values]) -> dict[str, float | None]:
 
 
 def robust_peak(loop: Loop, velocity: float, share: float) -> float:
-    """Return the largest Ms if all masses, or all stiffnesses, of the plant differ by ±`share` from the model.
+    """Return the largest Ms over plants in which all masses, or all stiffnesses, differ from the model by ±`share`.
 
     The result is infinite if the loop is unstable with any of these plants.
     """

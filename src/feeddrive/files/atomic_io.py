@@ -56,8 +56,8 @@ def _check_name(path: str | Path) -> None:
 def read_whole(path: str | Path, most: int) -> bytes:
     """Read a regular file of at most `most` bytes.
 
-    Raises FileError for a file that is missing, a directory, a device or pipe (which might never end), too large, or
-    unreadable.
+    Raises FileError if the file is missing, unreadable or too large, and for a directory, a device or a pipe (which
+    might never end).
     """
     _check_name(path)
     try:
@@ -186,7 +186,7 @@ def check_directory(path: str | Path) -> None:
 
 
 def _seen(name: object, temporary: Path, target: Path) -> Path | None:
-    """Return the path to show in an error: under the final directory, not the temporary one; None without a path."""
+    """Return the path to show in an error, in the final directory instead of the temporary one; None if not a path."""
     if not isinstance(name, str | Path):
         return None
     file = Path(name)

@@ -282,7 +282,7 @@ def unit_at_the_end(name: str, role: str) -> str:
 
 
 def check_size(name: str, columns: int, rows: int) -> None:
-    """Raise LogError if a table of this size exceeds the largest count of numbers that a reader accepts."""
+    """Raise LogError if a table of this size contains more numbers than a reader accepts."""
     if columns * rows > MOST_NUMBERS:
         raise LogError(
             f"{name}: holds {columns} columns of {rows:,} rows, more than the {MOST_NUMBERS:,} numbers that are read; "

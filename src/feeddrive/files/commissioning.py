@@ -1,9 +1,9 @@
-"""What the commissioning file of a drive says of its axis: kind, clocks, controllers, and which response is what.
+"""The contents of a drive's commissioning file: type of axis, sample times, controllers and measured responses.
 
-The files are those of the tuning tool of SINUMERIK drives (`readers/ast_xml.py`).  Member names differ between
-versions, so values are found by member name anywhere in the file, except among the tool's tuning strategies, which hold
-what it may do and not what runs.  The units are those of the one public file, github.com/eliasrhoden/Sinumerik-Ctrl, in
-which some values also stand as machine data and drive parameters:
+The files are written by the tuning tool of SINUMERIK drives (`readers/ast_xml.py`).  Member names differ between
+versions, so values are found by member name anywhere in the file, except in the tool's tuning strategies, which contain
+permitted settings and not the active ones.  The units are those of the only public file,
+github.com/eliasrhoden/Sinumerik-Ctrl, which also contains some of the values as machine data and drive parameters:
 
     Kp   N m s/rad, as p1460          Tn   s (p1462 is in ms)          Kv   1000/min, as MD32200
     times in s, frequencies in Hz, inertias in kg m2 at the motor
@@ -56,12 +56,12 @@ _ENABLED = re.compile(r"\w*enabled", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class SpeedController:
-    """A PI speed controller of the file, with the filters of its torque setpoint.
+    """A PI speed controller in the file, with the filters of its torque setpoint.
 
-    Kp, Tn   N m s/rad (N s/m of a linear motor) and s; Tn is None without an integral
-    filters  filters that are on
-    left     what the file says of it and feeddrive's law has no part for, as clauses
-    stamp    the time at which the tool stored it, as text
+    Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None without integral action
+    filters  enabled filters
+    left     features in the file that feeddrive's control law does not support, in words
+    stamp    time at which the tool stored the controller, as text
     """
 
     place: str
@@ -72,27 +72,27 @@ class SpeedController:
     stamp: str = ""
 
     def values(self) -> tuple[object, ...]:
-        """Return what decides whether two controllers act alike."""
+        """Return the values that determine the behavior of the controller, for comparison with another one."""
         return self.Kp, self.Tn, [(block.kind, [*tree.leaves(block)]) for block in self.filters], self.left
 
 
 @dataclass(frozen=True)
 class Commissioning:
-    """The contents of a commissioning file as far as they are understood; None where the file does not say it.
+    """The recognized contents of a commissioning file; a value that the file does not contain is None.
 
-    rotary           True for an axis that turns
-    linear_motor     True for a linear motor: its plant is m/s over N
-    per_motor        motion of the axis (m or rad) for each radian or meter of the motor
+    rotary           True for a rotary axis
+    linear_motor     True for a linear motor; the plant response is then in (m/s)/N
+    per_motor        motion of the axis (m or rad) per radian or meter of the motor
     clock, position_clock    sample times of the speed loop and of the position loop, s
-    usable_from      the frequency from which the tool calls the plant usable, Hz
-    inertia, motor_inertia, antiresonance   the tool's own model: kg m2 at the motor, and Hz
+    usable_from      lowest frequency at which the tool considers the plant response usable, Hz
+    inertia, motor_inertia, antiresonance   values of the tool's own model: kg m2 at the motor, and Hz
     averages         number of averages of the measurement
-    margins          gain margin (dB) and phase margin (deg) that the tool's strategy asks for
-    Kv               position gain in 1000/min, as the file has it
-    delays           further delays of the position loop in sum, s
-    controllers      speed controllers in the order of the file, each different one once; the last one runs
-    plants, current_loops    the names of the responses of speed to torque, and of torque to its setpoint
-    stamps           the time of each measurement, as text
+    margins          gain margin (dB) and phase margin (deg) required by the tool's active strategy
+    Kv               position gain in 1000/min, as in the file
+    delays           sum of the additional delays of the position loop, s
+    controllers      speed controllers in the order of the file, without consecutive duplicates; the last one is active
+    plants, current_loops    names of the responses of speed to torque, and of torque to its setpoint
+    stamps           time of each measurement, as text, by name of the response
     """
 
     name: str
@@ -121,12 +121,12 @@ class Commissioning:
 
     @property
     def today(self) -> SpeedController | None:
-        """The speed controller that runs: the last one of the file."""
+        """The active speed controller, which is the last one in the file."""
         return self.controllers[-1] if self.controllers else None
 
     @property
     def plant(self) -> str | None:
-        """The name of the plant to use: the one with a coherence, measured last, with the most lines."""
+        """The name of the plant response to use: preferably one with a coherence, then the latest, then the longest."""
 
         def rank(name: str) -> tuple[bool, str, int]:
             frf = self.responses[name]
@@ -136,7 +136,7 @@ class Commissioning:
 
     @property
     def current_loop(self) -> str | None:
-        """The name of the response of the current loop to use: the one measured last, with the most lines."""
+        """The name of the current-loop response to use: the latest, and of several the one with the most lines."""
 
         def rank(name: str) -> tuple[str, int]:
             return self.stamps[name], self.responses[name].frequency.size
@@ -184,7 +184,7 @@ def read_commissioning(source: str | Path | OpenedFile) -> Commissioning | None:
 
 
 class _Values:
-    """The scalars of a file outside the tool's strategies, by their member names without prefix."""
+    """The scalars of a file outside the tool's strategies, found by member name without its prefix."""
 
     def __init__(self, root: Element) -> None:
         self._members: list[tuple[str, float | str]] = []
@@ -200,15 +200,15 @@ class _Values:
                 yield member, value
 
     def numbers(self, pattern: re.Pattern[str]) -> list[float]:
-        """Return all numbers whose member names match."""
+        """Return all numbers whose member names match the pattern."""
         return [value for _, value in self._matching(pattern) if isinstance(value, float)]
 
     def number(self, pattern: re.Pattern[str]) -> float | None:
-        """Return the first number that is not zero, which stands for an unknown value; None if there is none."""
+        """Return the first matching number other than zero, which marks an unknown value; None if there is none."""
         return next((value for value in self.numbers(pattern) if value != 0.0), None)
 
     def first_of_each(self, pattern: re.Pattern[str]) -> list[float]:
-        """Return the first number of each member name that matches."""
+        """Return, for each matching member name, its first number."""
         first: dict[str, float] = {}
         for member, value in self._matching(pattern):
             if isinstance(value, float):
@@ -220,7 +220,7 @@ class _Values:
         return next((ast_xml.true(value) for _, value in self._matching(pattern)), None)
 
     def text(self, member: str) -> str:
-        """Return the first text of a member; empty if there is none."""
+        """Return the first value of a member as text; empty if there is none."""
         self.seen.add(member)
         return next((str(value) for name, value in self._members if name == member), "")
 
@@ -235,19 +235,19 @@ def _in_strategy(path: tuple[str, ...], element: Element) -> bool:
 
 
 def _decimal(seconds: float) -> float:
-    """Return a clock with six digits: the file holds it in single precision, 125 us as 0.000125000007629."""
+    """Round a sample time to six digits, since the file stores it in single precision: 125 us as 0.000125000007629."""
     return float(f"{seconds:.6g}")
 
 
 def _of(element: Element, pattern: re.Pattern[str]) -> float | None:
-    """Return the number of an element's member that matches, or None."""
+    """Return the number of an element's first member whose name matches, or None."""
     return next(
         (v for name, v in element.scalars().items() if pattern.fullmatch(_bare(name)) and isinstance(v, float)), None
     )
 
 
 def _controllers(root: Element) -> tuple[SpeedController, ...]:
-    """Return the speed controllers; one that only repeats the one before it is left out."""
+    """Return the speed controllers in the order of the file, without consecutive duplicates."""
     controllers: list[SpeedController] = []
     for path, element in root.walk():
         Kp = _of(element, _KP)
@@ -268,7 +268,7 @@ def _controllers(root: Element) -> tuple[SpeedController, ...]:
 
 
 def _filters(regulator: Element) -> tuple[tuple[Filter, ...], tuple[str, ...]]:
-    """Return the filters of the torque setpoint that are on, and clauses on others that are on."""
+    """Return the enabled filters of the torque setpoint, and a phrase for each enabled filter that is not supported."""
     filters: list[Filter] = []
     left: list[str] = []
     for path, element in regulator.walk():
@@ -332,9 +332,9 @@ _MAKERS: Mapping[str, Callable[[Mapping[str, float]], Filter | None]] = {
 
 
 def _margins(root: Element) -> tuple[float | None, float | None]:
-    """Return the gain margin in dB and the phase margin in deg of the active strategy; None where it states none.
+    """Return the gain margin in dB and the phase margin in deg of the active strategy; None for a missing margin.
 
-    A list of strategies says by its index which one is active; without an index it is the first one.
+    The index stored with a list of strategies selects the active one; without an index the first one is active.
     """
     for _, parent in root.walk():
         items = next((child for child in parent.children if child.member == "m_StrategyList"), None)
@@ -353,7 +353,7 @@ def _margins(root: Element) -> tuple[float | None, float | None]:
 
 
 def require_plant(commissioning: Commissioning) -> str:
-    """Return the name of the plant. Raise LogError, with what there is, if the file has none."""
+    """Return the name of the plant response. Raise LogError, listing the available responses, if there is none."""
     name = commissioning.plant
     if name is None:
         there = ", ".join(commissioning.responses)

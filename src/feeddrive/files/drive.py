@@ -87,7 +87,7 @@ class Drive:
     def at_table(self, path: Path | OpenedFile, moving: str, unit: str, acting: str) -> float:
         """Return the table travel per motor angle, m/rad. Raise ParameterError if the lead is unknown.
 
-        It converts between motion and force if one of them is measured at the shaft and the other at the table.
+        This factor is needed if the motion is measured at the shaft and the force at the table, or vice versa.
         """
         if self.lever is None:
             other = "N" if "rad" in unit else "N m"
@@ -108,9 +108,9 @@ def drive_with(
     *,
     turns: bool = False,
 ) -> Drive:
-    """Return the drive given by the options.
+    """Return the drive described by the options.
 
-    If no lead is given, the lead is that of the loop's screw, and so is the gear unless it is given.
+    Without the option `lead`, the lead is that of the loop's screw, and so is the gear unless `gear` is given.
     """
     motor = None if loop is None else loop.axis.actuator.motor
     if isinstance(motor, Screw) and lead is None:

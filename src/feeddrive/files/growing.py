@@ -60,7 +60,7 @@ class GrowingBytes(Protocol):
     name: str
 
     def head(self) -> bytes:
-        """Return up to `HEAD` bytes from the start, as far as available."""
+        """Return the first `HEAD` bytes, or fewer if not as many are available."""
         ...
 
     def read(self) -> Grown:
@@ -280,7 +280,7 @@ class GrowingTable:
     def _understand(self) -> bool:
         """Detect layout, names, units and clock from the first lines; return False while there are too few."""
         head = self._content.head()
-        # More content makes nothing clearer.
+        # More content would not help.
         full = len(head) >= HEAD
         head = head[: head.rfind(b"\n") + 1]
         if head.count(b"\n") < _LEAST and not full:

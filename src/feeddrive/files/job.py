@@ -232,7 +232,7 @@ def _axis(root: TomlTable, machine: MachineFile) -> str:
 
 
 def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool]:
-    """Return, for each section of the job by key prefix, True if its axis is rotary."""
+    """Return a dict from the key prefix of each section of the job to True if its axis is rotary."""
     turns = {name: loop.axis.rotary for name, loop in machine.loops.items()}
     # A job contains no axis of its own: which of its values are angles follows from the machine.
     turning: dict[Key, bool] = dict.fromkeys((("reference",), ("load",), ("law",)), turns[axis])

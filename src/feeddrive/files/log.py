@@ -149,7 +149,8 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
     """Return a remark if the signal reaches its extreme value at full slope and stays there, else "".
 
-    times  how often it must happen: once is enough for a position, which no axis stops within a sample
+    times  number of occurrences required for a remark; one is enough for a position, since no axis can stop within
+           one sample
     """
     if np.unique(values).size < _LEVELS:
         return ""
@@ -173,7 +174,7 @@ def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal changes only at every m-th sample, like that of a slower task, else ""."""
+    """Return a remark if the signal changes only at every m-th sample, as if written by a slower task, else ""."""
     changes = np.flatnonzero(np.diff(values))
     # a few changes lie on a common grid by chance
     if changes.size < 20:

@@ -202,7 +202,7 @@ def read_machine(
 
 
 def machine_of_text(text: str, name: str) -> MachineFile:
-    """Return the machine of a text in the form of a machine file; errors name it `name`.
+    """Parse the text of a machine file; `name` is the file name in error messages.
 
     Raises ParameterError or StructureError, like `read_machine`.
     """
@@ -301,7 +301,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
     stated: dict[str, AxisLimits] = {}
     if limits is not None:
         file = read_toml(limits)
-        # a file of limits does not say which axes turn: their letters do, in either case
+        # a limits file does not state which axes are rotary: their letters do, in upper or lower case
         turning: dict[Key, bool] = {("axis", name.lower()): True for name in ROTARY}
         turning |= {("axis", name): True for name in ROTARY}
         section = read_section(LimitsSection, replace(file.root(), turning=turning))

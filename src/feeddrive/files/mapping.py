@@ -8,9 +8,9 @@
     print(guess.toml("run.csv"))                  # [log] and [log.channels] for a job, or for `read_request`
     log = read_log("run.csv", guess.mapping)      # the same `Mapping` as in the TOML text
 
-What a name and a unit state is read by `names`.  The samples decide where names say nothing (rows without a head) or
-the same twice (two positions), and contradict them where they are wrong (`role_checks`).  A log of several axes gives
-the roles of one of them.  A guess is used only on the user's request.
+Names and units are interpreted by `names`.  The samples decide if names are missing (rows without headers) or ambiguous
+(two positions), and they reveal wrong names (`role_checks`).  In a log of several axes, roles are assigned to the
+channels of one axis.  A guess is used only on the user's request.
 
 `Mapping` assigns roles to a log's columns, in the same form for the studio, a channels file, the command line and
 Python:
@@ -83,14 +83,14 @@ class Need(NamedTuple):
 
 @dataclass(frozen=True)
 class ProposedColumn:
-    """What is proposed for one column of a log, as a row of a table.
+    """The role proposed for one column of a log, as a row of a table.
 
     role, unit, factor  empty or None for a column without a role
-    stated   the unit in the file, if it states one
-    why      the reason for the role, or for none, in one line
-    option   the option of the command line that says the same, to be edited if the guess is wrong
-    asks     what is missing to use the column: `rated`, `factor` or empty; `role` is then the role it will have
-    doubt    what the samples have against the role; empty if nothing
+    stated   unit stated in the file; empty if there is none
+    why      reason for the role, or for the lack of one, in one line
+    option   command-line option that assigns this role, to be edited if the guess is wrong
+    asks     input without which the column cannot be used, `rated` or `factor`; empty if none is missing
+    doubt    the contradiction between the samples and the role; empty if there is none
     """
 
     column: str
@@ -112,10 +112,10 @@ class Guess(Result):
     factor, and the meaning of this factor; `unused` lists channels without a role, with the reason; `lost` lists, by
     role, a column that would have the role if it contained numbers, and what it contains instead.
 
-    axes    the axes of the log, as its columns name them; the guess is for `mapping.axis`
-    doubts  what the samples have against the roles
+    axes    the axes of the log, as named in its columns; the guess is for `mapping.axis`
+    doubts  contradictions between the samples and the roles
     stated  the unit of each column in the file
-    preview peak figures for the person who knows the machine; None without a position
+    preview peak figures by which the user can check the guess; None without a position
     """
 
     name: str
@@ -158,7 +158,7 @@ class Guess(Result):
         return tuple(rows)
 
     def table(self) -> Table:
-        """Tabulate role, channel, unit, reason and option, followed by channels that need a factor and unused ones."""
+        """Tabulate role, channel, unit, reason and option of all columns, those without a role last."""
         rows = [
             [
                 "-" if not row.role else f"{row.role} ?" if row.asks else row.role,
@@ -184,17 +184,17 @@ class Guess(Result):
 
 
 def axes_in(names: abc.Collection[str], units_: abc.Mapping[str, str]) -> tuple[str, ...]:
-    """Return the axes whose channels suggest a role, in the order of the columns; empty if no name has an axis."""
+    """Return the axes in the channel names, in the order of the columns; axes without a motion only if all lack one."""
     axes = axes_of(names)
     read = [read_name(name, units_.get(name, ""), axes[name]) for name in names]
     all_ = dict.fromkeys(reading.axis for reading in read if reading.role_like and reading.axis)
     moving = {reading.axis for reading in read if reading.quantity in _MOTION}
-    # a group without a motion, as that of a program, is no axis
+    # a group without a motion, such as that of a program, is not an axis
     return tuple(axis for axis in all_ if axis in moving) or tuple(all_)
 
 
 def nameless_in(names: abc.Collection[str], units_: abc.Mapping[str, str], axis: str = "") -> tuple[str, ...]:
-    """Return the channels whose names and units say nothing; in a log of several axes those that name no other one."""
+    """Return the channels whose names and units suggest no role, except those that name an axis other than `axis`."""
     axes = axes_of(names)
     read = {name: read_name(name, units_.get(name, ""), axes[name]) for name in names}
     return tuple(
@@ -205,7 +205,7 @@ def nameless_in(names: abc.Collection[str], units_: abc.Mapping[str, str], axis:
 
 
 def axis_called(name: str, asked: str, axes: abc.Collection[str]) -> str:
-    """Return the axis that the user names: in any case, and `x` for `x1` if no other axis begins so.
+    """Return the axis that the user named, ignoring case; `x` also matches `x1` if no other axis starts with x.
 
     Raises ParameterError for an axis that no channel names.
     """
@@ -273,9 +273,9 @@ def guess_roles(log: Log, axis: str | None = None) -> Guess:
 
 
 def role_doubts(log: Log, mapping: abc.Mapping[str, Column], others: abc.Collection[str] = ()) -> tuple[RoleDoubt, ...]:
-    """Return what the samples of a log, read without a mapping, have against the roles of its columns.
+    """Return the contradictions between the samples of a log, read without a mapping, and the roles of its columns.
 
-    others  channels without a role, one of which may be the force that was meant
+    others  channels without a role, one of which may be the intended force
     """
     used = {column.name for column in mapping.values()}
     rest = {name: log[name] for name in others if name not in used}
@@ -287,7 +287,7 @@ def log_preview(
 ) -> Preview | None:
     """Return the peak figures of a log that was read without a mapping; None if no column is a position.
 
-    needs  channels that still need a factor: a force in percent is shown in percent
+    needs  channels whose unit still requires a factor; a force in percent is shown in percent
     """
     needs = {role: need for role, need in (needs or {}).items() if role not in mapping and need.column in log.channels}
     columns = {**mapping, **{role: Column(name=need.column) for role, need in needs.items()}}
@@ -314,7 +314,7 @@ def _by_role(log: Log, mapping: abc.Mapping[str, Column]) -> dict[str, np.ndarra
 
 
 def _order(name: str, reading: NameReading) -> tuple[bool, ...]:
-    """Return the sort key of names: the clearest first."""
+    """Return a sort key by which the clearest names come first."""
     # of two currents or forces the measured one; both of them have the same role if neither is a set value
     feedback = reading.quantity in ("current", "torque") and "feedback" not in name.lower()
     return (
@@ -329,7 +329,7 @@ def _order(name: str, reading: NameReading) -> tuple[bool, ...]:
 
 @dataclass(frozen=True)
 class _Taking:
-    """The roles of channels while they are assigned, from clear names to vague ones."""
+    """The state of the role assignment, which proceeds from clear names to vague ones."""
 
     log: Log
     axis: str
@@ -355,7 +355,7 @@ class _Taking:
         self.reasons[role] = reading.why + ("" if stated else f"; no unit is stated, {ROLES[role]} is taken")
 
     def again(self, name: str, reading: NameReading, role: str) -> None:
-        """Assign a channel whose role is taken: as setpoint or as second encoder, or leave it out with a reason."""
+        """Assign a channel as setpoint or second encoder if its role is already taken, or record why it is unused."""
         other = _OTHER.get(role, "")
         taken = self.mapping[role].name if role in self.mapping else self.needs[role].column
         # Only a second channel without a side can be the other encoder; a third one cannot be assigned.
@@ -382,7 +382,7 @@ class _Taking:
             self._as_setpoint(name, reading, role, setpoint, goal, actual)
             return
         motor, load = (other, role) if role.endswith("_load") else (role, other)
-        # the first in the file is taken for the motor's, until the samples say otherwise
+        # the first in the file is assumed to be the motor's, unless the samples contradict this
         if role in self.mapping:
             self.mapping[motor] = self.mapping.pop(role)
             del self.reasons[role]
@@ -401,7 +401,7 @@ class _Taking:
                 self.reasons[load] = "of two such channels the one that trails while the axis accelerates"
 
     def _as_setpoint(self, name: str, reading: NameReading, role: str, setpoint: str, goal: str, actual: str) -> None:
-        """Assign setpoint and position to two channels of which one follows the other."""
+        """Assign setpoint and actual position to two channels, one of which follows the other."""
         column = self.mapping.pop(role, None)
         need = self.needs.pop(role, None)
         self.reasons.pop(role, None)
@@ -420,7 +420,7 @@ class _Taking:
         return self.log[self.mapping[role].name if role in self.mapping else self.needs[role].column]
 
     def by_shape(self, nameless: abc.Collection[str]) -> None:
-        """Find the roles that are missing among channels whose names say nothing."""
+        """Assign missing roles to channels with uninformative names, from their samples."""
         places = [role for role in _PLACES if role in self.mapping or role in self.needs]
         acting = [role for role in _ACTING if role in self.mapping or role in self.needs]
         if not nameless or (places and acting):
@@ -458,7 +458,7 @@ _SETPOINT_OF = {
 
 
 def _role(reading: NameReading) -> str:
-    """Return the role of a channel, from its quantity and from whether it is set or measured at motor or load."""
+    """Return the role of a channel from its quantity, its kind (set or measured) and its side (motor or load)."""
     if reading.quantity not in _ROLES:
         return ""
     place = 0 if reading.is_set else {"motor": 1, "load": 2}.get(reading.side, 3)

@@ -1,12 +1,12 @@
-"""What the names and units of channels state: quantity, set or measured, motor or load, and the axis.
+"""The interpretation of channel names and units: quantity, set or measured value, motor or load, and axis.
 
 A name is split into words at punctuation, digits and capitals: `joint.0.motor-pos-cmd` is joint, 0, motor, pos, cmd;
 `X1_DCBusVoltage` is x1, dc, bus, voltage.  A known unit determines the quantity; otherwise the words do.
 
-Axes are found in all names together (`axes_of`), since `x1` and `x2` may be the two encoders of one axis: prefixes such
-as `X1_` and `Y1_` name axes if the same words follow different letters.
+Axes are determined from all names together (`axes_of`), since `x1` and `x2` may be the two encoders of one axis:
+prefixes such as `X1_` and `Y1_` name axes if the same words follow different letters.
 
-Names with a meaning of their own are those that their makers document: LinuxCNC (HAL pins), SINUMERIK (trace variables
+Names with a fixed meaning are those documented by manufacturers: LinuxCNC (HAL pins), SINUMERIK (trace variables
 nckServoData...), HEIDENHAIN (oscilloscope of the iTNC 530), TwinCAT, CiA 402 (EPOS Studio), ODrive.
 """
 
@@ -80,7 +80,7 @@ _MEASURED = {
     "estimate",
     "estimated",
 }
-# what is logged beside an axis, and has no role in its model
+# signals that are logged with an axis but have no role in its model
 _OTHERS: Mapping[str, frozenset[str]] = {
     "the supply of the drive, no signal of the axis": frozenset(
         {"bus", "dcbus", "vbus", "ibus", "dclink", "link", "zwischenkreis", "zwischenkreisspannung", "supply"}
@@ -146,7 +146,7 @@ _QUANTITY_OF_UNIT = {
 
 @dataclass(frozen=True)
 class _Documented:
-    """What a maker documents of a name that states no unit."""
+    """The manufacturer's definition of a name that contains no unit."""
 
     quantity: str
     is_set: bool
@@ -188,7 +188,7 @@ _LETTERED = re.compile(r"([svaIM]|V) \(?(actual|act|nominal|noml|nom)\.?(?: rpm)
 # variables of the servo trace of SINUMERIK; 32 and 64 are widths of the number
 _NCK = re.compile(r"nckServoData(Act|Cmd)(Pos|Vel|Torque|Curr)(1stEnc|2ndEnc|Mot)?(?:32|64)")
 _NCK_UNITS = {"Pos": ("position", "mm"), "Torque": ("torque", "N m"), "Curr": ("current", "A"), "Vel": ("speed", "rpm")}
-# German compounds with set or actual before or behind: Sollposition, Lageistwert
+# German compounds with set or actual at the start or at the end: Sollposition, Lageistwert
 _BEHIND = re.compile(r"(soll|ist)wert")
 _BEFORE = re.compile(
     r"(?<![a-zäöü])(soll|ist)(?=position|lage|weg|winkel|geschwindigkeit|drehzahl|beschleunigung|kraft|drehmoment|moment|strom)",
@@ -200,7 +200,7 @@ _AXIS = re.compile(r"(?:joint|axis|axes|achse|ax|j)[ ._\[-]*([0-9]{1,2}|[xyzabc]
 _UNIT_NUMBER = re.compile(r"\[u[0-9]+[;, ]+([0-9]{1,2})\]")  # of a SINUMERIK variable: [u1, 2] is axis 2
 _SHORT = re.compile(r"(u|v|i|iq|f|pos|vel)_?([xyz])")
 _LETTERS = frozenset("xyzabcuvws")
-# alone, these letters are an acceleration, a path, a velocity and a voltage more often than an axis: v_ist, s_soll
+# on their own, these letters denote acceleration, path, voltage or velocity more often than an axis: v_ist, s_soll
 _QUANTITIES = frozenset("asuv")
 _INTEGRAL = re.compile(r"I \(int")
 
@@ -223,7 +223,7 @@ class NameReading:
 
     @property
     def is_weak(self) -> bool:
-        """True for a command whose name marks it as a set value; others, such as `output`, are preferred to it."""
+        """True for a command whose name marks it as a set value; other names, such as `output`, have priority."""
         return self.quantity == "command" and self.is_set
 
     @property
@@ -242,7 +242,7 @@ def words_of(name: str) -> list[str]:
 def read_name(name: str, unit: str, axis: str | None = None) -> NameReading:
     """Interpret the name and the unit of a channel.
 
-    axis  the axis of the channel, as `axes_of` finds it in all names; None: that in this name alone
+    axis  the axis of the channel, determined by `axes_of` from all names; None: determined from this name alone
     """
     words = words_of(_UNIT_NUMBER.sub("", name))
     unit, bare = (unit, words) if unit else _unit_at_the_end(name, words)
@@ -325,7 +325,7 @@ RELATIVE = frozenset({"percent", "permille"})
 
 
 def _documented(name: str) -> _Documented | None:
-    """Return what a maker documents of this name; None for all other names."""
+    """Return the manufacturer's definition of a name; None if there is none."""
     odrive = _ODRIVE.get(name.rpartition(".")[2].lower())
     if odrive is not None:
         return odrive
@@ -367,7 +367,7 @@ def _unit_at_the_end(name: str, words: list[str]) -> tuple[str, list[str]]:
 
 
 def _axis(name: str, words: list[str]) -> str:
-    """Return the axis in a name alone: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
+    """Return the axis determined from one name alone: `joint.0` -> 0, `x_cmd` -> x, `ux` -> x."""
     match = _UNIT_NUMBER.search(name) or _AXIS.search(name)
     if match:
         return match[1].lower()
@@ -379,11 +379,11 @@ def _axis(name: str, words: list[str]) -> str:
 
 
 def axes_of(names: Iterable[str]) -> dict[str, str]:
-    """Return the axis of each name, empty for none, from all names of a log together.
+    """Return the axis of each name, determined from all names of a log together; empty for a name without an axis.
 
     A word such as `X1` or `C` at the start or at the end of a name is an axis if the other words of the name occur with
-    another letter too: X1_ActualPosition and Y1_ActualPosition.  `x1_pos` and `x2_pos` have the same letter, as motor
-    and table of one axis have; they are two axes only if each has a force, torque or current of its own.
+    another letter too: X1_ActualPosition and Y1_ActualPosition.  `x1_pos` and `x2_pos` have the same letter and may be
+    motor and table of one axis; they are two axes only if there is a force, torque or current for each.
     """
     split = {name: _unit_at_the_end(name, words_of(name))[1] for name in names}
     axes = {name: _axis(name, words) for name, words in split.items()}
@@ -421,7 +421,7 @@ _DRIVING = ("force", "torque", "current")
 
 
 def _tokens(words: list[str]) -> Iterable[tuple[str, str]]:
-    """Yield the words at the start and at the end of a name that may be an axis, each with the other words."""
+    """Yield the first and the last words of a name if they may be an axis, each with the remaining words."""
     if len(words) < 2:
         return
     for k in (0, -1):

@@ -1,8 +1,9 @@
 """The gains of an ODrive from the JSON file that `odrivetool backup-config` writes, as a P-PI cascade.
 
-The file holds the properties of the drive under their names, nested or with points: axis0.controller.config.pos_gain.
-Source of the form: odriverobotics/ODrive, tools/odrive/configuration.py (`backup_config`); of the units:
-Firmware/MotorControl/controller.hpp, beside the fields, from firmware 0.5 on.
+The file contains the properties of the drive by name, as nested objects or with dotted names such as
+axis0.controller.config.pos_gain.  Source of the format: odriverobotics/ODrive, tools/odrive/configuration.py
+(`backup_config`).  Source of the units: Firmware/MotorControl/controller.hpp, comments on the fields, since firmware
+0.5.
 """
 
 import json
@@ -22,16 +23,16 @@ _SHAPED = (3, 5)  # input_mode: a filter or a trapezoid of the drive's own, whic
 
 
 def read_odrive(path: str | Path, axis: str = "axis0", lever: float | None = None) -> tuple[CascadePPI, list[str]]:
-    """Return the law of one axis of an ODrive and remarks on what the file does not say.
+    """Return the control law of one axis of an ODrive, and remarks on settings that it does not include.
 
         Kv = pos_gain,   Kp = vel_gain / 2π r²,   Tn = vel_gain / vel_integrator_gain
 
     pos_gain is in (turn/s)/turn, vel_gain in N m/(turn/s), vel_integrator_gain in N m/(turn/s)/s, all at the motor.
 
-    lever   travel r of the table for each radian of the motor, m; None for an axis that turns, whose r is 1
+    lever   travel r of the table per radian of the motor, m; None for a rotary axis, for which r = 1
 
     Raises FileError for a file of another kind, for firmware before 0.5, whose gains are in counts and A, and for an
-    axis whose position loop does not run.
+    axis that is not in position control.
     """
     try:
         content = json.loads(read_whole(path, _MOST_BYTES))
@@ -84,7 +85,7 @@ def _gain(path: str | Path, values: dict[str, Any], name: str, least: float | No
 
 
 def _flat(content: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield all values below a JSON object by their names with points."""
+    """Yield all values in a JSON object with their dotted names."""
     if isinstance(content, dict):
         for key, value in content.items():  # pyright: ignore[reportUnknownVariableType]
             yield from _flat(value, f"{name}.{key}" if name else str(key))  # pyright: ignore[reportUnknownArgumentType]

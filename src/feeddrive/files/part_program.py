@@ -466,7 +466,7 @@ def setpoint_files(folder: Path, limits: MachineLimits, sample_time: float, prog
 
 
 def _lines(file: Any, rows: np.ndarray) -> None:
-    """Write rows of numbers separated by blanks, with the fewest digits that reproduce each number exactly."""
+    """Write rows of numbers separated by spaces, with the fewest digits that reproduce each number exactly."""
     import pyarrow as arrow
     from pyarrow import csv
 

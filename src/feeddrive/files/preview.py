@@ -1,8 +1,8 @@
-"""Peak figures of a log in the units of its columns, before anything is fitted: does this look like your machine?
+"""Peak figures of a log in the units of its columns, by which the user can check the log before any fit.
 
-Whoever recorded the log knows its travel, top speed and acceleration.  A wrong unit, a wrong column or another axis
-shows in them at once.  Without the rated value of a drive, the acceleration that 100 % of its force would give is shown
-instead of force and mass.
+The person who recorded the log knows travel, top speed and acceleration, and can therefore notice a wrong unit, a wrong
+column or another axis.  Without the rated value of a drive, the acceleration that 100 % of its force would cause is
+shown instead of force and mass.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _GRAVITY = 9.80665  # m/s²
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A channel for the picture: at most two points of each of `_BINS` stretches, in its unit."""
+    """A channel reduced for plotting: minimum and maximum of each of up to `_BINS` stretches, in its own unit."""
 
     name: str
     role: str
@@ -45,10 +45,11 @@ class Trace:
 class Preview(Result):
     """Peak figures of a log, and its signals for a picture.
 
-    length        unit in which the user has lengths or angles: mm, in, deg
-    sizes         travel, speed and acceleration by the names of `plausibility.RANGES`, in SI, as far as they are there
-    acting        largest value of the force, or of the signal that stands for it, in `signal`
-    force         unit in which the user has the force: N, kN, Nm; empty for a signal
+    length        the user's unit of lengths or angles: mm, in, deg
+    sizes         travel, speed and acceleration in SI, by the names in `plausibility.RANGES`, where available
+    signal        unit of the force, or of the drive signal that replaces it
+    acting        largest absolute value of this force or signal, in `signal`
+    force         the user's unit of force: N, kN, Nm; empty for a drive signal
     mass          kg or kg m², or `signal` per m/s² or rad/s²; None if the force does not follow the acceleration
     traces        set and actual position, speed and force over time
     """
@@ -65,7 +66,7 @@ class Preview(Result):
 
     @property
     def per_mass(self) -> float | None:
-        """The acceleration that the largest force would give without friction, m/s² or rad/s²; None without a mass."""
+        """The acceleration that the largest force would cause without friction, m/s² or rad/s²; None without a mass."""
         return None if self.acting is None or not self.mass else self.acting / self.mass
 
     @property
@@ -74,7 +75,7 @@ class Preview(Result):
         return self.signal in ("N", "N m")
 
     def table(self) -> Table:
-        """Tabulate the figures beside those of feed drives."""
+        """Tabulate the figures, with the usual ranges of feed drives."""
         travel, speed, acceleration, force, mass, over = RANGES[self.frame]
         rows: list[list[Cell]] = [
             [span.quantity, self._own(self.sizes[span.quantity], span.unit), span.bounds()]
@@ -97,7 +98,7 @@ class Preview(Result):
         return Table(f"{self.name}: does this look like your machine?", ["", "in this log", "feed drives have"], rows)
 
     def sentence(self) -> Text:
-        """Return the figures as one sentence, with the question to the person who knows the machine."""
+        """Return the figures as a text that asks the user whether they match the machine."""
         travel, speed, acceleration, *_ = RANGES[self.frame]
         parts = [
             Text(f"{span.quantity} {self._own(self.sizes[span.quantity], span.unit)}")
@@ -109,7 +110,7 @@ class Preview(Result):
         )
 
     def _own(self, value: float, unit: str) -> Text:
-        """Return a travel, speed or acceleration in the user's unit, and as data sheets have it."""
+        """Return a travel, speed or acceleration in the user's unit, with that of data sheets in parentheses."""
         if unit in ("m", "rad"):
             return Text(f"{Quantity(value, unit, form=f'4 {self.length}')}")
         if unit == "m/s":
@@ -130,7 +131,7 @@ class Preview(Result):
 def preview_of(
     name: str, channels: Mapping[str, np.ndarray], columns: Mapping[str, Column], T: float, lengths: Mapping[str, str]
 ) -> Preview | None:
-    """Return the peak figures of a log; None for one without a position.
+    """Return the peak figures of a log; None if the log has no position.
 
     channels  the log by role, in the unit of each role; a role that still needs a factor is in the unit of the file
     columns   the column of each role, with its unit
@@ -166,7 +167,7 @@ def preview_of(
 
 
 def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
-    """Return the unit in which the user has this length or angle: that of the column, of the file, or the usual one."""
+    """Return the user's unit of a length or angle: that of the column, else that of the file, else mm or rad."""
     return _unit_of(column, lengths, si) or ("mm" if si == "m" else "rad")
 
 
@@ -187,7 +188,7 @@ def _size(unit: str, si: str) -> float:
 
 
 def _trace(name: str, role: str, unit: str, values: np.ndarray, T: float, window: float = 0.0) -> Trace:
-    """Return a channel reduced to the extremes of stretches, after a moving average over `window` s."""
+    """Return a channel reduced to the extremes of short stretches, after a moving average over `window` s."""
     width = round(window / T)
     if width > 1 and values.size > width:
         values = np.convolve(values, np.full(width, 1.0 / width), mode="same")

@@ -1,6 +1,6 @@
 """Reading of measured logs: the format is detected from the content; all channels share one clock.
 
-The time stamps must have a uniform sample time, no gap and no backward step. Every error states place and remedy.
+The time stamps must have a uniform sample time, no gap and no backward step. Every error states location and remedy.
 """
 
 import hashlib
@@ -457,7 +457,7 @@ def _stamps(
 
 
 def _clock_of(columns: Columns) -> str:
-    """Return what a file without a clock says of it, as the middle of a sentence."""
+    """Return a hint on how to provide the clock of a file without one, as part of an error message."""
     if columns.format == "halsampler":
         numbers = (
             "" if COUNTER not in columns.values else "the numbers of the samples are there, but not their period: "

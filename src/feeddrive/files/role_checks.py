@@ -1,9 +1,10 @@
-"""Do the samples of a log bear out the roles of its columns?  Roles of columns without a name, by their samples alone.
+"""Checks of the column roles of a log against its samples, and roles of nameless columns from their samples alone.
 
-`doubts_of` compares the channels of a log with each other, as `identification.shapes` describes, and returns a sentence
-with the correction for each role that they contradict: set and actual exchanged, motor and table exchanged, a velocity
-in place of a position, a channel of another axis, a wrong sign, two units that do not fit, a force that is none.
-`roles_by_shape` finds position, set position and drive signal among columns whose names say nothing.
+`doubts_of` compares the channels of a log with each other, as `identification.shapes` describes.  For each role that
+the samples contradict it returns a sentence with the correction: set and actual position exchanged, motor and table
+exchanged, a velocity in place of a position, a channel of another axis, a wrong sign, inconsistent units, or a force
+column that contains another quantity.  `roles_by_shape` finds position, set position and drive signal among columns
+with uninformative names.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ _FORCES = ("force", "torque", "command", "current")
 SCALE = 2.0  # times that two channels of one motion may differ in size: a slow loop; units differ by 16 and more
 OTHER = 0.5  # share of a motion below which a channel is certainly of another axis or of another quantity
 COUNTED = 1e-4  # share by which the changes of s - x may differ from those of a logged difference
-# share by which a position may differ from the integral of its velocity: makes a mass 2 % wrong if it is the clock
+# share by which a position may differ from the integral of its velocity: as an error of the clock, 2 % of a mass
 CLOCK_OFF = 0.01
 EQUAL = 1e-3  # share by which the numbers of a force may differ from those of a current that it is: rounding of a file
 MOST_ROWS = 100_000  # rows that are compared: the liveliest stretch of a longer log
 
-# sizes that two units of one quantity have to each other: of lengths, speeds and angles
+# factors between the units of one quantity: lengths, speeds and angles
 _RATIOS = {
     "m": {"mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "m/s": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "mm/min": 1e-3 / 60.0},
@@ -48,10 +49,10 @@ _RATIOS = {
 class RoleDoubt:
     """A contradiction between the roles of columns and their samples, or roles that the samples do not confirm.
 
-    roles    the roles concerned, the one to correct first
+    roles    the roles concerned, starting with the one to correct
     kind     swapped, encoders, velocity, axis, sign, unit, force, late, clock (a second column contradicts clock or
              scales), or open: the samples neither confirm nor contradict the roles
-    why      the sentence: what the samples show, and the option that corrects it
+    why      a sentence with the evidence in the samples and the option that corrects the role
     certain  True if a result with these roles would be wrong; otherwise it is a remark
     """
 
@@ -62,7 +63,7 @@ class RoleDoubt:
 
 
 def liveliest(signals: Collection[np.ndarray]) -> slice:
-    """Return the rows that are compared: all, or of more than `MOST_ROWS` the stretch in which most changes."""
+    """Return the rows to compare: all of them, or in a long log the `MOST_ROWS` rows with the largest changes."""
     rows = min((values.size for values in signals), default=0)
     if rows <= MOST_ROWS:
         return slice(0, rows)
@@ -87,10 +88,10 @@ def doubts_of(
 
     channels  the log by role, in the unit of each role, shape (n,)
     columns   the column of each role
-    others    channels without a role, by name: one of them may be the force that was meant
-    steady    True for a log of constant speeds: its force cannot follow an acceleration
+    others    channels without a role, by name; one of them may be the intended force
+    steady    True for a log recorded at constant speeds, in which the force cannot follow an acceleration
 
-    A log that is too short or at rest contradicts nothing.
+    There are no contradictions in a log that is too short or at standstill.
     """
     rows = liveliest([*channels.values(), *others.values()])
     check = _Check({role: values[rows] for role, values in channels.items()}, columns, T)
@@ -121,11 +122,11 @@ class _Check:
         return self.columns[role].name
 
     def option(self, role: str, column: Column) -> str:
-        """Return the option that gives a column this role."""
+        """Return the command-line option that assigns this role to a column."""
         return option_for(role, column)
 
     def exchange(self, first: str, second: str) -> str:
-        """Return the options that exchange two columns, each with its unit."""
+        """Return the options that exchange two columns together with their units."""
         a, b = self.columns[first], self.columns[second]
         words = [
             self.option(first, replace(a, name=b.name, unit=b.unit, factor=b.factor)),
@@ -134,14 +135,14 @@ class _Check:
         return joined_options(words)
 
     def turned(self, role: str) -> str:
-        """Return the option that turns the sign of a column."""
+        """Return the option that reverses the sign of a column."""
         column = self.columns[role]
         factor = -1.0 if column.factor is None else -column.factor
         unit = column.unit or ("" if column.factor is not None or role == "command" else ROLES[role])
         return self.option(role, replace(column, factor=factor, unit=unit))
 
     def setpoint(self, position: str) -> list[RoleDoubt | None]:
-        """Compare set and actual position."""
+        """Compare set and actual position, and return the doubts."""
         role = next((role for role in _SETPOINTS if role in self.channels), None)
         if role is None or role.endswith("angle") != position.startswith("angle"):
             return []
@@ -188,11 +189,11 @@ class _Check:
 
     @property
     def acting(self) -> str | None:
-        """The role of the force, or of the signal that stands for it."""
+        """The role of the force or, without one, of the drive signal; None if there is neither."""
         return next((role for role in _FORCES if role in self.channels), None)
 
     def unlike(self, first: str, second: str, like: Likeness) -> RoleDoubt | None:
-        """Return the doubt for two channels that should move alike and do not, or move against each other."""
+        """Return the doubt for two channels that should move alike but do not, or that move in opposite directions."""
         a, b = self.name(first), self.name(second)
         if np.ptp(self.channels[first]) == 0.0 or np.ptp(self.channels[second]) == 0.0:
             return None
@@ -214,7 +215,7 @@ class _Check:
         return None
 
     def scale(self, first: str, second: str, gain: float) -> RoleDoubt | None:
-        """Return the doubt for two channels of one motion whose sizes differ as units do."""
+        """Return the doubt for two channels of one motion that differ by a factor, as if one had a wrong unit."""
         if not gain > 0.0 or 1.0 / SCALE <= gain <= SCALE:
             return None
         a, b = self.name(first), self.name(second)
@@ -224,7 +225,7 @@ class _Check:
         return RoleDoubt((second, first), "unit", why)
 
     def units_by(self, role: str, factor: float) -> list[str]:
-        """Return the option that gives a column the unit that makes its numbers larger by a factor, if there is one."""
+        """Return the option for a unit in which the column's values are larger by a factor, if there is one."""
         si, column = ROLES[role], self.columns[role]
         now = units.factor(column.unit, si) if column.unit else 1.0
         for unit, size in {si: 1.0, **_RATIOS.get(si, {})}.items():
@@ -233,7 +234,7 @@ class _Check:
         return []
 
     def encoders(self) -> list[RoleDoubt | None]:
-        """Compare the encoders of motor and table."""
+        """Compare the encoders of motor and table, and return the doubts."""
         for motor, table in _ENCODERS:
             if motor not in self.channels or table not in self.channels:
                 continue
@@ -245,7 +246,7 @@ class _Check:
             scale = self.scale(motor, table, like.gain)
             if scale is not None:
                 return [scale]
-            # the small difference of two encoders is not to be read off if their scales are off by more than a percent
+            # the small difference of two encoders is lost if their scales differ by more than a percent
             first = shapes.ahead(x1, x2 / like.gain if like.gain else x2, self.T)
             if first < -shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
@@ -256,7 +257,7 @@ class _Check:
                     f"in a file for --channels, {motor} = '{b}' and {table} = '{a}'"
                 )
                 return [RoleDoubt((motor, table), "encoders", why, certain=first < -shapes.SURE)]
-            # 0 of a log that is too short or at rest, which tells nothing
+            # 0 for a log that is too short or at standstill, which gives no evidence
             if 0.0 != first < shapes.LIKELY:
                 a, b = self.name(motor), self.name(table)
                 why = Text(
@@ -268,7 +269,7 @@ class _Check:
         return []
 
     def velocities(self, position: str) -> list[RoleDoubt | None]:
-        """Compare velocities with the position."""
+        """Compare the velocities with the position, and return the doubts."""
         doubts: list[RoleDoubt | None] = []
         x = self.channels[position]
         for role in (role for role in _VELOCITIES if role in self.channels):
@@ -296,7 +297,7 @@ class _Check:
         return doubts
 
     def rate(self, position: str, velocity: str, k: float) -> RoleDoubt | None:
-        """Return the doubt for a velocity whose size or sign does not fit the position: Δx = k ∫ v dt."""
+        """Return the doubt for a velocity whose scale or sign does not match the position: k ≠ 1 in Δx = k ∫ v dt."""
         a, b = self.name(position), self.name(velocity)
         if k < 0.0:
             why = Text(f"'{b}' has the sign opposite to the rate of change of '{a}': {self.turned(velocity)}")
@@ -311,7 +312,7 @@ class _Check:
         return RoleDoubt((position, velocity), "unit", why)
 
     def clock(self, position: str, velocity: str, k: float) -> RoleDoubt | None:
-        """Return the doubt for a velocity whose integral is the position but for some percent: Δx = k ∫ v dt."""
+        """Return the doubt for a velocity whose integral differs from the position by some percent: Δx = k ∫ v dt."""
         x, v = self.channels[position], self.channels[velocity]
         # noise of either column makes its own coefficient too small: the truth lies between k and this one
         other = shapes.velocity_of(x, v, self.T)
@@ -328,7 +329,7 @@ class _Check:
         return RoleDoubt((velocity, position), "clock", why, certain=False)
 
     def constant(self) -> RoleDoubt | None:
-        """Return the doubt for a force or torque whose numbers are those of the current beside it: A in place of N."""
+        """Return the doubt for a force or torque whose values equal those of the current: A instead of N or N m."""
         role = next((role for role in ("force", "torque") if role in self.channels), None)
         if role is None or "current" not in self.channels:
             return None
@@ -344,7 +345,7 @@ class _Check:
         return RoleDoubt((role, "current"), "clock", why, certain=False)
 
     def force(self, position: str, others: Mapping[str, np.ndarray]) -> list[RoleDoubt | None]:
-        """Compare the force, or what stands for it, with the motion."""
+        """Compare the force, or the drive signal in its place, with the motion, and return the doubts."""
         role = self.acting
         x = self.channels[position]
         if role is None or x.size < shapes.LEAST_ROWS or np.ptp(x) == 0.0 or np.ptp(self.channels[role]) == 0.0:
@@ -419,17 +420,17 @@ class _Check:
 
 
 def _better(one: Driven, other: Driven) -> bool:
-    """Return True if one reading of the roles leaves clearly less of the force unexplained than another one."""
+    """Return True if the first interpretation leaves clearly less of the force unexplained than the second."""
     return one.explained >= shapes.EXPLAINED and 1.0 - one.explained < shapes.BETTER * (1.0 - other.explained)
 
 
 def _shares(one: Driven, other: Driven) -> Text:
-    """Return the shares of two readings, as the words of a bracket."""
+    """Return the explained shares of two interpretations, as text for parentheses."""
     return Text(f"{Quantity(one.explained, 'share'):3} explained, {Quantity(other.explained, 'share'):3} as named")
 
 
 def _best_force(position: np.ndarray, others: Mapping[str, np.ndarray], T: float) -> tuple[str, Driven]:
-    """Return the channel that follows acceleration and friction best, and how; an empty name if none does."""
+    """Return the channel that best follows acceleration and friction, with the fit; an empty name if none does."""
     best, how = "", Driven(0.0, 0.0, 0.0)
     for name, values in others.items():
         if np.ptp(values) == 0.0:
@@ -444,7 +445,7 @@ def _best_force(position: np.ndarray, others: Mapping[str, np.ndarray], T: float
 
 
 def option_for(role: str, column: Column) -> str:
-    """Return the option of the command line that gives a column a role, or the line of a file for --channels."""
+    """Return the command-line option that assigns a role to a column, or a line of a file for --channels."""
     flag = FLAGS.get(role)
     text = column.text()
     if flag is None:
@@ -453,7 +454,7 @@ def option_for(role: str, column: Column) -> str:
 
 
 def joined_options(words: Collection[str]) -> str:
-    """Return several options as one piece of a command line."""
+    """Join several options into a part of a command line, or into a phrase if some are lines of a file."""
     return " ".join(words) if all(word.startswith("--") for word in words) else " and ".join(words)
 
 
@@ -463,20 +464,20 @@ Known: TypeAlias = tuple[str, np.ndarray]
 
 @dataclass(frozen=True)
 class ByShape:
-    """Roles found by samples alone: the channel of each role, the reason, and what is told of the other channels."""
+    """Roles found from samples alone: channel and reason for each role, and a remark on each unused channel."""
 
     roles: Mapping[str, tuple[str, str]]
     unused: Mapping[str, str]
 
 
 def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[str, Known] | None = None) -> ByShape:
-    """Return position, set position and drive signal among channels whose names say nothing.
+    """Find position, set position and drive signal among channels with uninformative names.
 
-    known  name and channel by role, of roles that names already tell; only those that are missing are looked for
+    known  name and channel by role, for roles already known from names; only the missing roles are searched for
 
-    The pair of channels of which one follows the acceleration and friction of the other best are position and drive
-    signal.  Channels that move as the position are its setpoint, the one that leads, and its second encoder.  Nothing
-    is found in a log at rest, or in one without a signal of the drive, whose positions and velocities look alike.
+    Position and drive signal are the pair in which one channel best follows the acceleration and friction of the other.
+    Of the channels that move like the position, the leading one is its setpoint, and another is its second encoder.  No
+    role is found in a log at standstill or without a drive signal, since positions and velocities then look alike.
     """
     known = known or {}
     keyed = {**dict(known.values()), **channels}
@@ -529,7 +530,7 @@ def roles_by_shape(channels: Mapping[str, np.ndarray], T: float, known: Mapping[
 def _best_pair(
     near: Mapping[str, np.ndarray], places: list[str], forces: list[str], T: float
 ) -> tuple[tuple[str, str] | None, Driven]:
-    """Return the pair of position and drive signal that follow each other best, or None."""
+    """Return the best-fitting pair of position and drive signal, or None, and the quality of this fit."""
     best: tuple[str, str] | None = None
     how = Driven(0.0, 0.0, 0.0)
     for place in places:
@@ -548,7 +549,7 @@ def _best_pair(
 
 
 def _is_difference(near: Mapping[str, np.ndarray], name: str, T: float) -> bool:
-    """Return True if a channel is the difference of two others, as a following error is that of set and actual."""
+    """Return True if a channel is the difference of two others, such as a following error."""
     grid = shapes.Grid.of(near[name].size, T)
     changes = {key: grid.change(values) for key, values in near.items() if key != name}
     wanted = grid.change(near[name])
@@ -563,7 +564,7 @@ def _is_difference(near: Mapping[str, np.ndarray], name: str, T: float) -> bool:
 def _group(
     near: Mapping[str, np.ndarray], free: Mapping[str, np.ndarray], place: str, force: str, T: float
 ) -> dict[str, tuple[np.ndarray, Likeness]]:
-    """Return the channels that move as the position, with how each follows it."""
+    """Return the channels that move like the position, each with its likeness to the position."""
     group = {}
     for name, values in free.items():
         if name == force:
@@ -577,12 +578,12 @@ def _group(
 def _ordered(
     alike: Mapping[str, tuple[np.ndarray, Likeness]], force: np.ndarray, T: float, *, has_setpoint: bool
 ) -> tuple[dict[str, tuple[str, str]], dict[str, str]]:
-    """Return the roles of channels that move alike, setpoint, motor and table, and the reasons of those without one."""
+    """Return the roles (setpoint, motor, table) of channels that move alike, and why others have no role."""
     roles: dict[str, tuple[str, str]] = {}
     unused: dict[str, str] = {}
     names = sorted(alike, key=lambda name: alike[name][1].lag)
     if len(names) > 1 and not has_setpoint:
-        # the channel that is the setpoint of all others, if it can be told
+        # the channel that is the setpoint of all others, if the samples show it
         for goal in names:
             others = [name for name in names if name != goal]
             told = [shapes.order(alike[goal][0], alike[name][0], force, T) for name in others]
@@ -601,7 +602,7 @@ def _ordered(
         roles["position_motor"] = (motor, f"{what}; motor: it runs ahead while the axis accelerates")
         roles["position_load"] = (table, f"{what}; table: it trails the motor")
         return roles, unused
-    # encoders, or position and setpoint: a guess would be wrong every second time
+    # encoders, or position and setpoint: every second guess would be wrong
     for name in names:
         others = joined(" and ", (f"'{other}'" for other in names if other != name))
         unused[name] = Text(
@@ -612,7 +613,7 @@ def _ordered(
 
 
 def _leads(name: str, lag: float, T: float) -> Text:
-    """Return the reason for a setpoint."""
+    """Return the reason why a channel is the setpoint."""
     if lag <= shapes.CLEAR:
         return Text(
             f"a set position, by its samples: it moves as '{name}', whose acceleration and friction the drive signal "

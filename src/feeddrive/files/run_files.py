@@ -1,7 +1,7 @@
 """Runs and logs as files: Parquet with units, sample time and provenance; CSV for other programs.
 
-Both preserve every bit of the numbers, and the same run gives the same bytes.  Any other Parquet file with flat columns
-of numbers can be read too.  The checksums of Parquet pages are verified.
+Both preserve every bit of the numbers, and identical runs give identical bytes.  Any other Parquet file with flat
+columns of numbers can be read too.  The checksums of Parquet pages are verified.
 """
 
 import contextlib

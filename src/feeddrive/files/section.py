@@ -121,7 +121,7 @@ class Section(Declared):
 
     kind       name of the section in schema and documentation
     exactly    tuples of fields; fields of exactly one of these tuples must be present
-    needs      error message for a section with fields of none or several of these tuples
+    needs      error message for a section in which the fields of none or of several of these tuples are present
     shorthand  field that receives the string if a plain string is given in place of the section
     wanted     accepted values of a section with a shorthand, for messages
     needs_kind True if the key `kind` is required, since another class of the family is the default

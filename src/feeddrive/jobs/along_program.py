@@ -33,7 +33,7 @@ def out_of_the_work(job: Job, system: System) -> System:
     """Return the machine without the cuts of the job's program, for the analysis of its axes in air."""
     if not isinstance(system, Machine) or job.program is None or not job.program.cuts:
         return system
-    # the cuts of the program stand behind the couplings of the machine file
+    # the cuts of the program follow the couplings of the machine file
     return dataclasses.replace(system, couplings=system.couplings[: len(job.machine.couplings)])
 
 
@@ -64,8 +64,8 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
 def on_the_part(program: PlannedProgram) -> np.ndarray | None:
     """Return a mask of the samples at which the tool generates a finished wall of the part (see `on_part`).
 
-    Without a [process] section, all samples at feed rate are included.  Of a cut that generates no finished wall, all
-    samples at feed rate are included, too.
+    Without a [process] section, all samples at feed rate are included, and likewise for a cut that generates no
+    finished wall.
     """
     counted, process = program.counted, program.process
     if counted is None or process is None or not {"x", "y"} <= set(program.references):
@@ -161,7 +161,7 @@ def chatter(job: Job, rows: Sequence[Entry]) -> tuple[Chatter, ...]:
         for cut in sorted(kinds.values()):
             try:
                 verdicts.append(_chatters(row, idle, cut, program.process.tools[cut.tool]))
-            # one kind of cut that cannot be judged must not cost the verdicts on the others
+            # a kind of cut that cannot be analyzed must not prevent the verdicts on the others
             except FeeddriveError as error:
                 verdicts.append(Chatter(row, cut, None, why=str(error)))
     return tuple(verdicts)

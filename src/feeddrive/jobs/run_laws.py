@@ -80,7 +80,7 @@ class JobResult(Result):
 
     @property
     def quoted(self) -> tuple[str, ...]:
-        """The strings from the job file and the machine file that the user has written, such as titles and names."""
+        """The user-defined strings in the job file and the machine file, such as titles and names."""
         return self.job.title, self.job.rule, *self.job.machine.quoted, *(row.name for row in self.rows)
 
     def table(self) -> Table:
@@ -235,7 +235,7 @@ class LawRun(Case[Entry]):
         Raises UnstableError for an unstable loop and DivergedError for a run that leaves its bounds.
         """
         job, velocity, name = self.job, self.velocity, self.law
-        # stability and margins hold for the axes in air: chatter in the cut has a verdict of its own
+        # stability and margins apply to the axes in air: chatter in the cut has a separate verdict
         loop = job.loops[name]
         where = f"{job.file.name}: law '{name}'"
         progress.step("its linear model")
@@ -339,7 +339,7 @@ def _simulated(job: Job, loop: Loop, name: str, progress: Progress) -> Run:
 
 
 def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progress) -> Run:
-    """Simulate all axes together: the compared one on the job's reference, the others on their own or at rest."""
+    """Simulate all axes together: the compared one with the job's reference, the others with theirs or at rest."""
     assert job.reference is not None
     moving = {axis: Other(reference=job.reference, load=job.load), **job.others}
     # a reference of one row lasts 0 s, and a travel time must be > 0

@@ -298,7 +298,7 @@ class Block(Declared):
         return checked(self.kind, name, declaration, value)
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the rules between the parameters; by default there are none."""
+        """Yield the rules that the parameters must satisfy; by default there are none."""
         yield from ()
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:

@@ -118,7 +118,7 @@ class AbortedError(BusError):
 
 
 class WrongSignError(ParameterError):
-    """A measured response with a sign, at one encoder, that is impossible for an axis of the requested structure."""
+    """A measured response whose sign at one encoder is impossible for an axis of the requested structure."""
 
 
 class WorkerError(FeeddriveError):

@@ -16,7 +16,7 @@ class Judgment(Enum):
     """A judgment of a command on its own result.
 
     commands   the commands that can return this judgment
-    says       the phrase that identifies the sentence that states the judgment, at its start or within it
+    says       the phrase by which the sentence that states the judgment is recognized, at its start or within it
     exit_code  the exit code of the command line: 1 if the judgment is bad
     """
 

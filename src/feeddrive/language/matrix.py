@@ -108,7 +108,7 @@ def expm1(a: Sequence[Sequence[Any]], at_least: int = 0) -> Matrix:
     """Return e^A - I from a Taylor series of fixed order for A/2ˢ and s squarings (I + D)² - I = 2D + D².
 
     s is the smallest integer with ‖A‖∞/2ˢ <= 1/2, per variant; `LARGEST_NORM` is the largest permitted norm.  Since the
-    identity I is not added, no precision is lost for a small A, so that rounding does not make an axis at rest creep.
+    identity I is not added, no precision is lost for a small A, so rounding does not make an axis at rest creep.
 
     at_least  smallest value of s, for matrices that usually need as many squarings: these squarings are unconditional,
               which saves branches in exported C code
@@ -239,8 +239,8 @@ def growth(a: Sequence[Sequence[Any]]) -> Any:
 def edge(holds: Callable[[Any], Any], values: Sequence[float]) -> float | None:
     """Return the point at which a condition first changes along a row of ordered positive values.
 
-    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with an
-    array of values at once.  Returns None if the condition does not change.
+    The condition is true at this point, whose relative accuracy is about 1e-5.  `holds` is called with
+    an array of values (vectorized).  Returns None if the condition does not change.
     """
     row, kept = np.array(values, dtype=np.float64), None
     for _ in range(5):

@@ -27,7 +27,7 @@ class Names:
 
     with Names(graph, {id(block): "control.law", ...}) as names:
         ...
-    names.by_node   node -> Name; the first name wins
+    names.by_node   node -> Name; the first name is kept
     names.makers    node -> dotted name of the block whose code computed it
 
     An element of a tuple gets a combined name: `middle.velocity` becomes `middle_velocity`, the first element of `z` is

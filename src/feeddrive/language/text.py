@@ -4,7 +4,7 @@ A quantity in an f-string of feeddrive leaves a mark: its number, unit and error
 f-string of other code it is plain text, so that users never see a mark.
 `Text` is a str in the usual units that also keeps the marks, so that the same string can be rendered in other units.
 User-written text, such as the name of a row, is never searched for marks.  (Template strings would make marks
-unnecessary, but Python has them only from 3.14 on.)
+unnecessary, but Python has them only since version 3.14.)
 
     remark = Text(f"the residual is {Quantity(5.88e-6, 'm')} RMS")      # the residual is 5.88 um RMS
     remark.shown(Units(rotary=True))                                    # the residual is 5.88 urad RMS

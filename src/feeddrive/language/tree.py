@@ -2,7 +2,7 @@
 
 `leaves`, `rebuild`, `tables` and `structure` name a leaf by its fields: `law.Kv` in a `Control`, `control.law.Kv` in a
 loop.  `parameters`, `get`, `vary` and `declaration` use paths, the names of machine files: a loop places its axis
-under `axis.x`, so that its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  Outside
+under `axis.x`, so its gain is `axis.x.control.law.Kv` in Python as in TOML, logs, sweeps and gradients.  Outside
 a loop, the path of a parameter of a single block is its dotted field name.
 """
 

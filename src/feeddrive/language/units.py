@@ -201,7 +201,7 @@ def in_key(unit: str) -> str:
 def turning_key(key: str) -> str:
     """Return the key of the rotary counterpart: force_peak_N becomes force_peak_N_m; a key without a unit is unchanged.
 
-    The unit is the longest suffix of the key that is a valid unit, so that no list of units is needed.
+    The unit is the longest suffix of the key that is a valid unit, so no list of units is needed.
     """
     words = key.split("_")
     for start in range(1, len(words)):

@@ -193,7 +193,7 @@ class Axis(Block):
         return 1 if self.one_encoder() or shape.motor == shape.load else 2
 
     def one_encoder(self) -> bool:
-        """True if a single encoder gives both readings, so that both contain the same noise."""
+        """True if a single encoder gives both readings, so both contain the same noise."""
         return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:

@@ -66,7 +66,7 @@ class Control(Block):
         feedforward: tuple[Any, ...]
 
     class State(NamedTuple):
-        """The states of the parts, the last force (commanded and requested), and the state of the guard."""
+        """The states of the parts, the last commanded and requested force, and the state of the guard."""
 
         memory: Any
         applied: Number  # N

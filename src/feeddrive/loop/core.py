@@ -165,8 +165,8 @@ class Core:
         time: Number,
         h: Number,
     ) -> tuple[dict[str, Axis.State], Shared, dict[str, Axis.Step]]:
-        """Compute one substep h (s) that starts at `time`: the linear mechanics are exact, friction is evaluated at the
-        end of the substep, and all other forces in its middle.
+        """Compute one substep h (s) that starts at `time`: the linear mechanics are integrated exactly, friction is
+        evaluated at the end of the substep, and all other forces in its middle.
 
         pushes  forces from outside the axes, such as those of couplings, constant over the substep
         """

@@ -14,8 +14,8 @@ from feeddrive.language.text import Text
 def transfer(A: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, z: np.ndarray) -> np.ndarray:
     """Return c (z - A)⁻¹ b + d at every z, shape (n,), from the Schur form of the balanced A by back substitution.
 
-    The transformation is unitary, so the result is as accurate as solving for each z, but ten times as fast, and a
-    hundred times for 200 states.
+    The transformation is unitary, so the result is as accurate as solving for each z; it is obtained ten times as
+    fast, and a hundred times as fast for 200 states.
     """
     # imported here: commands that only read files do not load scipy
     from scipy.linalg import matrix_balance, schur
@@ -147,10 +147,10 @@ class FRF(Result):
 
     @property
     def phase_deg(self) -> np.ndarray:
-        """The phase in degrees, unwrapped from the first line on along the lines that are not noise.
+        """The phase in degrees, unwrapped along the lines that rise above the noise, starting at the first of them.
 
-        A line of noise gets the whole turn that puts it nearest to the phase interpolated between the others, so that
-        noise does not add up to thousands of degrees.
+        A multiple of 360° is added to every other line to bring it closest to the phase interpolated between these
+        lines, so that noise does not add up to thousands of degrees.
         """
         angle, clear = np.angle(self.response), self._clear_lines()
         if np.all(clear) or not np.any(clear):
@@ -159,10 +159,10 @@ class FRF(Result):
         return np.degrees(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi)))
 
     def _clear_lines(self) -> np.ndarray:
-        """Return a mask of the lines whose phase is more than noise, by variance, coherence or else by their neighbors.
+        """Return a mask of the lines that rise above the noise, by variance, coherence or else by their neighbors.
 
         Without variance and coherence a line is clear if the steps of the phase around it agree: |mean exp(i Δφ)| over
-        `_PHASE_LINES` lines is above `_PHASE_AGREES`; it is 1 for a smooth phase and some 1/3 for noise.
+        `_PHASE_LINES` lines is above `_PHASE_AGREES`; it is 1 for a smooth phase and about 1/3 for noise.
         """
         # a few lines are a model's, or show no noise
         if self.frequency.size < 2 * _PHASE_LINES:
@@ -254,7 +254,7 @@ class FRF(Result):
         )
 
     def delayed(self, time: float) -> Self:
-        """Return the response with an exact dead time τ in s, G e^(-j2πfτ); any τ, independent of the sample time."""
+        """Return the response with an exact dead time τ in s, G e^(-j2πfτ), for any τ, whatever the sample time."""
         return self * np.exp(-2j * np.pi * self.frequency * time)
 
     def to_control(self) -> Any:

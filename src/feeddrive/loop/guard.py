@@ -67,7 +67,7 @@ class Guard(Block):
     latched, and a loop that does not run commands the `safe_force`.
 
     Every conditional operation first tests `usual`, which is true if all numbers are valid and the loop is enabled and
-    running.  A compiler merges all these tests into one branch, so that nearly all samples are computed quickly; the
+    running.  A compiler merges all these tests into one branch, so nearly all samples are computed quickly; the
     others take a third longer.
     """
 

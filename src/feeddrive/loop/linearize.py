@@ -314,7 +314,7 @@ def linearize(
               limit; `reading_motor` and `reading_load`, added to the encoder readings; and `cut`, which opens the loop:
               it drives the axis in place of the controller, whose output is `force`
     outputs   names of `Signals`; for a machine inputs and outputs are prefixed by the axis: `x.load_force`
-    velocity  of the axis, m/s, at which friction is linearized; at 0 the axis sticks
+    velocity  m/s, velocity of the axis at which friction is linearized; at 0 the axis sticks
     position  m, for forces that depend on it; for a machine, velocity and position are numbers for all axes or mappings
               by axis
     settle    samples that the loop first runs at constant velocity, for friction with memory

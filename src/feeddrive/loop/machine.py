@@ -272,7 +272,7 @@ class Machine(Block):
 
         for each substep: coupling forces at its middle → forces of each axis → exact linear step → friction
 
-    Axes that share structure modes are discretized together, every other axis separately, so that a machine with one
+    Axes that share structure modes are discretized together, every other axis separately, so a machine with one
     axis gives the same results as its loop.  Couplings act at common substeps, based on the motions of all axes at the
     same instant.  `axis` is a mapping from names to `DrivenAxis`; `Machine.of` takes loops.
     """

@@ -138,7 +138,7 @@ class Retune(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Routine:
-    """The four functions of a routine in one graph; see the module.
+    """The four functions of a routine in one graph; see the module docstring.
 
     conditions  checked by `configure` and `retune`: the bounds of the parameters in order, then the rules of the blocks
     origin      the loop with its guard; for several axes, their machine

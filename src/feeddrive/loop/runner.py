@@ -123,7 +123,7 @@ class Work:
         return next(iter(setpoints.values())) if self._single else setpoints
 
     def travel(self, count: int, most: int) -> float:
-        """Return the longest travel of an axis in m, evaluated at up to `most` of the first `count` samples."""
+        """Return the largest travel of any axis in m, evaluated at up to `most` of the first `count` samples."""
         if self._first == 0 and self._count == count:
             return max(path.travel(most) for path in self._paths.values())
         return max(
@@ -288,7 +288,7 @@ class Beginning:
 
     @cached_property
     def trees(self) -> Trees:
-        """The same numbers as trees, needed only for a trace or a live change."""
+        """The numbers and initial states as trees, needed only for a trace or a live change."""
         return self._trees()
 
     @cached_property
@@ -299,7 +299,7 @@ class Beginning:
 
 
 class _Structure:
-    """For one loop structure: the number of starts with new parameter values, and the code once it is compiled."""
+    """The number of starts of one loop structure with new parameter values, and its compiled code, if any."""
 
     def __init__(self) -> None:
         self.begun = 0

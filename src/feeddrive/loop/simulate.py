@@ -263,7 +263,8 @@ def simulate(
 ) -> Run:
     """Simulate a loop along a reference, or a machine along one reference for each axis.
 
-    For a machine, reference, load, added_force, enable and start are mappings by axis, and signals are `x.force`.
+    For a machine, reference, load, added_force, enable and start are mappings by axis, and signal names are prefixed by
+    the axis: `x.force`.
 
     load        force on the table, N
     added_force force added to the command after the force limit, N: the excitation of a measurement.  The signal
@@ -275,7 +276,7 @@ def simulate(
     start       position (m) and velocity (m/s) of the axis at t = 0; default: those of the setpoint
     seed        integer seed of the noise
     record      names of signals; default: all
-    arithmetic  "exact" (default: the same bits everywhere), "libm" or "fma"
+    arithmetic  "exact" (default; bit-identical on every machine), "libm" or "fma"
     bound       m; default: the larger of 1 m and 100 times the travel
     progress    receives the simulated time in s, and may cancel the run
 

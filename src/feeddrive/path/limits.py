@@ -108,8 +108,8 @@ class MachineLimits:
         return re.sub(r"\baxis (\d+)", lambda match: f"axis {self.letters[int(match[1])]}", text)
 
     def resolved(self, moves: Iterable[Move]) -> Iterator[Move]:
-        """Yield the moves; refuse a path tolerance that is too large, or smaller than the resolution of an axis or
-        rounding errors.
+        """Yield the moves unchanged; refuse a path tolerance that is too large, or smaller than the resolution of an
+        axis or rounding errors.
 
         Raises ProgramError at the line of an unsuitable tolerance.
         """
@@ -120,8 +120,9 @@ class MachineLimits:
             yield move
 
     def unfit(self, tolerance: float) -> str:
-        """Return why a path tolerance, m, is too large, or smaller than the resolution of an axis or rounding errors,
-        or an empty string if it is suitable.
+        """Return the reason why a path tolerance, m, is unsuitable, or an empty string if it is suitable.
+
+        It must not be too large, nor smaller than the resolution of a linear axis or the rounding of positions.
         """
         if tolerance > LARGEST:
             return Text(

@@ -96,8 +96,8 @@ def _planned_along(
 
 
 def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """Plan a short chain in two ways, with splines and blends and with overlapping runs at all corners; return the
-    faster plan.
+    """Plan a short chain in two ways, once with splines and blends and once with overlapping runs at all corners;
+    return the faster plan.
 
     The result is None if the chain is not short, or if both plans are identical.
     """

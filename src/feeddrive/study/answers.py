@@ -5,7 +5,7 @@
     write_report(answers, "out")
 
 Yields, worst cases and fronts are exact over all rows.  Distributions, rank correlations and bands come from a random
-sample if there are more than 200,000 rows; Sobol indices take 8 bytes per variant and figure.
+sample if there are more than 200,000 rows; Sobol indices need 8 bytes per variant and figure.
 """
 
 from __future__ import annotations

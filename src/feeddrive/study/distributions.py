@@ -133,7 +133,7 @@ def saltelli(seed: tuple[int, ...], first: int, count: int, groups: tuple[int, .
 
 
 def grid(first: int, count: int, steps: tuple[int, ...]) -> np.ndarray:
-    """Return the indices of grid points, last coordinate fastest, shape (count, dimensions)."""
+    """Return the indices of grid points, shape (count, dimensions); the last coordinate varies fastest."""
     number = np.arange(first, first + count, dtype=np.int64)
     indices = np.empty((count, len(steps)), dtype=np.int64)
     for j in range(len(steps) - 1, -1, -1):

@@ -1,6 +1,6 @@
 """The report of a study: a page with charts of its answers, and job files that replay the worst machines.
 
-report.html                        for people
+report.html                        for readers
 summary.json                       every answer in SI
 worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.toml
 """

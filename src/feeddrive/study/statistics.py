@@ -104,7 +104,7 @@ class Judged:
 
     @cached_property
     def kept(self) -> dict[str, np.ndarray]:
-        """True for variants that satisfy a bound, by the key of the figure; False for variants without figures."""
+        """Masks of the variants that satisfy each bound, by key of its figure; False for variants without figures."""
         return {
             bound.figure.key: bound.kept(self.figures[bound.figure.key]) & ~self.bad
             for bound in self.study.specification
@@ -303,7 +303,7 @@ class WorstVariant:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst variants of a figure, the worst first."""
+    """The worst variants of a figure, sorted with the worst one first."""
 
     figure: Figure
     cases: tuple[WorstVariant, ...]
@@ -333,7 +333,7 @@ class WorstKept:
             self.bad.append((int(rows.variant[place]), str(rows.reasons[place])))
 
     def result(self) -> tuple[Worst, ...]:
-        """Return the worst variants by each figure for which either larger or smaller values are better."""
+        """Return the worst variants for each figure for which either larger or smaller values are better."""
         return tuple(Worst(figure, tuple(cases)) for figure, cases in self._cases.items() if cases)
 
 

@@ -52,7 +52,7 @@ class Place(Protocol):
         ...
 
     def check_writable(self) -> None:
-        """Raise FileError if a check that writes nothing shows that the location is not writable."""
+        """Raise FileError if the location is found not to be writable, without writing to it."""
         ...
 
     def write(self, name: str, content: bytes) -> None:

@@ -1,7 +1,7 @@
 """A study file: a job, what varies in it, the figures to measure, and the specification of a good machine.
 
 title = "A series of ball-screw axes"
-job = "ball_screw"                 # a job file next to this one, or a bundled one; or all keys of a job here
+job = "ball_screw"                 # a job file next to this one, or a bundled one; or write all keys of a job here
 row = "today"                      # one of its laws
 sampler = "sobol"                  # grid, latin_hypercube, sobol, monte_carlo or saltelli
 count = 200                        # variants; saltelli: points of k + 2 variants each; not for a grid

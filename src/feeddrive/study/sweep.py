@@ -135,7 +135,7 @@ class Rate:
         return Text(f"{count}, {rate(1.0 / per_variant)} a second, {_time((self._all - self.done) * per_variant)} left")
 
     def kept(self, store: Store) -> str:
-        """Return a sentence that states how many rows a sweep that ended early has stored."""
+        """Return a sentence on the number of rows that were stored by a sweep that ended early."""
         if not self.done:
             return "nothing was written"
         return f"{self.done:,} of {self._all:,} variants are in {store.address}: go on with --resume"

@@ -33,7 +33,7 @@ class Variants:
         return np.arange(self.first, self.first + self.count, dtype=np.int64)
 
     def chosen(self, places: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values of the variants at some indices, by column."""
+        """Return the values of the variants at the given indices, by column."""
         return {name: values[places] for name, values in self.values.items()}
 
 

@@ -90,7 +90,7 @@ class Varied(Protocol):
         ...
 
     def changes(self, values: Mapping[str, np.ndarray], nominal: Nominal) -> dict[str, np.ndarray]:
-        """Return the numbers to set, by path, for these values of the columns; `nominal` gives the value of a path."""
+        """Return the numbers to set, by path, for the given column values; `nominal` returns the value of a path."""
         ...
 
 

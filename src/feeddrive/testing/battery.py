@@ -170,10 +170,10 @@ def bump(old: Block, new: Block, at: Place, errors: Sequence[float] = ()) -> str
     near = _SHARE * np.maximum(np.abs(last), np.abs(required[0])) + _SMALL * _usual(last.size) + rounding
     # a hundredth of a bump: a slow drift must not count as one
     steady = np.all(np.abs(change.before - last) <= 0.01 * near)
-    # a law that does not hold its first force has still a transient: it shows the change of gains, not of state
+    # a law that does not hold its first force still has a transient, which shows the change of gains, not of state
     if isinstance(old, families.Law) and not errors:
         steady = steady and abs(last[0] - at.force) <= near[0]
-    # in motion other numbers may need another force: only where they need the same one is a change of it a bump
+    # in motion other numbers may need another force: a change of the force is a bump only if they need the same one
     if at.way > 0.0:
         steady = steady and np.all(np.abs(required - last) <= near)
     low, high = np.minimum(last, required) - near, np.maximum(last, required) + near
@@ -272,7 +272,7 @@ except ImportError as absent:
 
 
 def battery(*blocks: type[Block]) -> type[Rows]:
-    """Return a test class for some blocks; assign it to a name that begins with Test in a test module.
+    """Return a test class for the given blocks; assign it to a name that begins with Test in a test module.
 
     Raises StructureError for anything but a concrete block class, and for a call within a running test, since pytest
     would then collect nothing.
@@ -350,7 +350,7 @@ def check_slopes(exercise: Exercise) -> None:
     """Compare derivatives of the graph with central differences, wherever one-sided differences and other step sizes
     agree with the central differences.
 
-    Raises AssertionError that names the output and the inputs for which they differ.
+    Raises an AssertionError that names the output and the inputs for which they differ.
     """
     graph, nodes, leaves = exercise.trace()
     if any(graph.name(index) == "quantise" for index in reachable(graph, nodes)):
@@ -432,7 +432,7 @@ often = settings(compiled_once, max_examples=20)  # nothing is compiled or trace
 class Rows:
     """The tests of the battery.
 
-    The argument of a test selects its blocks.
+    The name of a test's argument selects the blocks to which the test applies:
 
     block    all `blocks`
     asked    blocks that are called in each step

@@ -337,7 +337,7 @@ def _law(block: Any, x: Inputs) -> Answers:
 
 
 def _retuned(block: Any, state: Any, prepared: Any, T: Any) -> Any:
-    """Return the state after a live change from the same block with all parameters 10 % smaller."""
+    """Return the state after a live change to a block from a copy of it with all parameters 10 % smaller."""
     old = tree.rebuild(block, (0.9 * value for _, value in tree.leaves(block)))
     return block.retune(state, old, old.prepare(T), prepared)
 

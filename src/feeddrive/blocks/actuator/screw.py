@@ -36,7 +36,7 @@ class Screw(Motor):
         return None if peak is None else constant * peak, None if continuous is None else constant * continuous
 
     def velocity_limit(self) -> Number | None:
-        """Return the speed of the table at the motor's rated speed, m/s."""
+        """Return the table speed at the motor's rated speed, m/s; None if the latter is not specified."""
         if self.rated_speed is None:
             return None
         # π/30: data sheets state rpm

@@ -47,8 +47,8 @@ class DisturbanceRejection(Compensation):
         Two observers invert the rigid axis (DOB), one with a Butterworth filter and one with two equal poles; the
         others are a Kalman filter and the observer of GPI control.
 
-        The random walk of the force in the Kalman filter starts at the value for which its bandwidth equals that of the
-        others.
+        The random walk of the force in the Kalman filter starts at the value that gives this filter the bandwidth of
+        the other observers.
         """
         encoder, noise = axis.velocity_encoder, axis.reading_noise
         gpi = begun(GpiObserver, axis, taylor_states=1, omega_o=1.5 * axis.rate, zeta_o=1.5, encoder=encoder)
@@ -93,7 +93,7 @@ class DisturbanceRejection(Compensation):
             )
 
     def settled(self) -> Self:
-        """Return the block as it acts after blending in, that is without `blend_time`."""
+        """Return the block as it acts after blending in, that is, without `blend_time`."""
         return self if self.blend_time is None else replace(self, blend_time=None)
 
     def prepare(self, T: Number) -> Prepared:

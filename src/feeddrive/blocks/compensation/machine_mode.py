@@ -17,7 +17,7 @@ class MachineMode(Block):
 
     Specify either the stiffness, which a compliance test at the tool yields, or the modal mass.
     Source: Altintas & Okwudire 2009, end of section 3, states that modes are compensated, but not where in the machine
-    they are.  The three places are interpretations by this library; the reproduction of the paper uses `tool`.
+    they are.  The three places are this library's interpretation; the reproduction of the paper uses `tool`.
     """
 
     frequency: Number = parameter("Hz", "undamped natural frequency", above=0)

@@ -91,7 +91,7 @@ class ModeCompensation(Compensation):
             raise ParameterError("mode_compensation.modes is empty: give at least one mode, or no compensation")
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rules: modes lie below half the sample rate, and the lead time is not too long."""
+        """Yield the validity rules: all modes lie below half the sample rate, and the lead time is not too long."""
         for i, mode in enumerate(self.modes):
             yield below_nyquist(self.kind, f"modes.{i}.frequency", mode.frequency, T)
         lead = self._lead(self.observer.prepare(T), T)

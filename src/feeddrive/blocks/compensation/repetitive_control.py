@@ -24,13 +24,14 @@ class RepetitiveControl(Compensation):
 
         |S_with / S_without| = |(1 - q z^-N)/(1 - q z^-N (1 - learning_gain T_r z^l))|
 
-    is 6e-4 at a harmonic of the period and up to 2.7 between two of them.  Learning starts after two periods, and
+    is 6e-4 at a harmonic of the period and up to 2.7 between harmonics.  Learning starts after two periods, and
     pauses while the force is limited.  A trip, or enabling the loop, clears the memory, but the end of a motion does
     not: enable the loop again before a different motion.
 
     When to use: cams, turning of pistons, oscillating grinding, forces locked to a spindle, cogging at one speed.  Not
-    suitable for a contour that does not repeat, or for a period known only within 1 %: such an error spoils the result.
-    Exported code stores each memory cell in a separate variable, so that N - l - n must be at most 256.
+    suitable for a contour that does not repeat, or for a period known only to within 1 %, an error that spoils the
+    result.
+    Exported code stores each memory cell in a separate variable, so N - l - n must be at most 256.
     Source: Inoue et al. 1981; Tomizuka, Tsao & Chew 1989 (plug-in form, zero-phase q).
     """
 

@@ -26,7 +26,7 @@ class ActiveDisturbanceRejection(Law):
 
     The observer estimates v̂ and the disturbance; it receives the force after the limit, which prevents windup.  With
     the exact disturbance the error obeys e'' + α1 e' + α0 e = 0.  Without it (share = 0) a constant disturbance ξ, in
-    m/s², leaves the error ξ / omega_c²: 23 mm for a vertical axis at 12 rad/s.
+    m/s², leaves the error ξ / omega_c²: 23 mm for the paper's vertical axis at 12 rad/s.
     The set acceleration acts over the whole sample and is evaluated at its middle.
 
     When to use: a stiff axis with friction and cutting forces for which there is no model.  Not suitable for a

@@ -23,7 +23,7 @@ class Interpolator(NamedTuple):
 
 
 def interpolator(every: int, zero: Number) -> tuple[Interpolator, ...]:
-    """Return the initial state, with which the position loop runs at once; empty if it runs in every sample."""
+    """Return the initial state: the position loop runs in the first sample; empty if it runs in every sample."""
     return () if every == 1 else (Interpolator(zero, zero, zero),)
 
 
@@ -43,9 +43,11 @@ def interpolated(
 
 
 class ReferenceModel(NamedTuple):
-    """A free mass m with d samples of dead time under P velocity control, whose velocity the integral expects.
+    """A model of the axis under P velocity control; its velocity is the setpoint of the integral.
 
         u(k) = Kp (command - v_m(k)),   v_m(k+1) = v_m(k) + T (u(k-d) + u(k-d-1))/2m
+
+    The axis is modeled as a free mass m with d samples of dead time.
 
     The integral then does not wind up while the axis follows as expected: the velocity loop keeps its loop gain without
     overshoot and without the lag of a setpoint filter.
@@ -66,7 +68,7 @@ def reference_model(samples: int, velocity: Number, zero: Number) -> ReferenceMo
 def expected_velocity(
     state: tuple[ReferenceModel, ...], wanted: Number, Kp: Number, mass: Number | None, T: Number
 ) -> tuple[tuple[ReferenceModel, ...], Number]:
-    """Return the new state and the velocity (m/s) that the integral expects, which is `wanted` without a model."""
+    """Return the new state and the setpoint of the integral in m/s: the model velocity, or `wanted` without a model."""
     if not state or mass is None:
         return (), wanted
     before = state[0]

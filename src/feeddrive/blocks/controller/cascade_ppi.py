@@ -38,9 +38,9 @@ class CascadePPI(Law):
     own `viscous` at 0.
 
     When to use: always first, as the baseline of every comparison.  If the first mode of the axis lies within three
-    times the wanted crossover, a law that damps it performs better.
-    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is the same difference as the measured
-    one.
+    times the desired crossover, a law that damps it performs better.
+    Source: Altintas & Okwudire 2009, section 2 (the cascade); the set velocity is differenced in the same way as the
+    measured one.
     """
 
     tunables = ("Kv", "Kp", "Tn")
@@ -77,7 +77,7 @@ class CascadePPI(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return two variants: with an integral, and without one.
 
-        The first has the gains of the current cascade if that has an integral, else gains derived from `axis.rate`. The
+        The first has the gains of the present cascade if it has an integral, else gains derived from `axis.rate`. The
         second is tried only with a disturbance observer, which then provides the integral action.
         """
         rate = axis.rate
@@ -162,7 +162,7 @@ class CascadePPI(Law):
 
 
 def _observed(law: CascadePPI) -> Start:
-    """Return the P-P cascade as a start of the search.
+    """Return the P-P cascade as a starting point of the search.
 
     It is tried only together with an observer, which provides the integral action.
     """

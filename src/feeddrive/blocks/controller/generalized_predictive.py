@@ -146,7 +146,7 @@ class GeneralizedPredictive(Law):
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
         """Return the state for motion at constant velocity and force.
 
-        Actual and set path both pass through the measured position.
+        The actual and the set path both pass through the measured position.
         """
         here, speed = reading.position(self.encoder), reading.velocity
         before = here - prepared.T * speed

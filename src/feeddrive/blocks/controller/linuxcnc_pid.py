@@ -31,7 +31,7 @@ class LinuxcncPid(Law):
     Both forms differ from `CascadePPI` only in the behavior of the integral at the limit.
     The limit is the pid's `maxoutput`; a controller with this law needs no other limit.
     A parameter that is changed in a running loop changes the force at once, as `setp` does.  A pid integrates the
-    error, so that a new Igain rescales the whole accumulated integral.  A biquad keeps the delayed sums that it
+    error, so a new Igain rescales the whole accumulated integral.  A biquad keeps the delayed sums that it
     computed with its old coefficients.
 
     When to use: to see how a design behaves on an unmodified LinuxCNC before it is installed there.  Not needed with
@@ -92,7 +92,7 @@ class LinuxcncPid(Law):
         return replace(self, position=self.position.unlimited(), velocity=velocity)
 
     def start(self, prepared: Prepared, setpoint: Setpoint, reading: Reading) -> State:
-        """Return the state of pids that were disabled until now: differences are up to date, integrals are zero."""
+        """Return the state of pids that have been disabled so far: differences are up to date, integrals are zero."""
         # a pid differences its command: it must have seen that of one sample before
         before, units = setpoint.shifted(-prepared.T), self.units
         motor, moved = units * reading.position_motor, units * reading.velocity

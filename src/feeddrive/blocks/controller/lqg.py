@@ -175,7 +175,7 @@ class LQG(Law):
     def prepare(self, T: Number) -> Prepared:
         """Solve both Riccati equations in normalized units, so that the gains depend on ωT alone.
 
-        The units are 1 for lengths, 1/omega for times and m omega² for forces.
+        The units are 1 m for lengths, 1/omega for times and m omega² for forces.
         """
         hold = self._hold(T)
         n = len(hold)
@@ -294,8 +294,8 @@ class LQG(Law):
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Convert the state so that the force is continuous.
 
-        A change of the friction parameter is not mistaken for a disturbance, and a spring of changed stiffness gets the
-        deflection that it now needs.
+        A change of the friction parameter is not mistaken for a disturbance, and the deflection of the spring follows
+        its new stiffness.
         """
         speed = state.motion[-1]
         more = (self._dragged() - old._dragged()) * speed

@@ -36,11 +36,11 @@ class PolePlacement(Law):
         v1 = (x1(k) - x1(k-1)) / T,  v2 likewise;  x2r, v2r are the setpoint, x1r = x2r + lead, v1r = v2r + lead'
         poles:  -ωc,   s² + 2 rigid_damping ωr s + ωr²,   s² + 2 axial_damping ωa s + ωa²
 
-    The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a damping
-    of 1 or more is two real poles, and poles may coincide.  Omitted frequencies default to ωr = ωc and to ωa = 0.975
-    times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise the damping of
-    the axial mode to about five times the mechanical one.  More does not help, since torsional modes and delay then
-    limit the loop.
+    The gains follow from `model` by one linear solve, for a diagonal and for a full mass matrix; a pair with a
+    damping ratio of 1 or more becomes two real poles, and poles may coincide.  Omitted frequencies default to ωr = ωc
+    and to ωa = 0.975 times the model's axial mode.  Choose ωc first, as high as the sensitivity peak allows, then raise
+    the damping of the axial mode to about five times the mechanical one.  More does not help, since torsional modes and
+    delay then limit the loop.
 
     `commands` selects how the set position of the screw follows from that of the table (`ScrewCommand` in
     blocks/plant/two_bodies.py).  With the stiffness k and the damping c of the spring, "series" uses a truncated series
@@ -48,9 +48,9 @@ class PolePlacement(Law):
     which needs no model of the spring but loses most of the accuracy.
 
     If the force was limited in a sample, the term that this sample added to the integral is removed one sample later.
-    When to use: ball screws and belts whose first mode lies within three times the wanted crossover, with an encoder on
-    the motor and one on the table.  Not suitable for a single encoder, or if the frequency of the axial mode changes by
-    more than a fifth along the travel.
+    When to use: ball screws and belts whose first mode lies within three times the desired crossover, with one encoder
+    on the motor and one on the table.  Not suitable for a single encoder, or if the frequency of the axial mode changes
+    by more than a fifth along the travel.
     Source: Gordon & Erkorkmaz 2013, eq. (1) to (2) and section 2; the integral by backward Euler.
     """
 

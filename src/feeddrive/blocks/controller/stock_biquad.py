@@ -11,7 +11,7 @@ class StockBiquad(Block):
         out = n0 in + s1,   s1 = n1 in - d1 out + s2,   s2 = n2 in - d2 out
         H(z) = (n0 + n1 z⁻¹ + n2 z⁻²) / (1 + d1 z⁻¹ + d2 z⁻²)
 
-    Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 holds any second-order filter.
+    Its types 1 and 2 are a low-pass and a notch of infinite depth; type 0 can be any second-order filter.
     Source: LinuxCNC manual page biquad(9); the order of the operations was found by tests of the component itself.
     """
 

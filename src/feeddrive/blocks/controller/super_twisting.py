@@ -35,7 +35,7 @@ class SuperTwisting(Law):
         c = s limited to ±h² k2,   y = ½ (√(h² k1² + 4 (|s| - |c|)) - h k1)
 
     The zone is |s| <= h² k2.  Inside it this form is linear, a PID with a pole at -λ and a pair with the frequency 1/h
-    and damping ½; outside it the gains fall, so that the loop is never faster.  The form solves s ∈ z + h k1 √|z| sgn z
+    and damping ½; outside it the gains fall, so the loop is never faster.  The form solves s ∈ z + h k1 √|z| sgn z
     + h² k2 Sgn z, u = (s - z)/h + w.  Without L the zone is unbounded, and the law is this PID.
 
     Additions to the papers: x' is the backward difference, and x_r' is differenced likewise; x_r'' is evaluated in the
@@ -78,8 +78,8 @@ class SuperTwisting(Law):
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
         """Return one variant, in the zone form with slow start values.
 
-        L, and thus the width of the zone, suits disturbances that change by 50 m/s² per millisecond, and is larger if
-        the reading noise requires it.
+        L, and thus the width of the zone, is chosen for disturbances that change by 50 m/s² per millisecond, and is
+        larger if the reading noise requires it.
         """
         zone_time = 0.6 / axis.rate
         # √2: the velocity is a difference of two readings

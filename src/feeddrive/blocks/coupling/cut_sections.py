@@ -23,8 +23,8 @@ class CutSections(Block):
     """Depth of cut, engagement, spindle speed and feed direction, constant within each section of time.
 
     A quantity whose row is absent keeps the value of the cut or its cutter.  Section i is active for start[i] <= t <
-    start[i+1], the last one until the end, the first one also before its start; a section must not be shorter than a
-    substep.  An axial_depth of 0 m means that the tool does not cut.
+    start[i+1]; the last section has no end, and the first is also active before its start.  A section must not be
+    shorter than a substep.  An axial_depth of 0 m means that the tool does not cut.
     `entry` and `exit` are those of the chip: 0 .. π in a slot, 0 .. arccos(1 - 2 width / diameter) in up milling.
     Raises ParameterError, naming the section, for conditions that no tool can cut.
     """

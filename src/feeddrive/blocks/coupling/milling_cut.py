@@ -30,7 +30,7 @@ class MillingCut(Coupling):
     F_feed, F_normal and F_axial follow from the cutter's force coefficients and this chip, integrated over each engaged
     slice; t is the direction of the feed, n = z x t.  Vibration changes the chip and the chip excites vibration
     (regeneration); where it lifts a tooth out of the work, a later tooth removes the chip of several tooth periods, so
-    that at least three surfaces are needed.  A vibration that repeats with the period τ leaves the chip of the feed,
+    at least three surfaces are needed.  A vibration that repeats with the period τ leaves the chip of the feed,
     and thus the force, unchanged except for rounding.
 
     r is taken at the predicted middle of a substep; r(t - mτ) is predicted in the same way, by cubic Hermite

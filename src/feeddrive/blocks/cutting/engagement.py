@@ -40,8 +40,8 @@ def arc_on_circle(radial_depth: Number, diameter: Number, path_radius: Number, *
         concave wall: cos ψ = ((r_c + R - a_e)² - r_c² - R²) / (2 r_c R)
         convex wall:  cos ψ = (r_c² + R² - (r_c - R + a_e)²) / (2 r_c R)
 
-    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  In an inside corner a tooth cuts longer than
-    along a straight wall with the same radial depth, around an outside corner shorter.
+    a_e = radial_depth, R = diameter / 2, r_c = path_radius.  In an inside corner the arc is longer than
+    along a straight wall with the same radial depth; around an outside corner it is shorter.
     """
     radius = 0.5 * diameter
     if concave:

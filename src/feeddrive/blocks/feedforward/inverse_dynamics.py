@@ -14,7 +14,7 @@ class InverseDynamics(Feedforward):
         force = (m11 + m12) a1 + (c11 + c12) v1 + (m22 + m12) a2 + (c22 + c12) v2
         v2, a2 = v_set, a_set at t + T/2;   v1 = v2 + lead', a1 = a2 + lead'' of the screw (blocks/plant/two_bodies.py)
 
-    For a diagonal mass matrix this is m1 a1 + b1 v1 + m2 a2 + b2 v2, that is
+    For a diagonal mass matrix this is m1 a1 + b1 v1 + m2 a2 + b2 v2, that is,
     (m1 + m2) a + (b1 + b2) v + (m1 b2 + m2 b1) j/k + m1 m2 snap/k + ...   With `order` = "rigid" the spring is
     treated as rigid: a1 = a2, v1 = v2.
 

@@ -22,7 +22,7 @@ class Section(NamedTuple):
 
 
 class Delayed(NamedTuple):
-    """The two delayed sums of a section, and its last output, which a live change uses."""
+    """The two delayed sums of a section, and its last output, which is needed for a live change."""
 
     first: Number
     second: Number

@@ -14,7 +14,7 @@ class LowPass(Filter):
         H(s) = 1 / (s/ω + 1),   ω = 2π frequency,   s/ω -> (1/w)(z - 1)/(z + 1),   w = tan(ωT/2)
         y = b (x + x₋₁) - a y₋₁,   b = w/(1 + w),   a = (w - 1)/(w + 1)
 
-    Its gain at `frequency` is -3 dB also after discretization; at a frequency f far below `frequency` its phase lag is
+    Its gain at `frequency` remains -3 dB after discretization; at a frequency f far below `frequency` its phase lag is
     about f / frequency rad.
     """
 
@@ -27,7 +27,7 @@ class LowPass(Filter):
         a: Number
 
     class State(NamedTuple):
-        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, which a live change uses."""
+        """The delayed sum b x₋₁ - a y₋₁, and the last output y₋₁, which is needed for a live change."""
 
         delayed: Number
         output: Number

@@ -15,9 +15,9 @@ class Lugre(Friction):
         z' = v - bristle_stiffness |v| z / level(v),      level(v) = coulomb + (breakaway - coulomb) e^-(v/v_s)²
         F  = -bristle_stiffness z - bristle_damping z' - viscous v
 
-    Over a substep h both z and v are evaluated at its end (backward Euler, stable for any stiffness), but the level at
-    the velocity in its middle.  With w = |v| the two equations reduce to one quadratic equation in w, which is solved
-    in closed form:
+    Over a substep h both z and v are evaluated at its end (backward Euler, stable for any stiffness), but the level is
+    evaluated at the velocity in its middle.  With w = |v| the two equations reduce to one quadratic equation in w,
+    which is solved in closed form:
 
         a = h bristle_stiffness / level,   A = mobility (bristle_stiffness + bristle_damping / h)
         B = v_free + mobility bristle_damping z / h,   s = sign(B - A z)
@@ -46,7 +46,7 @@ class Lugre(Friction):
         yield from levels(self.kind, "coulomb", self.coulomb, "breakaway", self.breakaway)
 
     def start(self, velocity: Number = 0.0) -> State:
-        """Return the state with undeflected bristles."""
+        """Return the state with undeflected bristles, whatever the velocity."""
         return self.State(0.0)
 
     def linear(self) -> Number:

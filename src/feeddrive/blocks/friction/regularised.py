@@ -19,7 +19,7 @@ class Regularised(Friction):
         F = -level(v) tanh(v / transition_velocity) - viscous · v
         level(v) = coulomb + (breakaway - coulomb) e^-(v / stribeck_velocity)²,    coulomb_negative for v < 0 if given
 
-    The force over a substep is consistent with the velocity at its end, as with set-valued friction, so that a steep
+    The force over a substep is consistent with the velocity at its end, as with set-valued friction, so a steep
     tanh is stable. The equation u + c tanh u = |v_free| / transition_velocity with c = mobility level /
     transition_velocity has one root u = |v| / transition_velocity, found by a fixed number of Halley steps; F is then
     smooth in all parameters.

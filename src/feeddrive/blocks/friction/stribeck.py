@@ -16,7 +16,7 @@ class Stribeck(Friction):
         level(v) = coulomb + (breakaway - coulomb) e^-|v / stribeck_velocity|^exponent
 
     The level is evaluated at the velocity in the middle of the substep, predicted by a first solution with the
-    breakaway level, so that an axis at rest is held exactly up to the breakaway level.  The force is then
+    breakaway level, so an axis at rest is held exactly up to the breakaway level.  The force is then
     clip(-v_free / mobility, ±level).
     Source of the curve: Armstrong-Hélouvry, Dupont & Canudas de Wit 1994.
     """

@@ -18,7 +18,7 @@ class RecordedForce(Load):
     sample_time: Number = parameter("s", "time from row to row", above=0)
 
     def check(self) -> None:
-        """Raise StructureError if a parameter holds variants."""
+        """Raise StructureError if a parameter is an array of variants."""
         check_single(self)
 
     def at(self, t: np.ndarray) -> np.ndarray:

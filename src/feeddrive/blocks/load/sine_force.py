@@ -10,7 +10,7 @@ from feeddrive.language.block import Number, parameter
 class SineForce(Load):
     """A sinusoidal force, amplitude · sin(2π frequency (t - start) + phase) for start <= t < end, else 0 N.
 
-    The loop holds the force over each sample, so that the acting force is a staircase delayed by half a sample.  Start
+    The loop holds the force over each sample, so the acting force is a staircase delayed by half a sample.  Start
     and end are assigned to samples as in StepForce.
     For a force that depends on the position of the axis, use a ForceMap.
     """
@@ -22,7 +22,7 @@ class SineForce(Load):
     end: Number | None = parameter("s", "when it ends; absent: never", default=None)
 
     def check(self) -> None:
-        """Raise StructureError if a parameter holds variants, ParameterError unless end > start."""
+        """Raise StructureError if a parameter is an array of variants, ParameterError unless end > start."""
         check_single(self)
         check_order(self.kind, self.start, self.end)
 

@@ -10,7 +10,7 @@ from feeddrive.language.block import Number, parameter
 class StepForce(Load):
     """A constant force for start <= t < end, 0 N otherwise.
 
-    The loop holds a force over each sample, so that it acts from the first sample with t >= start to the first with
+    The loop holds a force over each sample, so it acts from the first sample with t >= start to the first with
     t >= end.  Rounding of kT does not shift this by a sample: a sample time that lies before `start` by less than
     1e-12 s plus 1e-14 of `start` counts as `start`.
     """
@@ -20,7 +20,7 @@ class StepForce(Load):
     end: Number | None = parameter("s", "when it ends; absent: never", default=None)
 
     def check(self) -> None:
-        """Raise StructureError if a parameter holds variants, ParameterError unless end > start."""
+        """Raise StructureError if a parameter is an array of variants, ParameterError unless end > start."""
         check_single(self)
         check_order(self.kind, self.start, self.end)
 

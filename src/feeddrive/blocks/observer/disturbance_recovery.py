@@ -20,7 +20,7 @@ class DisturbanceRecovery(Observer):
         F̂d(k) = m (v(k) - v(k-1))/T + b v(k) - F_m(k-1),    v(k) = (x(k) - x(k-1))/T
 
     Inverting the paper's (6), with F_m(k) - F_m(k-1) added since a real motor has applied the last sample's force,
-    gives the same result, so that gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or
+    gives the same result, so gains and references of the law are not needed.  F_m(k-1) is the `applied` force, or
     the one `delay_samples` earlier.
 
         exact        without a filter

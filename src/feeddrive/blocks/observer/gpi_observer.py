@@ -32,7 +32,7 @@ class GpiObserver(Observer):
 
         z(k) = F z(k-1) + Gu u(k-1) + Gy0 y(k-1) + Gy1 y(k),    F = e^(A T)
 
-    A constant reading leaves z = (y, 0, ...) unchanged, so that F, Gy0 and Gy1 together reproduce it; hence only the
+    A constant reading leaves z = (y, 0, ...) unchanged, so F, Gy0 and Gy1 together reproduce it; hence only the
     change of y enters, and z_0 is stored relative to y. No precision is lost far from zero, not even in float32.
 
     When to use: friction, cutting and gravity on a stiff axis, well below omega_o.  Do not use it to reject

@@ -41,7 +41,7 @@ class TwoBodies(NamedTuple):
 
     @property
     def dragged(self) -> Number:
-        """The guideway friction b2 = c22 + c12 in N s/m, which loads the spring when both bodies move together."""
+        """The viscous friction b2 = c22 + c12 of the guideway in N s/m, which loads the spring in common motion."""
         return self.c22 + self.c12
 
     @property

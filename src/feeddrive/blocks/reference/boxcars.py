@@ -18,7 +18,7 @@ def limited_profile(kind: str, distance: float, limits: Sequence[float]) -> Prof
     If all limits are reached, the lengths are the usual ones (for the snap-limited move j/s, a/j, v/a and
     distance/v).  In general the lengths are chosen in ascending order, each as long as possible.  L₁ times the highest
     derivative is the peak of the next lower one, and so on.  Since ramps must not overlap, each length is at least the
-    sum of the shorter ones, so that L₁ = x means at least (x, 2x, 4x) for the others:
+    sum of the shorter ones, so L₁ = x means at least (x, 2x, 4x) for the others:
 
         L₁ = x:  s·x ≤ j,  s·x² ≤ a,  s·2x³ ≤ v,  s·8x⁴ ≤ distance
         L₂ = x:  j'·x ≤ a,  j'·x(x + L₁) ≤ v,  j'·2x(x + L₁)² ≤ distance,             j' = s·L₁

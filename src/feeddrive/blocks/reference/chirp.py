@@ -21,7 +21,7 @@ class Chirp(Reference):
     w rises from 0 during the first `blend_time` and falls to 0 during the last, along a seventh-degree polynomial; the
     motion starts and ends at rest at the center.  The sweep may run up or down.
     Not suitable for measuring an axis with dry friction around standstill; use a multisine with a bias velocity there.
-    Raises ParameterError if both blends are longer than the sweep.
+    Raises ParameterError if the two blends together are longer than the sweep.
     """
 
     amplitude: Number = parameter("m", "largest distance from the center", least=0)

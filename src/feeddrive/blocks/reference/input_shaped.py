@@ -19,7 +19,7 @@ class InputShaped(Reference):
     half periods of the mode.
     Do not use it on axes that trace a path together, unless all of them have the same shaper.
     Raises StructureError for a Recorded reference, unless it interpolates: pulses rarely fall on its rows.
-    Pulses and sources: `pulses.py`.
+    For the pulses and their sources see `pulses.py`.
     """
 
     reference: Reference = part("the reference to shape")

@@ -9,7 +9,7 @@ class JerkLimitedMove(LimitedMove):
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a) * boxcar(a/j)
 
-    The jerk jumps, so that the snap is a train of impulses; the snap is reported as 0.  A law that feeds snap forward
+    The jerk jumps, so the snap is a train of impulses; the snap is reported as 0.  A law that feeds snap forward
     should follow a SnapLimitedMove.  If the distance is too short to reach a limit, that limit is lowered, velocity
     first, then acceleration; this is the shortest move within these limits.
     Raises StructureError for a move that would never end.

@@ -13,7 +13,7 @@ from feeddrive.blocks.reference.stretches import Stretch, rest
 
 
 class LimitedMove(Move, ABC):
-    """A move; the velocity of a leg is a rectangle convolved with one boxcar per limit of a higher derivative."""
+    """A move whose leg velocity is a rectangle convolved with one boxcar per limit of a higher derivative."""
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:
@@ -29,7 +29,7 @@ class LimitedMove(Move, ABC):
 
     @property
     def leg_time(self) -> float:
-        """The sum of the boxcars' lengths, s."""
+        """The duration of a leg, which is the sum of all lengths in its profile, s."""
         return self.profile.duration if self.profile else 0.0
 
     def leg(self, t: np.ndarray) -> Derivatives:
@@ -39,7 +39,7 @@ class LimitedMove(Move, ABC):
         return self.profile.at(t)
 
     def stretches(self) -> tuple[Stretch, ...]:
-        """Return the rests and the pieces of all legs."""
+        """Return the dwells and the pieces of all legs, in order of time."""
         stretches = [rest(0.0, self.start)]
         for way, last in self.ways():
             if self.profile is not None:

@@ -76,6 +76,6 @@ class Move(Reference, ABC):
             yield Way(self._home_at(), self.leg_time, far, -sense), self.start
 
     def _home_at(self) -> float:
-        """Return the start time of the way back, s."""
+        """Return the start time of the return leg, s."""
         between = self.dwell_after if self.dwell_between is None else self.dwell_between
         return self.dwell_before + self.leg_time + between

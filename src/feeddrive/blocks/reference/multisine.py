@@ -23,7 +23,7 @@ _FINE = 32
 class Multisine(Reference):
     """A motion x = center + w(t) · scale · Σ wₖ sin(2π k t / period + φₖ), over lines k / period in a band.
 
-    `lines` of the multiples of 1/period between `lowest` and `highest` carry equal amplitude of position, velocity or
+    Of the multiples of 1/period between `lowest` and `highest`, `lines` carry equal amplitudes of position, velocity or
     acceleration (`flat`): wₖ = 1, 1/k or 1/k².  The phases are those of Schroeder, φₖ = -2π Σᵢ (k - i) pᵢ over all
     lower lines i with power shares pᵢ, or random phases that depend only on `seed` and the line.
     The scale is such that |x - center| never exceeds `amplitude` and reaches at least 0.995 of it: the peak is taken on

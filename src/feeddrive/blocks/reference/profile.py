@@ -28,7 +28,7 @@ class Profile:
 
     `lengths` = (L₁, .., Lₙ) in s, the last being that of the rectangle; the velocity is a rectangle of length Lₙ and
     area `distance`, convolved with boxcars of unit area and lengths L₁ .. Lₙ₋₁.  Its highest derivative is piecewise
-    constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so that ramps never overlap.
+    constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so ramps never overlap.
 
     `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
     recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant part, and the reversed
@@ -113,7 +113,7 @@ class Profile:
     def check(self, kind: str, limits: Sequence[float]) -> None:
         """Integrate the pieces; raise StructureError for an exceeded limit (velocity first) or a wrong end position.
 
-        Within a piece every derivative is monotone, so that its extremes are at the ends.
+        Within a piece every derivative is monotone, so its extremes are at the ends.
         """
         check_duration(kind, self.duration)
         _, spans, states = self._pieces

@@ -18,7 +18,7 @@ class Recorded(Reference):
     """A replayed log: row k of the tables at t = k · sample_time, the first position before it, the last one after it.
 
     If only positions are recorded, the velocity is the backward difference, 0 in the first row, and all higher
-    derivatives are 0, so that `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit.
+    derivatives are 0, so `Setpoint.backward_velocity(sample_time)` reproduces the recorded difference bit for bit.
     Times between the rows are refused; with `between = "linear"` all tables are interpolated linearly, and a velocity
     computed as a difference is the slope of the interpolated position.  Outside the table the axis is at rest, and no
     time is refused.

@@ -18,7 +18,7 @@ class Sine(Reference):
     Without `blend_time`, w is 1: position and acceleration are then continuous at both ends, but velocity and jerk
     jump.  With it, w rises during the first `blend_time` and falls during the last, along a seventh-degree polynomial,
     and all derivatives up to the jerk are continuous.
-    Raises ParameterError if both blends are longer than the cycles.
+    Raises ParameterError if the two blends together are longer than the cycles.
     """
 
     amplitude: Number = parameter("m", "largest distance from the center", least=0)

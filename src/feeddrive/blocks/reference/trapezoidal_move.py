@@ -9,8 +9,8 @@ class TrapezoidalMove(LimitedMove):
 
         velocity = rectangle(height v, length distance/v) * boxcar(v/a)
 
-    The acceleration jumps, so that jerk and snap are impulses; they are reported as 0.  The move shows the effect of a
-    planner without a jerk limit; to move a real axis with a flexible structure, use a SnapLimitedMove.
+    The acceleration jumps, so the jerk consists of impulses; jerk and snap are reported as 0.  The move shows the
+    effect of a planner without a jerk limit; to move a real axis with a flexible structure, use a SnapLimitedMove.
     Raises StructureError for a move that would never end.
     """
 

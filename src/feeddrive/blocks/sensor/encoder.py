@@ -24,8 +24,8 @@ class Encoder(Sensor):
         count rate      r changes by at most largest_rate · T counts a sample; missed counts remain lost
         offset          r = r + offset
 
-    n₀ and n₁ are white, independent, N(0, 1), and come from the run's seed.  Lead error and eccentricity are evaluated
-    at the position at which the sample is taken.
+    n₀ and n₁ are white, independent, N(0, 1), and are generated from the run's seed.  Lead error and eccentricity are
+    evaluated at the position at which the sample is taken.
 
     An error that is not specified needs no computation.
     """

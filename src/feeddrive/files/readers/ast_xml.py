@@ -14,8 +14,8 @@ word, and two words form a big-endian IEEE 754 double; complex arrays alternate 
 An array with format="CSV" holds comma-separated numbers instead.  Responses without numbers are left out.
 
 Member names differ between versions of the tool: `controllers` returns every scalar with its path, and
-`files/commissioning.py` what is understood of them.  Document type declarations and entities are refused before they
-are read; depth, number of elements and file size are bounded.
+`files/commissioning.py` interprets those that it recognizes.  Document type declarations and entities are refused
+before they are read; depth, number of elements and file size are bounded.
 """
 
 from __future__ import annotations
@@ -168,9 +168,9 @@ def parsed(name: str, content: bytes) -> Element:
 class Response:
     """A response that has numbers, with the coherence measured for it, if there is one.
 
-    label     its short name: the innermost list, the place in it, and the member, as `speed_plant_2_plant`
-    path      its path in the file
-    measured  True for the response of the motor's speed to its torque (`m_pPlant` of a speed plant)
+    label  short name: the innermost list, the index in this list and the member, as in `speed_plant_2_plant`
+    path   path of the response in the file
+    stamp  time of the measurement, as text
     """
 
     label: str
@@ -182,7 +182,7 @@ class Response:
 
     @property
     def member(self) -> str:
-        """The member name, by which its quantities are known."""
+        """The member name, which identifies input and output of the response."""
         return self.path[-1].partition("[")[0]
 
     @property
@@ -245,7 +245,7 @@ def ast_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def linear_motor(root: Element) -> bool:
-    """Return True if the file says that the motor is a linear one; its plant is then m/s over N."""
+    """Return True if the file describes a linear motor; the plant response is then in (m/s)/N."""
     for _, element in root.walk():
         for member, value in element.scalars().items():
             if member in _ROTARY_MOTOR or member in _LINEAR_MOTOR:
@@ -254,7 +254,7 @@ def linear_motor(root: Element) -> bool:
 
 
 def true(value: float | str) -> bool:
-    """Return the truth of a boolean, which versions write as true or as 1."""
+    """Return the value of a boolean, which is written as true or as 1, depending on the version of the tool."""
     return value == 1.0 or str(value).strip().lower() == "true"
 
 
@@ -310,7 +310,7 @@ def _bracketless(part: str) -> str:
 
 
 def _words_of(member: str) -> str:
-    """Return a member name in small words: speed_plant for m_SpeedPlantMeasurementList."""
+    """Return a member name in lower case with underscores: speed_plant for m_SpeedPlantMeasurementList."""
     bare = re.sub(r"^m_(p|list|sz|d|b)?(?=[A-Z])", "", _bracketless(member))
     bare = re.sub(r"(Measurement)?(List)?$", "", bare)
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", bare).lower()
@@ -369,7 +369,7 @@ def _decoded(text: str) -> np.ndarray:
     except UnicodeEncodeError:
         raise ValueError("it has letters that are not ASCII") from None
     zero = letters == ord(_ZERO_WORD)
-    # in characters of a word that is not zero: where each point stands must be between two words
+    # counted in the characters of nonzero words: each point must lie between two words
     before = np.cumsum(~zero)
     if np.any(before[zero] % 5) or (before.size and before[-1] % 5):
         raise ValueError("a word has not five characters")
@@ -379,7 +379,7 @@ def _decoded(text: str) -> np.ndarray:
     values = digits[~zero].reshape(-1, 5).astype(np.uint64) @ _PLACES
     if np.any(values >= 2**32):
         raise ValueError("a word is beyond 32 bits")
-    # a word stands where its first character is, a zero word where its point is
+    # the position of a word is that of its first character, that of a zero word the position of its point
     first = np.flatnonzero(~zero)[::5]
     places = np.concatenate([first, np.flatnonzero(zero)])
     words = np.concatenate([values, np.zeros(np.count_nonzero(zero), np.uint64)])

@@ -45,8 +45,8 @@ values:
     0<tab>12,5<tab>0<tab>...                   time in ms (or a FILETIME in 100 ns), value, time, value
     EOF                                        optional
 
-A time column may be shared by the channels that follow it.  Only channels with the same sample time are read, that of
-most requested channels; the others are left out, with their sample time as the reason.  As a float, a FILETIME is exact
+A time column may be shared by the channels that follow it.  Only channels with one sample time are read, that of most
+requested channels; the others are left out, with their sample time as the reason.  As a float, a FILETIME is exact
 only to 3 us; the stated sample time compensates for this.
 
 Klipper's ACCELEROMETER_MEASURE writes accelerations in mm/s², and Duet's M569.5 the motion of a closed-loop stepper in
@@ -223,7 +223,7 @@ def _named(head: str) -> tuple[str, str]:
 def _divided(head: str) -> tuple[str, str]:
     """Split a header of a quantity divided by its unit, `t/s` or `v/(mm/s)`; in `re m/N` the whole end is a unit.
 
-    Source: DIN 1313 and ISO 80000-1, which write the heads of tables so.
+    Source: DIN 1313 and ISO 80000-1, which use this form for table headers.
     """
     time, _, unit = head.partition("/")
     if time == "t" and unit in ("s", "ms", "us"):  # and no tonnes per second
@@ -598,7 +598,7 @@ _UNITLESS = ("(None)", "None", "")
 
 
 def is_twincat(content: bytes) -> bool:
-    """Return True for an export of TwinCAT Scope View, judged by its header."""
+    """Return True for an export of TwinCAT Scope View, identified by its header."""
     begin = content[:_TWINCAT_HEAD_BYTES]
     return _TWINCAT_HEAD.match(begin) is not None and b"SampleTime[ms]" in begin
 
@@ -697,10 +697,7 @@ def _has_comma(text: Text, first: int) -> bool:
 def _one_clock(
     channels: list[_TwincatChannel], wanted: frozenset[str] | None
 ) -> tuple[list[_TwincatChannel], dict[str, str]]:
-    """Return the wanted channels that have the most common sample time among them, and the reasons for omissions.
-
-    For each channel with another sample time, the reason why it is omitted is returned by name.
-    """
+    """Return the requested channels with the most common sample time, and by name why other channels are omitted."""
 
     def clock(channel: _TwincatChannel) -> str:
         return channel.properties.get("SampleTime[ms]", "")

@@ -2,7 +2,7 @@
 
 `//` and `%` follow Python's definition, using only exact operations. They are written in the kernel language; the
 interpreter uses Python's own operators. The trigonometric functions are the arithmetic of `language/mathematics.py`,
-traced to LLVM text. No library is called, so that the results are bit-identical on every machine.
+traced to LLVM text. No library is called, so the results are bit-identical on every machine.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ _WHOLE = 4503599627370496.0
 def left_over(x: float, y: float) -> float:
     """Return the exact remainder of x / y with the sign of x (as fmod in C); NaN if x is infinite or y is 0.
 
-    y is doubled until it would exceed x, then halved repeatedly and subtracted whenever it does not exceed the rest.
-    Each difference is exact, since its operands are within a factor of 2.
+    y is doubled until it would exceed x, then halved repeatedly and subtracted whenever it does not exceed the
+    remainder.  Each difference is exact, since its operands are within a factor of 2.
     """
     rest, part = abs(x), abs(y)
     if not (rest < _INFINITY and part > 0.0):

@@ -1,6 +1,6 @@
 """The kernel decorator, kernel calls, and the machine code of the kernels of a file.
 
-A kernel of another file is called as an external function, linked to the code of that file, so that every file is
+A kernel of another file is called as an external function, linked to the code of that file, so every file is
 compiled only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with
 optimizer passes and better instruction selection; results and errors are identical.
 """
@@ -379,7 +379,7 @@ class _Compiled(NamedTuple):
 
 
 class Kernel(Generic[_P, _R]):
-    """A function of numbers and arrays with bit-identical results and equal errors, whether interpreted or compiled.
+    """A function of numbers and arrays with bit-identical results and equal errors, interpreted or compiled.
 
     The first call of a kernel compiles all kernels of its file and of the files whose kernels they call. A call checks
     the types of its arguments: an int is accepted for a float, and no array is copied. `python` is the decorated

@@ -190,7 +190,7 @@ class Names(RecordArithmetic):
         return Value(FLOAT, number(value))
 
     def name(self, node: ast.Name, fields: Sequence[str] = (), whole: ast.AST | None = None) -> Value:
-        """Return the value of a local variable, module constant or field; `whole` is the node of all of it."""
+        """Return the value of a local variable, module constant or field; `whole` is the complete expression."""
         whole = whole or node
         if node.id not in self.names:
             value = self.outside(node)

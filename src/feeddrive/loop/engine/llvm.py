@@ -10,7 +10,7 @@ The whole time loop is one function:
 
 Constants, and states followed by the cells of ring buffers, are laid out as [number][lane], and outputs as
 [sample][number][lane].  Inputs are the same for all lanes; `row` is their stride from sample to sample and `column`
-that from number to number, so that each input may be a separate row.  Separate rows for the outputs made the loop 8 %
+that from number to number, so each input may be a separate row.  Separate rows for the outputs made the loop 8 %
 slower.  Values that do not change from sample to sample are computed before the loop.
 """
 
@@ -61,7 +61,7 @@ class Printer:
         return name
 
     def varies(self, node: int) -> bool:
-        """True if the value of a node differs between lanes, so that it is a vector."""
+        """True if the value of a node differs between lanes and is therefore a vector."""
         return self.plan.lanes > 1 and self.plan.kinds.varying[node]
 
     def type(self, vector: bool, scalar: str = "double") -> str:

@@ -19,8 +19,8 @@ from feeddrive.loop.trace import Carried, Program
 
 
 class Kinds(NamedTuple):
-    """The kinds of all nodes, by index: whether a node changes between samples, differs between lanes (variants), and
-    is a truth value.
+    """The kinds of all nodes, by index: whether a node changes between samples, whether it differs between lanes
+    (variants), and whether it is a truth value.
     """
 
     moving: list[bool]
@@ -141,7 +141,7 @@ def _in_order(unordered: Plan, needed: list[int], ends: list[int]) -> Plan:
 def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[int, ...]]:
     """Return, for each selection, its group: the selections that are evaluated together, in place of the first of them.
 
-    A group has a common condition, so that results needed on only one side of it, such as the forces of a tooth in the
+    A group has a common condition, so results needed on only one side of it, such as the forces of a tooth in the
     cut, share one branch.  All operands of a group were traced before its first selection, so none of its selections
     depends on another.
     """
@@ -161,7 +161,7 @@ def _together(graph: Graph, needed: list[int], kinds: Kinds) -> dict[int, tuple[
 def _ordered(
     graph: Graph, needed: list[int], ends: list[int], together: Mapping[int, tuple[int, ...]], *, single: bool
 ) -> tuple[int, ...]:
-    """Return the order of evaluation: that of the trace with several lanes; for one lane, the longest chains first.
+    """Return the order of evaluation: for several lanes that of the trace, for one lane the longest chains first.
 
     The longest chains are the longest sequences of dependent operations that lead to the next value of a state.  A
     single run waits for such a chain in every sample; a processor that starts it early fills the latency with other

@@ -229,7 +229,7 @@ def compensated(
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """Return x - x_s - x_r at the tool in m, where x_s is the deflection of the tool side under the reaction of the
+    """Return x - x_s - x_r at the tool in m, where x_s is the deflection of the tool side due to the reaction of the
     drive force.
     """
     control = loop(dadsc(rate), compensation=compensation)

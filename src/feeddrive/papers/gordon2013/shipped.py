@@ -33,7 +33,7 @@ RULE = f"{RANDOM}; T = 50 µs, 20 kHz; largest difference over the largest value
 
 
 def _matrices(model: TwoMass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return M, C and K of (2), written out from the parameters."""
+    """Return M, C and K of (2), computed directly from the parameters."""
     m12, c = float(model.coupling_mass or 0.0), float(model.damping)
     M = np.array([[model.mass_motor, m12], [m12, model.mass_load]], dtype=float)
     C = np.array([[model.viscous_motor + c, -c], [-c, model.viscous_load + c]], dtype=float)

@@ -215,7 +215,7 @@ def believed_gains() -> list[Claim]:
 
 
 def unity() -> list[Claim]:
-    """Check G = 1 by (4), (6) and (7): with the exact inverse and the set velocity, set motion causes no error."""
+    """Check G = 1 by (4), (6) and (7): with the exact inverse and the set velocity, the set motion causes no error."""
     loop = _exact()
     lines = np.geomspace(1.0, 30.0, 200)
     off = float(np.max(np.abs(tracking(loop, lines).response - 1.0)))

@@ -53,7 +53,7 @@ def _machine(axis: str) -> Loop:
 
 
 def table_axis(axis: str, columns: tuple[str, ...], *, smooth: bool = True, exact: bool = False) -> Loop:
-    """Return an axis of the table with a compensator that has these basis functions.
+    """Return an axis of the table with a compensator that has the given basis functions.
 
     smooth  tanh friction, as in the tables; otherwise the friction model of the machine file
     exact   mass and viscous friction of the axis are fed forward from the start; otherwise 45 kg and 0

@@ -459,8 +459,8 @@ class Joiner:
     """The joiner that connects the segments of consecutive chains into runs.
 
     sharpest, lonely  as in `join`
-    held      largest number of lines of an unfinished cluster that are held back; a fifth of it if these lines are
-              together 50 mm or longer
+    held      largest number of lines of an unfinished cluster that are held back; a fifth of this number if these lines
+              have a total length of 50 mm or more
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:

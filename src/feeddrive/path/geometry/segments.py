@@ -189,8 +189,8 @@ def blend_at(
     difference: Floats2,
     out: Floats2,
 ) -> float:
-    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on its distance to the segments,
-    m.
+    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on the distance between blend and
+    segments, m.
     """
     n = len(shape0)
     B = factor * L
@@ -256,8 +256,8 @@ def blend(
     difference: Floats2,
     out: Floats2,
 ) -> tuple[float, float, float]:
-    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on its
-    distance, or zeros if there is none.
+    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on the
+    distance between blend and segments, or zeros if there is none.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest
@@ -311,7 +311,7 @@ def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: F
 
 _LETTERS = AXES.upper()
 _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
-"""The groups of axes to which a feed can refer: the first group with a moving axis counts."""
+"""The groups of axes to which a feed can refer; the first group with a moving axis is used."""
 # so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
@@ -470,8 +470,8 @@ def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tol
 
 
 def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, tolerance: float) -> Iterator[_Segment]:
-    """Yield a spline as chords within a tenth of the tolerance, or exactly, from rest to rest, if there is no
-    tolerance.
+    """Yield a spline as chords within a tenth of the tolerance; without a tolerance, yield the exact curve, which
+    starts and ends at rest.
 
     The chords of n equal steps are within max|B''| / (8 n²) of a Bezier curve B(0..1).
     """

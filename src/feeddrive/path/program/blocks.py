@@ -20,11 +20,11 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 
 LONGEST_LINE = 65536
-"""The largest length of a line, bytes, line ending included; of a longer one no more than this is read."""
+"""The largest length of a line, line ending included, in bytes; reading of a longer line stops there."""
 
 
 class Line(NamedTuple):
-    """A line of a program: its file, its number from 1, its text without the line ending."""
+    """A line of a program: its file, its number (from 1), and its text without the line ending."""
 
     file: str
     number: int

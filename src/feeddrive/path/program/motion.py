@@ -217,7 +217,7 @@ MOVING = frozenset(AXES + "@^")
 class Motion:
     """The executor of a block's motion, which emits its commands.
 
-    moved  callback before each motion command
+    moved  callback that is called before each motion command
     """
 
     def __init__(self, state: State, emit: Emit, moved: Callable[[], None]) -> None:

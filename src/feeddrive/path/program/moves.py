@@ -106,7 +106,7 @@ def _value(text: str) -> Value:
 
 # programs round the end and the center of an arc to a few decimals
 LEAST_SPREAD, RELATIVE_SPREAD, LARGEST_SPREAD = 0.03, 1e-3, 0.5
-"""The permitted difference of the radii at start and end: always (mm), relative to the radius, and at most (mm)."""
+"""The tolerance of the radii at start and end: its minimum (mm), its ratio to the radius, and its maximum (mm)."""
 # half of the fourth decimal of a program in inches
 CHORD_SPREAD = 0.00127
 """The length by which half of the chord may exceed the radius, mm."""

@@ -260,7 +260,7 @@ def read_program(
 
     axes          axes of the machine with their travel, such as {"X": (0, 0.5), "Z": None}; None: all nine, without
                   travel limits
-    tools         tool table (.tbl); without one M6 changes to any tool, and G43 H is refused
+    tools         tool table (.tbl); without one, M6 accepts any tool, and G43 H is refused
     offsets       parameter file (.var): work offsets, G28, G30
     tables_inch   both tables are in inches instead of mm
     skip_deleted  skip lines that begin with /

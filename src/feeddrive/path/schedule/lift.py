@@ -139,8 +139,8 @@ class _Path:
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
     def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
-        """Do the same as `lifted` for a motion that is at rest at neither end; `end` is u' .. u''' at the end of the
-        motion.
+        """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
+        u' .. u''' at the end of the motion.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
         if np.any(np.diff(knots[3:-3]) <= 0.0):
@@ -302,7 +302,7 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
-    """Split a section that cannot be lifted as a whole at its middle node; return both halves, the second first."""
+    """Split, at its middle node, a section that cannot be lifted as a whole; return the second half, then the first."""
     inner = np.arange(first + _HUMP, last - _HUMP)
     nodes = inner[(motion.acceleration[inner] == 0.0) & (motion.jerk[inner] == 0.0)]
     if not len(nodes):

@@ -127,7 +127,7 @@ class Schedule:
 
     limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
     window  number of pieces planned together; more where ramps are longer
-    time    end of the final motion, s; with an override the caller adds pauses from other sources
+    time    time up to which the motion is final, s; with an override the caller adds pauses from other sources
     """
 
     def __init__(self, limits: np.ndarray, window: int = WINDOW, override: Override | None = None) -> None:
