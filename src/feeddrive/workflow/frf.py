@@ -260,7 +260,7 @@ def _input(log: Log) -> str:
 
 
 def _outputs(log: Log) -> list[str]:
-    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError if none exist."""
+    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError if none is found."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]

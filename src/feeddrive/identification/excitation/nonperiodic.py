@@ -69,7 +69,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Remove mean and linear trend, since a drift would leak into all lines."""
+    """Return segments without mean and linear trend, since a drift would leak into all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t

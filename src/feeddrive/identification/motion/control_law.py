@@ -68,8 +68,8 @@ class LawCheck:
 
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
-    counts  effect of quantization of the readings, as far as it is present in the log
-    gains   gains of the controller that affect the force in this log
+    counts  effect of quantization of the readings, to the extent that it is present in the log
+    gains   the controller gains that affect the force in this log
     delay   delay of the log's force relative to that of the law, samples
     added   fraction of the rows in which another force was added, if the law explains all other rows; else 0
     """

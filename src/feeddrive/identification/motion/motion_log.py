@@ -150,7 +150,7 @@ class MotionLog:
         return held
 
     def hints(self) -> tuple[str, ...]:
-        """Return sentences on faults of the recording that a fit may survive: held readings and a late set position."""
+        """Return sentences on recording faults that a fit may tolerate: repeated readings and a late set position."""
         hints: list[str] = []
         every = held_readings(self.position)
         if every > 1:
@@ -220,11 +220,11 @@ class MotionLog:
             )
 
     def _check_lost(self) -> None:
-        """Raise NotIdentifiableError for rows that were lost while their stamps were not: the axis jumps ahead.
+        """Raise NotIdentifiableError for lost rows that do not show in the time stamps: the position then jumps ahead.
 
             x(k+1) - x(k) = (1 + n) step,   n = 1, 2, ... rows lost,   step = median9 of the steps about it
 
-        A set position jumps in the same rows; it has no noise, so that one such row is enough.
+        A set position jumps in the same rows. Since it has no noise, one such row is sufficient.
         """
         ahead = _ahead(self.position)
         if not np.any(ahead):
@@ -273,7 +273,8 @@ class MotionLog:
 def held_readings(position: np.ndarray) -> int:
     """Return m if only every m-th reading of a moving axis is new, else 1.
 
-    Judged where the axis moves more than `_PER_SAMPLE` counts a sample, so that a standing reading is no slow motion.
+    Only samples in which the axis moves by more than `_PER_SAMPLE` counts are considered, so that a constant reading
+    cannot be due to slow motion.
     """
     steps = np.abs(np.diff(position))
     new = steps > 0.0
@@ -291,9 +292,9 @@ def held_readings(position: np.ndarray) -> int:
 
 
 def lead_of(position: np.ndarray, set_position: np.ndarray, sample_time: float) -> float:
-    """Return by how many samples the position leads its set position; negative where it follows.
+    """Return the number of samples by which the position leads its set position; negative if it lags.
 
-    The lead with the least squared difference of the velocities, smoothed over 10 ms; whole samples.
+    It is the whole number of samples with the smallest squared difference of the velocities, smoothed over 10 ms.
     """
     from scipy.ndimage import uniform_filter1d  # not for commands that only read
 
@@ -330,7 +331,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def _ahead(position: np.ndarray) -> np.ndarray:
-    """Return the number of rows that each step of a position, shape (n-1,), seems to have lost, 0 for most."""
+    """Return the number of rows that seem to be lost in each step of a position, mostly 0, shape (n-1,)."""
     steps = np.diff(position)
     size = np.abs(steps)
     fast = _LOST_SPEED * float(np.quantile(size, _USUAL_SHARE))
@@ -531,7 +532,7 @@ class Prepared:
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
     cutoff      Hz, of the low pass on the position; `sample_time`: that of the log, s; `how`: the settings
-    left_out    rows that do not count, by cause, in the order in which they were judged (see `CAUSES`)
+    left_out    number of excluded rows by cause, in the order in which the causes were checked (see `CAUSES`)
     """
 
     time: np.ndarray

@@ -71,7 +71,7 @@ class Refinement(Result):
 
     @property
     def short(self) -> tuple[Estimate, ...]:
-        """The estimates under the last part of their names, where no two have the same."""
+        """The estimates, each named by the last part of its dotted name where this part is unique."""
         last = [estimate.name.rsplit(".", 1)[-1] for estimate in self.estimates]
         return tuple(
             dataclasses.replace(estimate, name=end if last.count(end) == 1 else estimate.name)
