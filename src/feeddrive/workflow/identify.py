@@ -278,7 +278,7 @@ def _all_refused(request: IdentifyRequest, refused: Mapping[str, LogError], othe
 
 
 def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:
-    """Show contradictions in another log. Raise LogError if one of its columns has a different role than in the first."""
+    """Show contradictions in another log. Raise LogError if one of its columns has another role than in the first."""
     before = {column.name: role for role, column in first.columns.items()}
     for role, column in run.columns.items():
         if before.get(column.name, role) != role:
