@@ -70,7 +70,7 @@ class Trials(Result):
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors over the trials by name, SI; NaN for a parameter not learned in the previous trial."""
+        """Return the standard errors over the trials by name, SI; NaN if the previous trial did not learn the value."""
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
