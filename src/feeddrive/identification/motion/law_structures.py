@@ -383,7 +383,7 @@ def through_model(rows: LawRows, model: Model, d: int, older: int, *, central: b
 
 
 def lagged(rows: LawRows, pole: float, places: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """Return basis columns in the rows after a first-order low pass."""
+    """Return basis columns over the rows after a low pass of first order."""
     return filtered(rows, _low_pass(pole), rows.whole[:, places])
 
 
