@@ -116,7 +116,7 @@ class Likeness:
     """The similarity of a channel b to a channel a: b(t) ≈ gain · a(t - lag) + constant.
 
     explained  explained fraction of the changes of b
-    lag        samples; positive if b lags behind a
+    lag        lag in samples, positive if b lags behind a
     """
 
     explained: float
@@ -159,7 +159,7 @@ class Driven:
     """The relation of a force f to a motion: f ≈ mass · a + friction · sign(v) + viscous · v + constant, while moving.
 
     explained  explained fraction of the force about its mean
-    mass       in N/(m/s²), negative for a reversed sign
+    mass       mass in N/(m/s²), negative for a reversed sign
     by_speed   fraction that the velocity alone explains
     as_power   fraction that mass · a v + friction · |v| + viscous · v² explains, which is high for a power
     """

@@ -332,9 +332,9 @@ def begin_compensation(
 ) -> Loop:
     """Return the loop with an initial compensator, whose parameters are 0 or equal to the values already fed forward.
 
-    columns            names of its parameters; default: mass, viscous and both Coulomb levels, except those that the
-                       law itself feeds forward
-    stribeck_velocity  m/s, required for the column `stribeck`
+    columns            names of its parameters; default: mass, viscous friction and both Coulomb levels, except those
+                       that the law itself feeds forward
+    stribeck_velocity  Stribeck velocity, m/s, required for the column `stribeck`
 
     The compensator takes over the values of an Inertia block, which it replaces; an existing compensator keeps its
     values, and missing columns are added.

@@ -42,8 +42,8 @@ class CirclePath:
 
     x, y       positions, m, shape (n,), in the order of motion
     direction  1 for counter-clockwise, -1 for clockwise motion in the plane of the axes
-    feed       m/s
-    radius     nominal, m
+    feed       feed rate, m/s
+    radius     nominal radius, m
     center     center of the set-up, m; None if unknown
     axes       names of the axes
     source     measured point, "tool" or "encoder"; encoders do not measure errors between them and the tool
@@ -628,7 +628,7 @@ class Solved:
 
     @cached_property
     def unseparable(self) -> dict[int, list[int]]:
-        """For each column that the circles cannot separate from others, the indices of those others."""
+        """The columns that the circles cannot separate from others, by index, each with the indices of those others."""
         mixed: dict[int, list[int]] = {}
         for i in np.flatnonzero(self.seen):
             if i in self.kept:

@@ -32,7 +32,7 @@ CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is no corn
 class Curve(NamedTuple):
     """A piecewise cubic (Hermite) curve through nodes; a change of direction between two pieces is a corner.
 
-    node    m, shape (n, N)
+    node    positions of the nodes, m, shape (n, N)
     along   path length at each node, m, shape (n,)
     begin, end  derivatives of piece k at its two ends with respect to its parameter 0 .. 1, m, shape (n - 1, N)
     row     row of the set position at each node, shape (n,)
@@ -343,7 +343,7 @@ class ContourError(Result):
     estimate     contour error estimated from the tracking error to second order, m, shape (n,); None without velocities
     lag          lag of the tool behind its set position along the path, m, shape (n,)
     line         part program lines, shape (n,), or None
-    counted      True for samples that count in the figures and the worst places, shape (n,)
+    counted      True for samples that are included in the figures and the worst places, shape (n,)
     curve        the path
     """
 
@@ -369,7 +369,7 @@ class ContourError(Result):
 
     @property
     def largest(self) -> float:
-        """The largest contour error of all samples that count, m."""
+        """The largest contour error of all included samples, m."""
         return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
@@ -386,7 +386,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 if no sample counts."""
+        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 without samples."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1
@@ -394,7 +394,7 @@ class ContourError(Result):
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """Return the largest errors of the samples that count, largest first, each from a separate peak of the error.
+        """Return the largest errors of the included samples, largest first, each from a separate peak of the error.
 
         apart  minimum path length between two of them, m; default: a thousandth of the path
         """
@@ -513,7 +513,7 @@ def contour_error(
     signal        actual position of the run: `tool`, the tool point of a machine with geometry errors, or else the
                   table; `position_load`, the table; or `reading_load`, the table as measured by the controller
     line          part program line of each row
-    counted       True for rows that count in the figures, shape (n,); default: all
+    counted       True for rows that are included in the figures, shape (n,); default: all
     sample_time   sample time of arrays, s
     window        range of path length around the set position that is searched for the nearest point, m; default: twice
                   the largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are closer

@@ -463,7 +463,7 @@ def stability_lobes(
     cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` such as process_damping = 2e4 replace fields
     deepest   axial depth in m up to which a limit is searched for; default: 12 times the lowest zero-order limit
     islands   True to search for stable ranges above the limit as well, up to `deepest`
-    speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
+    speed, depth   spindle speed and axial depth of the machine's current cut, in rpm and m; its |µ| is reported
 
     The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15
     % and refined to a relative accuracy of 1e-10.

@@ -292,13 +292,13 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; only samples at which the tool generates a finished wall of the part
-               (`on_part`), or moves at a feed rate, count
+    contour    contour error of all moving axes; it includes only samples at which the tool generates a finished wall of
+               the part (`on_part`) or moves at a feed rate
     axes       figures by axis
     load       load of the motors, and of the spindle if there is a cut
     cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None without a cut
     estimates  accuracy of the observers, by observer and axis
-    disturbances  N, the true disturbance of the axes with observers, by axis
+    disturbances  true disturbance of the axes with observers, by axis, N
     """
 
     name: str
@@ -310,7 +310,7 @@ class PartRun(Result):
     disturbances: Mapping[str, np.ndarray]
 
     def worst(self, count: int = _LISTED) -> list[Worst]:
-        """Return the largest contour errors of the samples that count, a few millimeters of path apart."""
+        """Return the largest contour errors of the included samples, at least a few millimeters of path apart."""
         return self.contour.worst(count, apart=max(_SAME_PLACE, 2e-3 * float(self.contour.along[-1])))
 
     @property
@@ -417,7 +417,7 @@ def part_run(
     machine    the machine that was simulated
     axes       axes that the program moves
     line       program line of each sample, shape (n,); the run may be longer
-    counted    True for samples that count for the contour, shape (n,); default: all
+    counted    True for samples that are included in the contour error, shape (n,); default: all
     cuts       True if cutting is simulated; `load_force` is then the cutting force
     turn       longest duration of a spindle turn, s; None without a spindle
     spindle    load of the spindle, if known

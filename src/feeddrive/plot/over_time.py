@@ -396,7 +396,7 @@ class Channel:
     name    its name in the source
     place   index of its column among the values
     unit    displayed unit; empty if unknown
-    factor  from the unit of the source to the displayed unit
+    factor  conversion factor from the unit of the source to the displayed unit
     """
 
     name: str

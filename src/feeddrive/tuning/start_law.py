@@ -43,8 +43,8 @@ class StartLaw(Result):
 
     spread    relative error of the mass up to which it was checked
     peaks     Ms for the mass minus this error, for the mass, and for the mass plus this error
-    error     m, largest following error of the simulated move
-    left      m, remaining motion of the table at the end of the rest after the move
+    error     largest following error of the simulated move, m
+    left      remaining motion of the table at the end of the rest after the move, m
     """
 
     loop: Loop

@@ -2,7 +2,7 @@
 
 The mapping is taken from the options or a TOML file; otherwise it is guessed and shown to the user.
 
-The magnitudes of a log show whether its units are plausible for a feed drive. A command rejects, for example, a travel
+The magnitudes of a log show whether its units are plausible for a feed drive. For example, a command rejects a travel
 of 200 m or a mass of 0.1 kg: it shows the two likeliest interpretations of the units side by side, and writes nothing
 until the user states the unit.
 """

@@ -178,8 +178,8 @@ def drive_axis(
     """Return the axis of a commissioning file, with a fitted model.
 
     motor         name of the plant response; default: the one measured last
-    band          Hz, lines to be fitted; default: from the lowest usable frequency stated in the file up to the highest
-                  one at which two masses explain the response
+    band          band of the lines to be fitted, Hz; default: from the lowest usable frequency stated in the file up to
+                  the highest one at which two masses explain the response
     rotary, lead, gear, sample_time   data missing from the file: True for a rotary axis, or the lead and gear of its
                   screw, and the sample time of the speed loop
     model, modes, fixed  as for `fit_axis`

@@ -163,7 +163,7 @@ def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """Read the logs; column roles are taken from a TOML file, from options or names of columns, or else are guessed.
+    """Read the logs; column roles are taken from a TOML file, from options or from column names, or else are guessed.
 
     Also return the reasons why a log with given units is implausible.
     """

@@ -73,8 +73,8 @@ _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoi
 def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     """Identify mass, friction and dead time from a log, or masses and modes from frequency responses.
 
-    Several logs of one axis are pooled: each goes through the same steps as one alone, and the errors of the values
-    contain their scatter.
+    Several logs of one axis are pooled: each is processed like a single log, and the errors of the pooled values
+    include the scatter.
 
     The result, with standard errors, is an `Identified`, of several logs `IdentifiedLogs`, or, for frequency responses,
     `AxisFits` or a `ModalFit`.
@@ -278,7 +278,7 @@ def _all_refused(request: IdentifyRequest, refused: Mapping[str, LogError], othe
 
 
 def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:
-    """Show contradictions in another log. Raise LogError if one of its columns has another role than in the first."""
+    """Show contradictions in another log. Raise LogError if one of its columns has another role in the first log."""
     before = {column.name: role for role, column in first.columns.items()}
     for role, column in run.columns.items():
         if before.get(column.name, role) != role:

@@ -179,7 +179,7 @@ def local_polynomial(
     reference, both Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed
     loop. Several records are averaged with weights that assume equal noise in all of them.
 
-    band     Hz; default: all lines
+    band     lowest and highest frequency, Hz; default: all lines
     lines    maximum number of lines, spaced logarithmically over the band; default: all
     freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 

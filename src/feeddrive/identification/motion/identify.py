@@ -291,11 +291,11 @@ _BENDS = "so the axis bends, binds or is driven by something else; measure a fre
 class Identified(Result):
     """The model of a drive identified from one log.
 
-    loop        the loop with the identified values, ready to simulate; None if the law is unknown or in shaft units
+    loop        the loop with the identified values, ready to simulate; None for an unknown law or a log in shaft units
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
-    remarks     parameters that could not be identified, with the reasons
+    remarks     remarks on parameters that could not be identified, with the reasons
     started     description of the law of `loop` if it is a safe start law instead of the law of the log; else empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
     contradicted  evidence from a second source against clock or scales of the log, and the correction; else empty

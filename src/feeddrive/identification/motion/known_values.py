@@ -22,9 +22,9 @@ def against_known(
 ) -> tuple[list[Text], list[Text]]:
     """Return contradictions between known values and the clock or scales of a log, and remarks on confirmed values.
 
-    mass         kg (kg m2 for a rotary axis), weighed
-    feed         m/s (rad/s), programmed speed of the motion
-    sample_time  s, sample time in the machine file
+    mass         weighed mass, kg; for a rotary axis the inertia, kg m2
+    feed         programmed speed of the motion, m/s or rad/s
+    sample_time  sample time in the machine file, s
 
     The gains of a stated law are a second source, too: a wrong clock changes the gains required by the log in a known
     pattern.
@@ -88,7 +88,7 @@ def _by_values(log: MotionLog, ratios: dict[str, tuple[Ratio | None, Text]]) -> 
 
 
 def top_speed(log: MotionLog) -> float | None:
-    """Return the largest speed that the axis holds constant, m/s or rad/s; None if it holds none.
+    """Return the largest speed that is kept constant for some time, m/s or rad/s; None if there is none.
 
     The speed is computed from the set position if there is one, since it does not overshoot.
     """

@@ -103,7 +103,7 @@ class Floor:
         return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
 
     def wants_more(self, scored: Scored) -> bool:
-        """Return True if a structure misses something, or if its residual is so large that others should be tried."""
+        """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
         return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr
 
     def gain(self, more: float, less: float) -> float:
@@ -210,7 +210,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     """Return the search for the structures that explain a log, or None if too few rows are below the limit.
 
     `choices` are interpretations of the log, likeliest first. All of them are first searched without models and low
-    passes; only if each search misses something, these are tried on the interpretation with the smallest residual.
+    passes; only if no fit is good enough, these are tried on the interpretation with the smallest residual.
     """
     found = list[Search]()
     for signals in choices:
@@ -301,7 +301,7 @@ def _is_loose(scored: Scored) -> bool:
 
 
 def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
-    """Return the search with additional fits, best first; each step runs only if the best fit misses something."""
+    """Return the search with additional fits, best first; a step runs only if the best fit is not yet good enough."""
     found = found.with_fits(())
     for tried_next in further:
         if found.floor.wants_more(found.best):
@@ -628,7 +628,7 @@ def _variants(structure: Structure) -> Iterator[Structure]:
 
 
 def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
-    """Return fits of the structures whose integral refers to another zero position than the logged reading."""
+    """Return fits of the structures whose integral refers to a zero position other than that of the logged reading."""
     tried = (
         replace(structure, shifted=True)
         for structure in structures(best.structure.n, best.structure.d)

@@ -82,7 +82,7 @@ class Structure:
     friction  samples by which the direction of the set motion is older that friction feedforward uses; None for none
     twist     the law read a motor that is ahead of the logged load
     drag      True if load friction twists the axis, so that the motor leads by a constant in the direction of motion
-    shifted   True if the logged reading has another zero than that of the law, whose integral then contains a ramp
+    shifted   True if the zero of the logged reading is not that of the law, whose integral then contains a ramp
     sides     True if friction feedforward has a separate level for each direction
     """
 
@@ -128,7 +128,7 @@ class Structure:
 
     @property
     def parameters(self) -> int:
-        """The number of unknowns; discrete choices do not count."""
+        """The number of unknowns, without discrete choices."""
         return (
             len(self.gains)
             + self.curved

@@ -49,7 +49,7 @@ class MotionLog:
     """A motion log: position (m, or rad) and commanded force (N, or N m) on one clock, each of shape (n,).
 
     set_position  setpoint of the loop, if it was logged
-    force_limit   N or N m, if known
+    force_limit   force limit of the loop, N or N m, if known
     rotary        True for position in rad and force in N m
     turning       True for a rotary axis, as opposed to the motor shaft of a screw
 
@@ -220,7 +220,7 @@ class MotionLog:
             )
 
     def _check_lost(self) -> None:
-        """Raise NotIdentifiableError for lost rows that do not show in the time stamps: the position then jumps ahead.
+        """Raise NotIdentifiableError for lost rows that the time stamps do not reveal: the position then jumps ahead.
 
             x(k+1) - x(k) = (1 + n) step,   n = 1, 2, ... rows lost,   step = median9 of the steps about it
 
@@ -480,7 +480,7 @@ _SMEARED = 0.01  # of a step: what the low pass of the position may still show o
 class Preparation:
     """The filters and delays that prepare a log for least squares.
 
-    cutoff       Hz, of the Butterworth low pass on the position
+    cutoff       cutoff frequency of the Butterworth low pass on the position, Hz
     decimation   decimation factor in samples; None: one row per 10 ms
     delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
@@ -490,7 +490,7 @@ class Preparation:
     skip_end     samples left out at the end; None: as many as at the start
     reversals    True to keep rows at rest and within one decimated step of a reversal, where the sign of friction is
                  undefined
-    rest         share of the largest speed below which the axis counts as at rest
+    rest         fraction of the largest speed below which the axis is considered to be at rest
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
     balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
@@ -531,7 +531,9 @@ class Prepared:
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
-    cutoff      Hz, of the low pass on the position; `sample_time`: that of the log, s; `how`: the settings
+    cutoff      cutoff frequency of the low pass on the position, Hz
+    sample_time  sample time of the log, s
+    how         the settings
     left_out    number of excluded rows by cause, in the order in which the causes were checked (see `CAUSES`)
     """
 
@@ -710,7 +712,7 @@ def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
     """Return every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
 
-    The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
+    The low pass is that of MATLAB's decimate: Chebyshev type I, order 8, ripple 0.05 dB, edge 0.8 / factor of
     half the sampling rate, applied forward and backward.
     """
     if factor < 1:

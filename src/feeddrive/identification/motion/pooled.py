@@ -114,7 +114,7 @@ class PooledFit(Result):
         return estimates_table(f"{self.name}: values of {len(self.fits)} logs", self.estimates)
 
     def compared(self) -> Table:
-        """Return a table of the values of each log, the pooled values, the scatter, and its probability."""
+        """Return a table of the values of each log, the pooled values, the scatter and its probability by chance."""
         columns = ["log", *(Column(estimate.name, estimate.unit) for estimate in self.estimates)]
         rows: list[list[Cell]] = [
             [fit.name, *(_with_error(fit[estimate.name]) for estimate in self.estimates)] for fit in self.fits
@@ -447,7 +447,7 @@ class _Laws:
         return min(self.logs, key=lambda log: log.mass.error / log.mass.value)
 
     def remarks(self) -> list[str]:
-        """Return remarks on the log that provides the law, if not all logs show the same parts of it."""
+        """Return remarks on the log that provides the law, if the laws of the logs have different parts."""
         name = self.taken.log.name
         remarks: list[str] = []
         if self.without:

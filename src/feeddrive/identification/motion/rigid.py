@@ -88,7 +88,7 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
-    dead_time   samples from the logged force to its effect, besides the hold; its error is 0 if it was not fitted
+    dead_time   samples from the logged force to its effect, without the hold; its error is 0 if it was not fitted
     how         the preparation of the rows, with the delay of the fit
     instruments True if the set motion was used as instruments: the values are then free of the errors caused by
                 quantization and by the reaction of the control to disturbances
@@ -118,7 +118,7 @@ class RigidFit(Result):
 
     @property
     def slowest(self) -> float:
-        """The speed below which rows were excluded because friction is not Coulomb plus viscous there; 0 if none."""
+        """The speed below which rows were excluded, as friction is not Coulomb plus viscous there; 0 if none were."""
         return self.how.rest if self.how.rest > motion_log.REST else 0.0
 
     @property
@@ -666,8 +666,8 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
 
     From `_SLOW[0]` of the largest speed downwards, the force in each class of speeds is predicted by a fit to the
     faster rows. The signed residual is averaged over each passage through the class. In the first class whose mean over
-    the passages deviates from 0 at a significance level of `_DEVIATES` (Student's t), friction deviates: all rows
-    slower than its upper bound are left out.
+    the passages differs from 0 at a significance level of `_DEVIATES` (Student's t), friction deviates from the model;
+    all rows slower than the upper bound of this class are left out.
     """
     from scipy.special import stdtrit  # takes a second to import
 
@@ -1040,7 +1040,7 @@ def find_delay(
 
 
 def _dead_time(solved: _Solved) -> tuple[float, float]:
-    """Return the dead time in samples besides the hold, with its standard error; 0 if the delay was not free."""
+    """Return the dead time in samples, without the hold, and its standard error, which is 0 if the delay was fixed."""
     late = solved.delay - motion_log.HOLD
     if not solved.free:
         return late, 0.0

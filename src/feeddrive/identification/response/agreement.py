@@ -176,7 +176,7 @@ def predicted(
     """Return the RMS of ln(G/Gm) on used lines, and on unused lines by five-fold cross-validation.
 
     Each of the five fits leaves out every fifth line, starting at another one, so that each line is predicted once.
-    Lines whose noise exceeds 30 % do not count.
+    Lines whose noise exceeds 30 % are ignored.
     """
     used, unused = [], []
     for fold in range(_FOLDS):

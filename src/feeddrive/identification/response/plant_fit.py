@@ -489,13 +489,14 @@ def fit_plant(
     motor, load        position (or velocity, acceleration, by their unit) over the drive's force, at least one of them
     fixed              known parameters by name; they keep that value
     absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
-    dead_time          s; None: it is fitted.  For a response with a sample time it does not include the hold
+    dead_time          dead time, s; None: it is fitted.  For a response with a sample time it does not include the hold
     held               True if the input of a sampled response is a command held over each sample; False for a measured
                        current or force
-    current_loop       Hz; None: the force follows without lag, unless `find_current_loop` is set
-    band               Hz, lowest and highest line that is used
-    force_per_unit     N per unit of the responses' input (a motor's force constant); travel_per_unit m per unit of
-                       their output (lead/2π for rad).  Without them the result is in the units of the responses
+    current_loop       bandwidth, Hz; None: the force follows without lag, unless `find_current_loop` is set
+    band               lowest and highest frequency of the lines used, Hz
+    force_per_unit     N per unit of the responses' input (a motor's force constant)
+    travel_per_unit    m per unit of their output (lead/2π for rad).  Without these, the result is in the units of the
+                       responses
 
     The cost is that of `refine`: residuals weighted by the variances where these are known, else complex logarithmic
     ratios.
@@ -750,10 +751,10 @@ _ABOVE = 1.3  # times the resonance: a band must show the far side of the peak
 class ModelBand:
     """The band in which two masses and a spring explain a response.
 
-    low, high   Hz
+    low, high   ends of the band, Hz
     whole       True if it contains all lines
     begin       initial plant for a fit, from some lines of the band; empty if the lines contain no resonance
-    scatter     by parameter, deviation of the fits to narrower bands beyond their standard errors: the effect of
+    scatter     deviation of the fits to narrower bands beyond their standard errors, by parameter: the effect of
                 systematic measurement errors
     """
 
@@ -799,7 +800,7 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
     contain the fitted resonance, the widest one is selected whose error beyond the noise is at most 2 %, or at most 1.5
     times the smallest error.  If no band contains a resonance, all lines are used.
 
-    band   Hz, range of the lines to be considered
+    band   range of the lines to be considered, Hz
     held   as for `fit_plant`
     """
     (frf,) = taken({"motor": motor}, band, None, None)[0].values()
@@ -884,7 +885,7 @@ _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 class AxisFits(Result):
     """Fits of several structures to the same lines, and the selected one.
 
-    fits     by structure; `chosen` is the name of the selected one
+    fits     fits by structure; `chosen` is the name of the selected one
     refused  structures that could not be fitted or were not needed, with the reason
     wrong_sign  True if a mode or the rigid-body motion has a sign at an encoder that is impossible in any structure
     """

@@ -111,7 +111,7 @@ class Bring(Room):
     def look(self, asked: Asked) -> None:
         """Read uploaded files, and open the first one unless the columns of another file are being assigned.
 
-        `sample_time` is that of logs without a clock, s, which were refused before.
+        `sample_time` is the sample time, s, of logs without a clock that were refused before.
         """
         names = asked.texts("names")
         if not names:
@@ -262,7 +262,7 @@ class Bring(Room):
         self._put_guess(file, replace(guess, mapping=mapping, needs=needs))
 
     def _unit(self, file: Understood, column: str) -> str:
-        """Return the unit of the numbers of a column: as the user entered it, or as file or name state it."""
+        """Return the unit of a column, as entered by the user or else as stated in the file or the column name."""
         assert file.guess is not None
         named = [other.unit for other in file.guess.mapping.values() if other.name == column]
         named += [need.signal for need in file.guess.needs.values() if need.column == column]
