@@ -116,7 +116,7 @@ class CANopen:
                 self._news.notify()
 
     def watch(self, seconds: float) -> None:
-        """Let the drive monitor the heartbeat of this master (0x1016:01), which is sent along with the cycles."""
+        """Make the drive monitor the heartbeat of this master (0x1016:01), which is sent along with the cycles."""
         wanted = (self._master << 16 | max(1, round(1e3 * seconds))).to_bytes(4, "little")
         try:
             before = self.read(_CONSUMER, 1)

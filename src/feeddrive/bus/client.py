@@ -51,7 +51,7 @@ def identify(transport: Transport, drive: BusDrive) -> dict[str, int | str]:
 def check_scaling(transport: Transport, scaling: DriveScaling) -> list[str]:
     """Compare the declared rated torque, counts and gear with the drive; return remarks on missing data.
 
-    Raises BusError, with both values, if they differ.
+    Raises BusError, with both values, if a declared value differs from that of the drive.
     """
     key = "rated_torque" if scaling.rated_force is None else "rated_force"
     pairs = [(key, float(scaling.rated_milli), "rated_torque", 1e-3)]
@@ -105,7 +105,7 @@ def write_cycle_time(transport: Transport, drive: BusDrive) -> None:
 def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
     """Set the watchdog of the drive and its reaction; return a remark if the drive file disables the watchdog.
 
-    Raises BusError if either cannot be set or reads back as another value.
+    Raises BusError if either cannot be set, or if a different value is read back.
     """
     if drive.watchdog_time == 0.0:
         return ["No watchdog (watchdog = 0 in the drive file): the axis runs on when this computer stops."]
@@ -337,8 +337,8 @@ class DriveClient:
         return self.told
 
     def excites(self, unit: str) -> None:
-        """Raise BusError for an excitation in N if the drive lacks the torque offset object that `csp` and `csv` need
-        for it.
+        """Raise BusError for an excitation in N that `csp` or `csv` cannot apply, since the drive has no torque offset
+        object.
         """
         name = "torque_offset"
         if unit == "N" and self.mode != cia402.CST and name not in self._sent.names:

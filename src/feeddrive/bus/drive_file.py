@@ -79,8 +79,8 @@ class BusDrive(Section):
     limits: BusLimits = part("where a motion is aborted")
 
     def check(self) -> None:
-        """Raise ParameterError for limits below the resolution, a watchdog time that is too short, or missing limits
-        that cst requires.
+        """Raise ParameterError for limits below the resolution, a watchdog time that is too short, or limits that are
+        missing although cst requires them.
         """
         for name in ("largest_mass", "breakaway_force") if self.mode == "cst" else ():
             if getattr(self.limits, name) is None:
@@ -108,8 +108,8 @@ class BusDrive(Section):
 
     @property
     def watchdog_time(self) -> float:
-        """The watchdog time, s: as stated, else 0.1 s or, if longer, twice the longest time without a frame that is
-        tolerated in motion.
+        """The watchdog time, s: the stated one or, if none is stated, the larger of 0.1 s and twice the longest time
+        without a frame that is tolerated in motion.
         """
         if self.watchdog is not None:
             return self.watchdog
@@ -157,7 +157,7 @@ def interpolation_time(cycle_time: float) -> tuple[int, int]:
 class DriveScaling(Section):
     """The length of one increment, and the force of one thousandth of the rated torque, at the table.
 
-        increment = lead / (gear · counts_per_turn)                       of a rotary motor
+        increment = lead / (gear · counts_per_turn)                       for a rotary motor
         force     = torque_per_mille / 1000 · rated_torque · gear · 2π / lead
 
     A linear motor is described by `increment` and `rated_force` alone.  Raises ParameterError for an incomplete or

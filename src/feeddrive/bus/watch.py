@@ -142,8 +142,8 @@ class Push(NamedTuple):
     """A force above breakaway in one direction.
 
     forces  forces during the last RESPONSE, oldest first, N
-    sign    its direction; 0: no push
-    time    its duration so far, s
+    sign    direction of the push; 0: no push
+    time    duration so far, s
     speed   minimum speed gained, m/s
     way     minimum travel due to that speed, m
     slowest, fastest  bounds of the initial speed, m/s, of an axis that has stayed within `SURE` counts
@@ -244,7 +244,7 @@ class Watch:
         return after, fault
 
     def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
-        """Return the fault if a limit of the drive file is exceeded."""
+        """Return a fault if a limit of the drive file is exceeded."""
         limits, cycle, position = self.limits, state.cycle, answer.position
         travel, speed = abs(position - state.start), answer.velocity
         if speed is None:
@@ -300,7 +300,7 @@ class Watch:
         return Push(forces, sign, time, push.speed + gained, way, slowest, fastest, due)
 
     def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
-        """Return the fault if the position has not changed although a live drive would have moved by now."""
+        """Return a fault if the position has not changed although a live drive would have moved by now."""
         mode, most = self.drive.mode, self.limits.following_error
         if mode == "csp":
             lead = acting.position - anchor.position
@@ -349,7 +349,7 @@ class Watch:
         return (0, 0.0), max(state.renewal, min(many + 1, self._patience)) if held else state.renewal
 
     def _frozen(self, cycle: int, answer: Answer, same: tuple[int, float], renewal: int) -> Fault | None:
-        """Return the fault if all values are frozen at a nonzero velocity."""
+        """Return a fault if all values are frozen at a nonzero velocity."""
         many, time = same
         if answer.velocity is None or many < max(self._patience, 2 * renewal):
             return None
@@ -373,7 +373,7 @@ class Watch:
         return gap, max(kept * state.speed, abs(answer.velocity), abs(moved) / silent)
 
     def _contradiction(self, cycle: int, answer: Answer, gap: float, speed: float) -> Fault | None:
-        """Return the fault if velocity and positions contradict each other."""
+        """Return a fault if velocity and positions contradict each other."""
         bound = self._response * speed + max(self._sure, USED * self.limits.following_error)
         if abs(gap) > bound:
             sentence = Text(

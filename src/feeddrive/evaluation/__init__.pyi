@@ -1,4 +1,4 @@
-"""One engine that evaluates cases: in this process, on its cores or on a Dask cluster, resumable."""
+"""Evaluation of cases in this process, on all cores or on a Dask cluster; an evaluation can be stopped and resumed."""
 
 # written by `make stubs`
 

@@ -1,4 +1,4 @@
-"""Export of a control or an axis: C, LinuxCNC, FMU, microcontroller, PLC, parameter files of makers."""
+"""Export of a controller or an axis: C, LinuxCNC, FMU, microcontroller, PLC, and parameter files for drives."""
 
 # written by `make stubs`
 

@@ -59,11 +59,11 @@ def learned_pitch(
 ) -> LearnedPitch:
     """Return the correction tables of the set position, by least squares over all samples of each direction.
 
-    nominal   m, position measured by the controller
-    reached   m, true position of table or tool: from a laser, a load encoder, or `tool.x` of a run
-    velocity  m/s, set velocity; its sign gives the direction, samples at standstill are ignored
-    spacing   m between entries, starting at the lowest position
-    settle    m of travel left out after each reversal, over which backlash and friction change sides
+    nominal   position measured by the controller, m
+    reached   true position of table or tool, m: from a laser, a load encoder, or `tool.x` of a run
+    velocity  set velocity, m/s; its sign gives the direction, samples at standstill are ignored
+    spacing   distance between entries, m, starting at the lowest position
+    settle    travel left out after each reversal, m, over which backlash and friction change sides
 
     The piecewise linear function of each direction is fitted as a whole, so that the entries do not depend on where
     the samples between them lie.  Raises ParameterError for arrays of unequal length, numbers that are not finite,

@@ -101,8 +101,8 @@ def sizes(
 ) -> dict[str, float]:
     """Return travel, speed, acceleration, largest force and, if identifiable, mass, by the names of `RANGES`.
 
-    position  m or rad, shape (n,); force: N or N m
-    mass      kg or kg m2, if already known
+    position, force  channels of the log, m and N, or rad and N m, shape (n,)
+    mass      mass in kg or kg m2, if already known
     """
     names = [limits.quantity for limits in RANGES[frame]]
     magnitudes: dict[str, float] = {}

@@ -28,7 +28,7 @@ LEAST_PULL = 0.05  # share of Coulomb friction beyond which an offset is a force
 
 @dataclass(frozen=True)
 class Frame:
-    """The SI units of position, velocity, force, inertia and viscous friction, of a table or of a shaft.
+    """The SI units of position, velocity, force, inertia and viscous friction at a table or at a shaft.
 
     A shaft is described in rad, N m and kg m² until its `lever` r, the table's travel per rad, is known:
 
@@ -451,7 +451,7 @@ def cross_validated(
     """Predict each stretch of rows by a fit without it and without `GAP` rows on both sides.
 
     If only one stretch contains a direction or a speed, the fit without it lacks this information, and the
-    prediction error is large; `expected` then is, too.
+    prediction error is large; so is `expected`.
 
         expected² = Σ x' S x,   S = s² (X'X)⁻¹ widened²,   s² and X of the rows of each fit, x of the rows predicted
 

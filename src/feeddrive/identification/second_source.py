@@ -1,13 +1,13 @@
-"""What a second source says of the clock and the scales of a log: another log, known values, the gains that ran.
+"""Check of the clock and the scales of a log by a second source: another log, known values, or controller gains.
 
-One log cannot show that its clock, its force or its lengths are wrong by a factor: the values found in it are then
-wrong by powers of that factor, and explain the log as well as the right ones. With a stated sample time of s times the
-true one, a force read as k times and a position read as l times the true one,
+One log alone cannot show that its clock, its force or its lengths are wrong by a factor: the identified values are then
+wrong by powers of that factor, and explain the log as well as the correct ones. If the stated sample time is s times,
+the force k times and the position l times the true one,
 
-    value found = value · s^t · k^f · l^n        of a value in N^f s^t m^n, as of a mass in N s²/m: s² k / l
+    value found = value · s^t · k^f · l^n        for a value in N^f s^t m^n, such as a mass in N s²/m: s² k / l
 
-so that two values of one quantity differ by a factor, and several quantities differ in a pattern that tells the cause.
-`causes_of` fits each cause alone to the logarithms of these factors by weighted least squares:
+so that two values of one quantity differ by a factor, and several quantities differ in a pattern that reveals the
+cause. `causes_of` fits each single cause to the logarithms of these factors by weighted least squares:
 
     ln(found / known) = h λ + e,    h the exponents of the cause, λ the logarithm of its factor
 """
@@ -59,10 +59,10 @@ _CHANCE = 0.01  # of what a cause leaves: below this probability by chance it is
 
 @dataclass(frozen=True)
 class Ratio:
-    """The factor between a value found in a log and the same value from a second source.
+    """The ratio of a value identified from a log to the same value from a second source.
 
     log     natural logarithm of found / known
-    error   its standard error, with the slack of the quantity
+    error   its standard error, including the usual variation of the quantity (`SLACK_...`)
     """
 
     name: str
@@ -72,9 +72,9 @@ class Ratio:
 
     @classmethod
     def of(cls, name: str, unit: str, found: float, known: float, error: float = 0.0) -> Ratio | None:
-        """Return the ratio of two values; None for a unit that tells no cause, and for values that are not positive.
+        """Return the ratio of two values; None for a unit that reveals no cause, and for values that are not positive.
 
-        error  relative standard error of found / known, without the slack of the quantity
+        error  relative standard error of found / known, without the usual variation of the quantity
         """
         if unit not in _POWERS or not (found > 0.0 and known > 0.0 and math.isfinite(error)):
             return None
@@ -87,7 +87,7 @@ class Ratio:
         return cls(name, unit, math.log(found / known), math.hypot(error, slack))
 
     def power(self, kind: str) -> float:
-        """Return the exponent with which this value follows the factor of a cause."""
+        """Return the exponent with which this value depends on the factor of a cause."""
         if kind == LOAD:
             return 1.0 if self.name == MASS else 0.0
         return float(_POWERS[self.unit][_PLACES[kind]])
@@ -95,10 +95,10 @@ class Ratio:
 
 @dataclass(frozen=True)
 class Cause:
-    """A single factor that explains all ratios: that of the sample time, the force, the length, or of the moving mass.
+    """A single factor that explains all ratios: of the sample time, the force, the length, or the moving mass.
 
     error   standard error of the factor
-    shown   names of the values that tell it: those that follow it
+    shown   names of the values that depend on this factor
     """
 
     kind: str
@@ -108,15 +108,15 @@ class Cause:
 
     @property
     def off(self) -> Quantity:
-        """The share by which the factor differs from 1."""
+        """The relative deviation of the factor from 1."""
         return Quantity(abs(self.factor - 1.0), "share", form="2")
 
 
 def causes_of(ratios: Iterable[Ratio | None]) -> tuple[Cause, ...]:
-    """Return the causes of which each alone explains all ratios, the best one first; none for ratios near 1.
+    """Return the causes that each explain all ratios alone, the best first; empty for ratios near 1.
 
-    A cause needs a factor of more than `SIGNIFICANT` standard errors and of `LEAST_FACTOR`, and must leave no more
-    than chance explains.
+    The factor of a cause must deviate from 1 by more than `SIGNIFICANT` standard errors and by `LEAST_FACTOR`, and its
+    residual must be explicable by chance.
     """
     there = [ratio for ratio in ratios if ratio is not None]
     if not there:
@@ -142,9 +142,9 @@ def causes_of(ratios: Iterable[Ratio | None]) -> tuple[Cause, ...]:
 
 
 def said(causes: Sequence[Cause], name: str, sample_time: float, other: str = "") -> Text:
-    """Return what each cause would mean for the log `name`, and the option that corrects it.
+    """Return text on the meaning of each cause for the log `name`, and the option that corrects it.
 
-    other  the log with which it is compared; empty if the second source is right, as a weighed mass
+    other  name of the log used for comparison; empty if the second source is certain, such as a weighed mass
     """
     return joined("; or ", (_said(cause, name, sample_time, other) for cause in causes))
 

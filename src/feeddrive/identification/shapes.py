@@ -1,9 +1,9 @@
-"""What the samples of two channels show of each other, whatever their units and signs.
+"""Relations between the samples of two channels that hold for any units and signs.
 
 A position is the integral of a velocity; a set position leads the actual one; the motor runs ahead of the table while
-it accelerates; a force follows acceleration and the direction of motion.  These relations tell channels apart whose
-names do not, and contradict names that are wrong.  All of them are computed from changes over windows of 5 ms, which
-encoder counts hardly affect, and by least squares with one or a few coefficients: no model of a drive is fitted here.
+it accelerates; a force follows acceleration and the direction of motion.  These relations distinguish channels with
+unclear names, and reveal wrong names.  All of them are computed from changes over windows of 5 ms, which encoder counts
+hardly affect, and by least squares with one or a few coefficients: no model of a drive is fitted here.
 
     change    Δx(t) = x(t + w) - x(t - w)              w: half a window
     integral  Δx    = k ∫ v dt over the same window     k: 1 if both are in SI
@@ -35,9 +35,9 @@ SURE = 5.0  # standard errors of an effect that decides between motor and table
 
 
 def share(y: np.ndarray, *basis: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the share of y, shape (n,), that a linear combination of the basis explains, and its coefficients.
+    """Return the fraction of y'y, y of shape (n,), that a combination of the basis explains, and its coefficients.
 
-    A mean counts as unexplained unless the basis holds ones; for y = 0 the share is 0.
+    A mean is explained only if the basis contains a constant; for y = 0 the fraction is 0.
     """
     columns = np.column_stack(basis)
     size = np.linalg.norm(columns, axis=0)
@@ -52,7 +52,7 @@ def share(y: np.ndarray, *basis: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class Grid:
-    """The rows at which channels of n rows are compared, and the half window in rows."""
+    """The rows in which channels are compared, the half window in rows, and the sample time in s."""
 
     rows: np.ndarray
     half: int
@@ -60,7 +60,7 @@ class Grid:
 
     @classmethod
     def of(cls, n: int, T: float) -> Grid:
-        """Return the grid of a log; Raises no error for a short log, whose grid has no rows."""
+        """Return the grid of a log; that of a log that is too short has no rows."""
         half = max(1, round(WINDOW / T))
         rows = np.arange(2 * half, max(n - 2 * half, 2 * half), max(1, half // 2, n // POINTS))
         return cls(rows if n >= LEAST_ROWS else rows[:0], half, T)
@@ -79,7 +79,7 @@ class Grid:
         return (x[self.rows + span] - 2.0 * x[self.rows] + x[self.rows - span]) / (span * self.T) ** 2
 
     def mean(self, x: np.ndarray, *, triangle: bool = False) -> np.ndarray:
-        """Return the mean over the window by the trapezoidal rule; with `triangle` with the weights of `bend`."""
+        """Return the mean over the window by the trapezoidal rule; if `triangle`, with the weights of `bend`."""
         # removed first: the sums of a large constant would lose the digits of small changes
         total = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) - x[0])])
         if triangle:
@@ -91,9 +91,9 @@ class Grid:
 
 
 def integral_of(position: np.ndarray, velocity: np.ndarray, T: float) -> tuple[float, float]:
-    """Return the share of the changes of a position that the integral of a velocity explains, and k of Δx = k ∫ v dt.
+    """Return the fraction of the changes of a position explained by the integral of a velocity, and k in Δx = k ∫ v dt.
 
-    The share is 0 for a log that is too short and for channels that do not change.
+    The fraction is 0 for a log that is too short and for channels that do not change.
     """
     grid = Grid.of(position.size, T)
     if not grid.rows.size:
@@ -103,7 +103,7 @@ def integral_of(position: np.ndarray, velocity: np.ndarray, T: float) -> tuple[f
 
 
 def velocity_of(position: np.ndarray, velocity: np.ndarray, T: float) -> float:
-    """Return k of Δx = k ∫ v dt by least squares of the velocity; 0 for a log that is too short or at rest."""
+    """Return k in Δx = k ∫ v dt, by regression of v on Δx; 0 for a log that is too short or without motion."""
     grid = Grid.of(position.size, T)
     if not grid.rows.size:
         return 0.0
@@ -113,10 +113,10 @@ def velocity_of(position: np.ndarray, velocity: np.ndarray, T: float) -> float:
 
 @dataclass(frozen=True)
 class Likeness:
-    """How a channel b follows a channel a: b(t) ≈ gain · a(t - lag) + constant.
+    """The similarity of a channel b to a channel a: b(t) ≈ gain · a(t - lag) + constant.
 
-    explained  share of the changes of b
-    lag        samples; positive if b trails
+    explained  explained fraction of the changes of b
+    lag        lag in samples, positive if b lags behind a
     """
 
     explained: float
@@ -125,7 +125,7 @@ class Likeness:
 
 
 def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
-    """Return how b follows a, over lags within ±LATEST, to a fraction of a sample by a parabola through the peak."""
+    """Return the similarity of b to a at the best lag within ±LATEST, interpolated by a parabola through the peak."""
     n = a.size
     if n < LEAST_ROWS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return Likeness(0.0, 0.0, 0.0)
@@ -156,12 +156,12 @@ def likeness(a: np.ndarray, b: np.ndarray, T: float) -> Likeness:
 
 @dataclass(frozen=True)
 class Driven:
-    """How a force f follows a motion: f ≈ mass · a + friction · sign(v) + viscous · v + constant, where it moves.
+    """The relation of a force f to a motion: f ≈ mass · a + friction · sign(v) + viscous · v + constant, while moving.
 
-    explained  share of the force about its mean
-    mass       in N/(m/s²), negative for a reversed sign
-    by_speed   share that the velocity alone explains
-    as_power   share that mass · a v + friction · |v| + viscous · v² explains, if it is a power and no force
+    explained  explained fraction of the force about its mean
+    mass       mass in N/(m/s²), negative for a reversed sign
+    by_speed   fraction that the velocity alone explains
+    as_power   fraction that mass · a v + friction · |v| + viscous · v² explains, which is high for a power
     """
 
     explained: float
@@ -171,7 +171,7 @@ class Driven:
 
 
 def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool = False) -> Driven:
-    """Return how a force follows a motion, which is a position or a velocity."""
+    """Return the relation of a force to a motion, which is a position or a velocity."""
     grid = Grid.of(motion.size, T)
     nothing = Driven(0.0, 0.0, 0.0)
     if grid.rows.size < LEAST_ROWS // 4:
@@ -194,11 +194,14 @@ def driven(motion: np.ndarray, force: np.ndarray, T: float, *, is_velocity: bool
 
 
 def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: float) -> float:
-    """Return whether the first of two positions is the setpoint: 1 surely, -1 surely not, ±0.5 likely, 0 undecided.
+    """Return the evidence that the first of two positions is the setpoint, from -1 to 1.
+
+    ±1 is certain, ±0.5 likely, 0 undecided; a negative number means that the second one is the setpoint.
 
     A setpoint leads, and the force follows the acceleration and friction of the actual position better than those of
     the setpoint.  Either may mislead: with strong feedforward the position leads, and through a velocity gain coarse
-    counts make a force that follows them.  It is sure if both agree, or if the force tells far more against the lead.
+    counts cause a force that follows them.  The result is certain if both criteria agree, or if the evidence of the
+    force against the lead is much stronger.
     """
     lag = likeness(goal, actual, T).lag
     lead = 0.0 if abs(lag) <= CLEAR else float(np.sign(lag))
@@ -216,15 +219,15 @@ def order(goal: np.ndarray, actual: np.ndarray, force: np.ndarray | None, T: flo
 
 
 def smoother(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if the third differences of the first channel are clearly smaller: a planner is smooth, readings
-    have counts and noise.
+    """Return True if the third differences of the first channel are clearly smaller: setpoints are smooth, while
+    readings contain quantization and noise.
     """
     rough, rougher = (float(np.sqrt(np.mean(np.diff(x, 3) ** 2))) for x in (one, other))
     return rough < SMOOTH * rougher
 
 
 def _wide_rate(grid: Grid, x: np.ndarray) -> np.ndarray:
-    """Return the velocity over the span of `bend`."""
+    """Return the mean velocity over the window of `bend`."""
     span = 2 * grid.half
     return (x[grid.rows + span] - x[grid.rows - span]) / (2.0 * span * grid.T)
 
@@ -238,13 +241,14 @@ def _rate_of_mean(grid: Grid, velocity: np.ndarray) -> np.ndarray:
 
 
 def ahead(motor: np.ndarray, table: np.ndarray, T: float) -> float:
-    """Return by how many standard errors the first channel runs ahead of the second while it accelerates.
+    """Return the lead of the first channel over the second during acceleration, in standard errors.
 
         motor - table = slope · x + compliance · a + lost · sign(v) + lag · v + constant
 
-    Through a spring the motor is ahead by the load's acceleration and friction, each over the stiffness; the terms of x
-    and v are those of scales and of clocks, which do not tell the encoders apart.  A negative number means that the
-    second channel is the motor; 0 for channels of different scale, which cannot be subtracted.
+    Because of the drive-train elasticity, the motor leads by the inertial force and the friction of the load, divided
+    by the stiffness. The terms in x and v are due to scales and clocks and do not distinguish the encoders.  A negative
+    number means that the second channel is the motor; the result is 0 for channels of different scale, which cannot be
+    subtracted.
     """
     grid = Grid.of(motor.size, T)
     if grid.rows.size < LEAST_ROWS // 4:

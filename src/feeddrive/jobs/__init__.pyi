@@ -1,4 +1,4 @@
-"""Jobs that run: every law of a job over the same work, along its log or its part program, with its figures."""
+"""Execution of jobs: every law of a job with the same motion and loads, along its log or part program, with figures."""
 
 # written by `make stubs`
 

@@ -1,4 +1,4 @@
-"""Friction at rest in a trial: an unknown force that holds the axis, and what it leaves of the error."""
+"""Friction at rest in a trial, modeled as an unknown force that holds the axis, and the resulting error."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,9 +17,10 @@ WALK = 0.05  # of its white variance: variance of the random walk of the unknown
 
 
 def force_unknown(position: np.ndarray, velocity: np.ndarray, dead_band: float) -> np.ndarray:
-    """Return a mask of the samples at which friction is not that of motion, from set position and velocity, (n,).
+    """Return a mask of the samples at which sliding friction does not apply; all arrays have shape (n,).
 
-    These are the samples at rest (|v| <= dead band), at a reversal, and within `BREAKAWAY` of travel around them.
+    These are the samples at which the set velocity is within the dead band or reverses, and those within `BREAKAWAY` of
+    travel around them.
     """
     n = position.size
     rest = np.abs(velocity) <= dead_band
@@ -45,16 +46,17 @@ def filtered_held(
     *,
     moving: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filter columns, shape (n, columns), through Ĝ_d while an unknown force acts in the samples of a mask, (n,).
+    """Filter columns, shape (n, columns), through Ĝ_d, with an unknown force in the samples where `unknown` is True.
 
         e = Ψ Δθ + e_rest + level · u0
 
     Returns Ψ, shape (n, columns), e - e_rest, shape (n,), and `level`, shape (n,): the response to a force of 1 N that
-    the feedback supplies at the first sample.  In the samples of the mask the force is white and large, and the state
-    of the model follows the measured error by the steady gain of its Kalman filter; elsewhere the model runs open.
-    The integral of the law thus goes on through a rest as it does in the drive, whatever force friction holds.
+    the feedback supplies at the first sample.  In the samples of the mask, the force is modeled as large white noise,
+    and the state of the model follows the measured error by its steady-state Kalman gain; elsewhere the model runs
+    without correction. During a rest, the integral of the law therefore evolves as in the drive, regardless of the
+    friction force.
 
-    `samples` are the models of a period; with `moving` the columns had the values of row 0 before.
+    `samples` are the models of a period; with `moving`, the columns are assumed to have the values of row 0 before it.
     """
     N, n, count = len(samples), samples[0].A.shape[0], columns.shape[1]
     held = [_with_force(sample) for sample in samples]
@@ -93,7 +95,7 @@ class _Stretch:
     """A periodic model with one input and one output, which filters many columns in blocks of samples."""
 
     def __init__(self, models: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, float]]) -> None:
-        """Take A, b, c and d of each sample of a period."""
+        """Set up the model from A, b, c and d of each sample of a period."""
         self.models = models
         self.blocks: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = {}
 
@@ -135,7 +137,7 @@ _SETTLES = 400  # periods until the gain of the filter is steady: dead times and
 
 
 def _with_force(sample: StateSpace) -> tuple[np.ndarray, np.ndarray]:
-    """Return the step and the output of a model with the unknown force as its last state."""
+    """Return the state matrix and the output row of a model extended by the unknown force as its last state."""
     n = sample.A.shape[0]
     step = np.eye(n + 1)
     step[:n, :n], step[:n, n] = sample.A, sample.B[:, 0]
@@ -143,7 +145,7 @@ def _with_force(sample: StateSpace) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _gains(samples: Sequence[StateSpace], held: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
-    """Return the steady Kalman gain of each sample of a period for an unknown force, white and a random walk."""
+    """Return the steady-state Kalman gain of each sample of a period, for a force of white noise plus a random walk."""
     N = len(samples)
     size, state = abs(float(samples[0].D[0, 0])), samples[0].B[:, 0]
     for k in range(1, _PULSE):

@@ -1,4 +1,4 @@
-"""The axis's own mass and friction from a trial, with intervals that contain the misfit of the model."""
+"""Estimation of the true mass and friction of an axis from a trial, with intervals that include model error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ LEVELS = ("coulomb_positive", "coulomb_negative")
 
 
 class Seen(NamedTuple):
-    """A trial through one error model, in the samples that count.
+    """The regressors and the error of a trial, filtered through one error model, in the samples used.
 
     columns  Ψ of the parameters, shape (n, parameters)
-    timing   Ψ of the set jerk, unless it is fed: shape (n, 1) or (n, 0)
-    bump     Ψ of a friction that is larger at low speed, unless it is fed or no friction is: (n, 1) or (n, 0)
-    error    the error that they explain, shape (n,)
-    start    the response to the unknown force at the first sample, shape (n,), or None if it is known
+    timing   Ψ of the set jerk, shape (n, 1), or (n, 0) if the jerk is fed forward
+    bump     Ψ of the excess friction at low speed, shape (n, 1), or (n, 0) if it, or no friction at all, is fed forward
+    error    the error to be explained, shape (n,)
+    start    the response to the unknown force at the first sample, shape (n,), or None if the force is known
     lags     samples over which residuals are correlated
     force_error  standard error of the known force at the first sample, N
     """
@@ -45,7 +45,7 @@ class Seen(NamedTuple):
     force_error: float = 0.0
 
     def fit(self, basis: np.ndarray, bump: bool) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return the step of each combination in `basis` and its standard error, and the force per set jerk."""
+        """Return the step of each parameter combination in `basis`, its standard error, and the force per set jerk."""
         used = [self.columns @ basis, self.timing, *([self.bump] if bump else [])]
         if self.start is not None and np.any(self.start):
             used.append(self.start[:, None])
@@ -64,10 +64,10 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AxisValues:
-    """The values that the axis itself has, in the order of the names, and half the widths of their 90 % intervals.
+    """The estimated true values of the axis, in the order of the names, and half the widths of their 90 % intervals.
 
-    asymmetric  True if the trial shows that the levels of the two directions differ otherwise than those fed forward
-    remarks     combinations of parameters that the trial does not show, and the motion that would
+    asymmetric  True if the trial shows that the difference of the two Coulomb levels is not the one fed forward
+    remarks     remarks on parameter combinations that the trial does not determine, and the motion that would
     """
 
     value: np.ndarray
@@ -77,20 +77,20 @@ class AxisValues:
 
 
 def axis_values(names: Sequence[str], now: np.ndarray, first: Seen, better: Seen) -> AxisValues:
-    """Return the axis's own values of the parameters in `names`, which are `now` (SI).
+    """Return the estimated true values of the parameters in `names`, whose present values are `now` (SI).
 
-    first   the trial through the error model with which it is learned from
-    better  the same through the model loop with the learned mass and viscous friction; `first` if there is none
+    first   the trial, filtered through the error model used for learning
+    better  the trial, filtered through the model with the learned mass and viscous friction; `first` if there is none
 
-    The values are those of the better model with two columns more: the set jerk, since a force that is late by τ acts
-    as mass · τ per jerk, and as viscous · τ beside the mass; and friction that is larger at low speed (Stribeck,
-    presliding).  Half of an interval is
+    The values are those of the better model with two additional columns. The first is the set jerk: a force delayed by
+    τ has the effect of mass · τ per jerk, and changes the apparent mass by viscous · τ. The second is the excess
+    friction at low speed (Stribeck, presliding).  The half width of an interval is
 
         √((1.645 s)² + (θ - θ')² + (FORM (θ - θ''))²)
 
-    with the standard error s of the fit without the second column, for residuals of any correlation, its values θ', and
-    the values θ'' by the first model.  The half difference of the levels has the prior deviation `ASYMMETRY` of their
-    mean, and nothing but this prior if the force at the first sample is unknown.
+    where θ' and s are the values and robust standard errors of the fit without the second column, and θ'' the values of
+    the first model.  Half the difference of the levels has a prior standard deviation of `ASYMMETRY` times their mean;
+    if the force at the first sample is unknown, only this prior is used.
     """
     both = set(LEVELS) <= set(names)
     basis = _mean_and_difference(names) if both else np.eye(len(names))
@@ -127,7 +127,7 @@ def axis_values(names: Sequence[str], now: np.ndarray, first: Seen, better: Seen
 
 
 def _mean_and_difference(names: Sequence[str]) -> np.ndarray:
-    """Return the matrix from (..., mean, half difference, ...) of the levels to the parameters."""
+    """Return the matrix that maps mean and half difference of the two levels, among the parameters, to the levels."""
     matrix = np.eye(len(names))
     plus, minus = (list(names).index(level) for level in LEVELS)
     matrix[minus, plus], matrix[plus, minus], matrix[minus, minus] = 1.0, 1.0, -1.0
@@ -137,7 +137,7 @@ def _mean_and_difference(names: Sequence[str]) -> np.ndarray:
 def _difference_remark(
     now: np.ndarray, names: Sequence[str], step: float, half: float, known: bool, asymmetric: bool
 ) -> tuple[str, ...]:
-    """Return a remark on the difference of the levels, unless the trial shows it."""
+    """Return a remark on the difference of the levels, unless the trial determines it."""
     if asymmetric:
         return ()
     plus, minus = (float(now[list(names).index(level)]) for level in LEVELS)
@@ -162,7 +162,7 @@ def _difference_remark(
 
 
 def _alike(names: Sequence[str], seen: Seen, basis: np.ndarray) -> tuple[str, ...]:
-    """Return a remark if viscous friction and the mean level are shown by their sum only."""
+    """Return a remark if the trial determines only the sum of viscous friction and mean level."""
     if "viscous" not in names or LEVELS[0] not in names:
         return ()
     columns = np.column_stack([seen.columns @ basis, seen.timing, seen.bump])

@@ -332,9 +332,9 @@ def begin_compensation(
 ) -> Loop:
     """Return the loop with an initial compensator, whose parameters are 0 or equal to the values already fed forward.
 
-    columns            names of its parameters; default: mass, viscous and both Coulomb levels, except those that the
-                       law itself feeds forward
-    stribeck_velocity  m/s, required for the column `stribeck`
+    columns            names of its parameters; default: mass, viscous friction and both Coulomb levels, except those
+                       that the law itself feeds forward
+    stribeck_velocity  Stribeck velocity, m/s, required for the column `stribeck`
 
     The compensator takes over the values of an Inertia block, which it replaces; an existing compensator keeps its
     values, and missing columns are added.
@@ -386,9 +386,9 @@ class Iteration(Result):
     """The result of one trial: the feedforward before and after, and the standard errors of its parameters.
 
     loop       the loop of the next trial
-    errors     standard error of each tuned parameter after a full step (gamma = 1) as a value of the axis, SI, with the
-               misfit in it
-    intervals  90 % interval of the axis's own value of each tuned parameter, SI; empty for friction "none" at rest
+    errors     standard error of each tuned parameter after a full step (gamma = 1) as an estimate of the true value,
+               including model error, SI
+    intervals  90 % interval of the true value of each tuned parameter, SI; empty for `at_rest` "none"
     frozen     parameters that keep their value, and the reason for each
     held       parameters at their bound
     predicted  predicted following error of the next trial along the same reference, m, shape (n,)
@@ -472,20 +472,20 @@ def next_iteration(
                 until their effect has decayed, are ignored
     skip        number of samples to ignore at the start, for a log that starts in motion
 
-    at_rest     friction at rest. "held": an unknown force that holds the axis, so that the samples at rest only carry
-                the integral of the law on (`filtered_held`). "none", the law of the paper: 0, as the regressors are;
-                the error of stuck friction then goes into the parameters
+    at_rest     friction at rest. "held": an unknown force that holds the axis; the samples at rest then only determine
+                the integral of the law (`filtered_held`). "none", as in the paper: 0, like the regressors; the error
+                due to stiction then biases the parameters
 
-    With "held", the levels of the two directions change together unless the trial shows their difference: while the
-    axis moves, the difference is a constant force, which the integral takes up, and at rest friction holds any force.
-    Only the force with which the trial began (`Trial.force`) tells one from the other; the difference contains any
-    constant force, such as gravity.  `errors` and `intervals` then contain the misfit, see `axis_values`.
-    With "none", the standard errors treat the residual as noise with its own autocorrelation, and contain no bias.
+    With "held", both Coulomb levels change by the same amount unless the trial determines their difference: in motion
+    the difference is a constant force, which the integral compensates, and at rest friction balances any force. Only
+    the force at the start of the trial (`Trial.force`) reveals the difference, which includes any constant force, such
+    as gravity.  `errors` and `intervals` then include the model error, see `axis_values`. With "none", the standard
+    errors treat the residual as autocorrelated noise and do not include bias.
     Raises LogError if the trial contains no information (saturated, too short, no column excited) or its sample time is
     not the controller's, ParameterError for values out of bounds, UnstableError if the model loop is not stable.
-    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  The paper was available up to
-    eq. (10); Ĝ_d, the scaled and damped step, its bounds, friction at rest, frozen columns and errors are this
-    library's.
+    Source: Wu, Han, Xiong & Ding 2017, section 3: parameters from the error of a trial.  Only the part of the paper up
+    to eq. (10) was available; Ĝ_d, the scaled and damped step, its bounds, friction at rest, frozen columns and errors
+    are this library's.
     """
     _check(loop, trial, gamma, mu, saturation, at_rest)
     block = compensator(loop)
@@ -573,7 +573,7 @@ def _changed(block: DisturbanceCompensator, names: Sequence[str], values: np.nda
 
 
 def _levels_together(names: Sequence[str]) -> np.ndarray:
-    """Return the matrix of steps in which both levels, if there are both, change by the same amount."""
+    """Return the matrix of steps in which both Coulomb levels, if present, change by the same amount."""
     matrix = np.eye(len(names))
     if not set(LEVELS) <= set(names):
         return matrix
@@ -585,10 +585,10 @@ def _levels_together(names: Sequence[str]) -> np.ndarray:
 def _step(
     used: np.ndarray, error: np.ndarray, mu: float, room: np.ndarray, together: np.ndarray, start: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the bounded step of all parameters and the active bounds; `room` is the lowest step of each, <= 0.
+    """Return the bounded step of all parameters and the active bounds; `room` is the lower bound of each step, <= 0.
 
-    A column of `together` moves one parameter or several; `start` is the response to an unknown force of the feedback
-    at the first sample, which is fitted as well.
+    Each column of `together` changes one or several parameters; `start` is the response to an unknown force of the
+    feedback at the first sample, which is also fitted.
     """
     columns = used @ together
     # the lowest step of a column is that of the parameter which reaches its bound first
@@ -607,7 +607,7 @@ _FADED = 0.01  # of the largest column: response to the first force below which 
 
 
 def _matters(start: np.ndarray, used: np.ndarray) -> bool:
-    """Return True if the response to a force at the first sample is large enough to matter beside the columns."""
+    """Return True if the response to a force at the first sample is not negligible compared with the columns."""
     return float(np.linalg.norm(start)) > _FADED * float(np.max(np.linalg.norm(used, axis=0)))
 
 
@@ -626,7 +626,7 @@ _SLOW = 0.02  # of the largest set speed: Stribeck friction of some mm/s at the 
 
 
 class _Trip:
-    """A trial and the samples in which its friction is not that of motion; none with friction "none" at rest.
+    """A trial and the samples at which sliding friction does not apply; there are none if `at_rest` is "none".
 
     unknown  mask of these samples, shape (n,)
     """
@@ -645,7 +645,7 @@ class _Trip:
         self.fed = float(np.broadcast_to(fed, velocity.shape)[0])
 
     def nuisance(self) -> np.ndarray:
-        """Return the set jerk, and a friction that is 1 near standstill and 0 at speed, shape (n, 2)."""
+        """Return the set jerk, and a friction regressor of magnitude 1 near standstill and 0 at speed, shape (n, 2)."""
         jerk = np.broadcast_to(self.setpoint.shifted(0.5 * self.T).jerk, self.velocity.shape)
         ratio = self.velocity / (_SLOW * float(np.max(np.abs(self.velocity), initial=self.dead_band)))
         slow = np.where(np.abs(self.velocity) > self.dead_band, np.sign(self.velocity) * np.exp(-(ratio**2)), 0.0)
@@ -654,7 +654,7 @@ class _Trip:
     def through(
         self, model: StateSpace | Lifted, columns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return columns through Ĝ_d, the error that they explain, and the response to an unknown first force."""
+        """Return the columns filtered through Ĝ_d, the error to be explained, and the response to an unknown force."""
         trial = self.trial
         if not self.holds:
             return filtered(model, columns, moving=trial.starts_moving), trial.following_error, None

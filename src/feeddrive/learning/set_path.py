@@ -173,7 +173,7 @@ def filtered_splines(
     spacing  samples between knots; spacing · T <= 1/(6 f) of a mode with frequency f
     window   number of coefficients to solve for at once, at least 10, for a path with a limited preview;
              window · spacing · T should be at least 1/f.  None: all at once
-    kept     number of coefficients that are final before the window slides; default: a quarter of `window`
+    kept     number of coefficients that become final before the window slides on; default: a quarter of `window`
     Windows are solved by QR, with a ridge of 1e-6: normal equations would lose all precision.
 
     Raises ParameterError for a spacing below the degree, and for a path of more than 20000 samples without a window.

@@ -170,7 +170,7 @@ def fit_prefilter_to_log(
 
     reference  the motion in closed form, for exact derivatives; it is aligned with the set positions.  Without it, the
                derivatives are central differences of the sampled set positions
-    force      N, to detect whether the force limit of `control` was reached
+    force      force, N, to detect whether the force limit of `control` was reached
     control    the loop of the machine, whose sample time the log must have
 
     Raises LogError as `fit_prefilter` does, and also if the sample time is not the controller's, the reference does not

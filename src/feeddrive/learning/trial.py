@@ -175,9 +175,9 @@ def measured_trial(
 ) -> Trial:
     """Return the trial of a log: set and actual position in m, and the force in N if it was logged, each of shape (n,).
 
-    sample_time  sample time of the log in s, which must be that of the loop within 0.1 %
+    sample_time  sample time of the log in s, which must agree with that of the loop to within 0.1 %
     smoothing    number of samples on each side of two moving averages of the set position; 0: none; default: the
-                 smallest number for which rounding of the logged reference is below 2 % of its acceleration
+                 smallest number for which rounding errors of the logged reference are below 2 % of its acceleration
 
     The log contains no derivatives.  They are computed as differences of the set positions, centered at the middle of
     the sample interval over which the force acts, where the feedforward needs them:
@@ -225,9 +225,10 @@ def measured_trial(
 
 
 def _first_force(x: np.ndarray, force: np.ndarray | None) -> tuple[float | None, float]:
-    """Return the mean force over the rest with which a log begins and its standard error; None if it begins in motion.
+    """Return the mean force during the initial rest of a log, and its standard error; None for a log that starts in
+    motion.
 
-    The error is that of a mean of correlated noise.
+    The error accounts for the autocorrelation of the noise.
     """
     rest = int(np.argmax(x != x[0])) if np.any(x != x[0]) else x.size
     if force is None or rest < 2:

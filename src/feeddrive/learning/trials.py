@@ -70,7 +70,7 @@ class Trials(Result):
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors over the trials by name, SI; NaN if the trial before did not learn it."""
+        """Return the standard errors over the trials by name, SI; NaN if the previous trial did not learn the value."""
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
@@ -122,8 +122,8 @@ def iterate_trials(
 
     references  one motion, or several that are used in turn from trial to trial
     trials      number of trials, >= 2
-    at_rest     friction at rest, "none" or "held", see `next_iteration`.  "none" takes more trials and ends with the
-                least error of this motion; "held" takes one or two and ends near the mass and friction of the axis
+    at_rest     friction at rest, "none" or "held", see `next_iteration`.  "none" needs more trials and minimizes the
+                error of this motion; "held" needs one or two and yields approximately the axis's mass and friction
     believed    the loop with the gains that the tuner assumes, if they differ from the real ones
     load        force on the table, or a function that returns it for the index of a trial, from 0 on
     seed        seed of the noise; trial j has seed + j

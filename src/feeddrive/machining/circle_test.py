@@ -40,11 +40,11 @@ DIRECTIONS = {1: "CCW", -1: "CW"}
 class CirclePath:
     """A full circle at constant feed, sampled evenly in angle.
 
-    x, y       m, shape (n,), in the direction of the motion
-    direction  1 counter-clockwise, -1 clockwise, in the plane of the axes
-    feed       m/s
-    radius     nominal, m
-    center     of the set-up, m; None if unknown
+    x, y       positions, m, shape (n,), in the order of motion
+    direction  1 for counter-clockwise, -1 for clockwise motion in the plane of the axes
+    feed       feed rate, m/s
+    radius     nominal radius, m
+    center     center of the set-up, m; None if unknown
     axes       names of the axes
     source     measured point, "tool" or "encoder"; encoders do not measure errors between them and the tool
     """
@@ -80,11 +80,11 @@ class Zone(NamedTuple):
 class Figures(NamedTuple):
     """The ISO 230-4 figures of one circle, or of two circles in both directions at one feed, m.
 
-    name      of the circle, or the feed of both
+    name      name of the circle, or the common feed of both
     G         circular deviation: width of the minimum zone; G(b) for both directions
     F_max, F_min  radial deviations from the nominal radius, about `center`
-    D         mean radius of the least-squares circle minus the nominal one; ISO's D for both directions
-    center    of the radial deviations
+    D         radius of the least-squares circle minus the nominal radius; for both directions ISO's D
+    center    center to which the radial deviations refer, m
     both      True for the figures of both directions
     """
 
@@ -187,10 +187,10 @@ def circle_path(
 ) -> CirclePath:
     """Return the last full turn at constant feed of a motion, resampled evenly in angle about its least-squares center.
 
-    x, y         m, shape (n,), of the whole motion: run-in, turns, run-out
-    sample_time  s; or `time`, the time of each row, s
-    radius       nominal, m; default: that of the fit, rounded to 0.1 mm
-    center       of the set-up, m, if it is known
+    x, y         positions of the whole motion, m, shape (n,): run-in, turns, run-out
+    sample_time  sample time, s; alternatively `time`, the time of each row, s
+    radius       nominal radius, m; default: that of the fitted circle, rounded to 0.1 mm
+    center       center of the set-up, m, if known
     remedy       how to obtain a longer motion at constant feed, for the error message
 
     Raises LogError for less than a full turn at constant feed and for a turn that does not close, ParameterError for
@@ -328,7 +328,7 @@ class CircleTest(Result):
     """The figures of circles of one radius, and of pairs in both directions.
 
     circles  the measured circles
-    figures  of each circle, then of each feed that was run in both directions
+    figures  the figures of each circle, then those of each feed that was run in both directions
     about    center of the radial deviations F: "least squares" or "set-up"
     """
 
@@ -376,7 +376,7 @@ def circle_test(circles: Sequence[CirclePath], *, about: str = "least squares") 
 
     G is the width of the minimum zone, with a free radius; F and D refer to the nominal radius.
 
-    about  center of F: "least squares" of each circle, or "set-up", which all circles must then state
+    about  center of F: "least squares", that of each circle, or "set-up", which all circles must then state
 
     Raises ParameterError if there is no circle, for different radii, planes or sources, and for an unknown `about`.
     """
@@ -441,10 +441,10 @@ class QuadrantPeak(NamedTuple):
     """The quadrant peak after one reversal on one circle.
 
     circle     index of the circle in the test
-    axis, side  the reversing axis and its end, as "x" and "+": the most positive or most negative position
+    axis, side  the reversing axis and the end of its travel, such as "x" and "+" for the most positive position
     angle      polar angle of the peak, rad, 0 to 2π
     deviation  radial deviation at the peak, m
-    height     of the peak above the mean deviation of the 10° before the reversal, m
+    height     height of the peak above the mean deviation in the 10° before the reversal, m
     """
 
     circle: int
@@ -628,7 +628,7 @@ class Solved:
 
     @cached_property
     def unseparable(self) -> dict[int, list[int]]:
-        """For each column that the circles cannot separate from others, the indices of those others."""
+        """The columns that the circles cannot separate from others, by index, each with the indices of those others."""
         mixed: dict[int, list[int]] = {}
         for i in np.flatnonzero(self.seen):
             if i in self.kept:
@@ -685,9 +685,9 @@ class Solved:
     def variances(self) -> np.ndarray:
         """The variance of each fitted value, (A'A)⁻¹ Σ g g' (A'A)⁻¹ with scores g summed over blocks.
 
-        It is the larger of two, in which the residuals of a block are of one sign.  The blocks are 45° of each circle,
-        anywhere on it, or the same 10° after the reversals of all quarters and circles at one feed, where friction
-        leaves the same.  This is the variance of a block bootstrap with random signs of the blocks, in closed form.
+        It is the larger of the results for two kinds of blocks, within which residuals may be fully correlated: any 45°
+        of each circle, and the same 10° after the reversals in all quadrants and circles at one feed, where friction
+        causes the same residual.  This is the variance of a block bootstrap with random signs, in closed form.
         """
         scores = (self.design[:, self.kept] / self.scale[self.kept]) * self.residual[:, None]
         apart = np.zeros((len(self.kept), len(self.kept)))
@@ -709,7 +709,7 @@ class Solved:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """The first row of each circle but the first."""
+        """The index of the first row of each circle except the first one."""
         return np.cumsum([len(rows.angle) for rows in self.data])[:-1]
 
     @cached_property
@@ -735,7 +735,7 @@ class Solved:
         return float(np.linalg.norm([noise, left, self._unlike_scale(name)]))
 
     def _unlike_scale(self, name: str) -> float:
-        """Return the part of a scale error that may be lag of the next order, from the lag of the slowest feed."""
+        """Return the part of a scale error that may be due to higher-order lag, estimated at the slowest feed."""
         if not name.startswith("scale, "):
             return 0.0
         lag, scale = (self.labels.index(f"{what}, {name.removeprefix('scale, ')}") for what in ("lag radius", "scale"))
@@ -789,12 +789,12 @@ _READ_IN = {"": "ppm", "rad": "urad", "s2": "ms2"}  # by SI unit, where it is no
 class Cause(NamedTuple):
     """A cause of radial deviations.
 
-    name    such as "backlash x"
+    name    name, such as "backlash x"
     value, error  fitted value and standard error, in SI; the error is inf if the cause cannot be separated
-    unit    SI
+    unit    SI unit
     effect  the largest radial deviation that it produces on one of the circles, m
-    share   of G: peak-to-peak of its deviation over that of the total, on the circle where it is largest
-    note    the causes that it cannot be separated from, and the test to run; else empty
+    share   fraction of G: its peak-to-peak deviation over the total one, on the circle where this is largest
+    note    the causes from which it cannot be separated, and the test to run; else empty
     """
 
     name: str
@@ -809,9 +809,9 @@ class Cause(NamedTuple):
 class Spike(NamedTuple):
     """The outward deviation after the reversals of an axis at one feed, with all other causes removed.
 
-    axis, feed  feed in m/s
-    angle       since the reversal, rad, shape (n,)
-    height      outward deviation, mean over the reversals, m, shape (n,); starting 0.2° after the reversal
+    axis, feed  the axis, and the feed in m/s
+    angle       angle since the reversal, rad, shape (n,)
+    height      mean outward deviation over the reversals, m, shape (n,), from 0.2° after the reversal on
     """
 
     axis: str
@@ -835,7 +835,7 @@ class CircleCauses(Result):
     """The causes of the radial deviations of circles, and the residual.
 
     causes    all fitted causes
-    spikes    after the reversals of each axis at each feed
+    spikes    the deviation after the reversals of each axis at each feed
     residual  RMS of the residual, m
     condition condition number of the separable columns: the ratio of the largest and smallest singular value
     decay     time constant of an exponential spike, s; None for a free shape
@@ -894,12 +894,12 @@ def circle_causes(
 ) -> CircleCauses:
     """Split the radial deviations of circles of one radius into causes, by least squares over all of them.
 
-    spike  "free": any shape after a reversal, the same for both reversals of an axis and both directions, at each
-           feed; "exponential": g exp(-t/decay) after each reversal
+    spike  "free": a spike of any shape, equal for both reversals of an axis and both directions at a given feed;
+           "exponential": g exp(-t/decay) after each reversal
     backlash  "stands": with the loop closed by the motor encoder, the table remains at rest until the gap is crossed,
               over √(2B/R) rad; "step": the table changes sides at the reversal
-    decay  s, of an exponential spike; default: the one with the smallest residual
-    pitch  of the screw of an axis, m, by axis: without it no screw error is fitted
+    decay  time constant of an exponential spike, s; default: the one with the smallest residual
+    pitch  pitch of the screw by axis, m; screw errors are only fitted for axes with a pitch
 
     The columns are the radial deviations in an ISO 230-4 test to first order, outward positive.  With R the radius, V
     the feed, d the direction and θ the polar angle, they are: scale error s: R s, squareness q: (R q/2) sin 2θ, lag
@@ -907,8 +907,8 @@ def circle_causes(
     reversals of that axis: θ = d (V/R) Δτ for x and 90° - d (V/R) Δτ for y, with Δτ of the previous pass.  Beyond its
     range, a free spike has an exponential tail.
 
-    Standard errors are valid for residuals that are alike over 45° or at the same angle after all reversals; they
-    contain 0.2 % of the highest spike, as a deviation, and for a scale error a tenth of the lag at the slowest feed.
+    Standard errors are valid for residuals that are correlated over 45° or at the same angle after all reversals. They
+    include 0.2 % of the largest spike and, for a scale error, a tenth of the lag at the slowest feed.
 
     Causes that the circles cannot separate are listed with the circle that would separate them; their sum is assigned
     to the first one.

@@ -32,7 +32,7 @@ CORNER = 1e-3  # rad: a smaller turn of the tangent at a set position is no corn
 class Curve(NamedTuple):
     """A piecewise cubic (Hermite) curve through nodes; a change of direction between two pieces is a corner.
 
-    node    m, shape (n, N)
+    node    positions of the nodes, m, shape (n, N)
     along   path length at each node, m, shape (n,)
     begin, end  derivatives of piece k at its two ends with respect to its parameter 0 .. 1, m, shape (n - 1, N)
     row     row of the set position at each node, shape (n,)
@@ -59,7 +59,7 @@ class Curve(NamedTuple):
 
 
 def size(vectors: np.ndarray) -> np.ndarray:
-    """Return the length of each vector, shape (n,), in a third of the time that numpy's norm takes."""
+    """Return the length of each vector, shape (n,), three times faster than numpy's norm."""
     return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
@@ -122,7 +122,7 @@ class Feet(NamedTuple):
     """The nearest points of a curve to given positions.
 
     along   path length of the nearest point, m, shape (n,)
-    vector  from the nearest point to the position, m, shape (n, N)
+    vector  vector from the nearest point to the position, m, shape (n, N)
     tangent unit tangent of the curve there, shape (n, N)
     corner  True for a corner or an end of the path, which has no normal, shape (n,)
     """
@@ -332,18 +332,18 @@ class ContourError(Result):
     """The contour error of a run: the distance of each actual position from the commanded path.
 
     name, axes   name of the run, and the axes in the order of the columns
-    time         s, shape (n,)
-    set_position, position  commanded and actual, m, shape (n, N)
+    time         time, s, shape (n,)
+    set_position, position  commanded and actual positions, m, shape (n, N)
     error        distance from the nearest point of the path, m, shape (n,); for two axes it is positive on the left of
                  the path (on a counter-clockwise circle: inside), but unsigned where the nearest point is a corner or
                  an end; for more axes it is unsigned
-    vector       from the path to the tool, m, shape (n, N)
+    vector       vector from the path to the tool, m, shape (n, N)
     along        path length of the nearest point, m, shape (n,)
     at_corner    True where the nearest point is a corner or an end, shape (n,)
     estimate     contour error estimated from the tracking error to second order, m, shape (n,); None without velocities
-    lag          of the tool behind its set position along the path, m, shape (n,)
-    line         of the part program, shape (n,), or None
-    counted      True for samples that count in the figures and the worst places, shape (n,)
+    lag          lag of the tool behind its set position along the path, m, shape (n,)
+    line         part program lines, shape (n,), or None
+    counted      True for samples that are included in the figures and the worst places, shape (n,)
     curve        the path
     """
 
@@ -369,7 +369,7 @@ class ContourError(Result):
 
     @property
     def largest(self) -> float:
-        """The largest contour error of all samples that count, m."""
+        """The largest contour error of all included samples, m."""
         return float(np.max(np.abs(self.error[self.counted]), initial=0.0))
 
     @cached_property
@@ -386,7 +386,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 if no sample counts."""
+        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 without samples."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1
@@ -394,7 +394,7 @@ class ContourError(Result):
         return float(sizes[order[min(int(place), len(order) - 1)]]) if len(order) else 0.0
 
     def worst(self, count: int = WORST, apart: float | None = None) -> list[Worst]:
-        """Return the largest errors of the samples that count, largest first, each from a separate peak of the error.
+        """Return the largest errors of the included samples, largest first, each from a separate peak of the error.
 
         apart  minimum path length between two of them, m; default: a thousandth of the path
         """
@@ -507,14 +507,14 @@ def contour_error(
     actual        a run of a machine, or positions, m, shape (n, N), one row per set position
     path          set positions, m, shape (n, N), or references by axis; default: those of the run
     axes          names of the columns; default: all linear axes of the run
-    velocity, acceleration  of the set positions given as an array, m/s and m/s², shape (n, N): without them, or with
-                  velocities that are backward differences, tangents follow from the set positions, and there is no
-                  estimate
+    velocity, acceleration  derivatives of set positions given as an array, m/s and m/s², shape (n, N): without them,
+                  or with velocities that are backward differences, tangents follow from the set positions, and there is
+                  no estimate
     signal        actual position of the run: `tool`, the tool point of a machine with geometry errors, or else the
                   table; `position_load`, the table; or `reading_load`, the table as measured by the controller
-    line          of the part program for each row
-    counted       True for rows that count in the figures, shape (n,); default: all
-    sample_time   s, for arrays
+    line          part program line of each row
+    counted       True for rows that are included in the figures, shape (n,); default: all
+    sample_time   sample time of arrays, s
     window        range of path length around the set position that is searched for the nearest point, m; default: twice
                   the largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are closer
                   to each other than the window are not distinguished

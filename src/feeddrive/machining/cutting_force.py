@@ -27,12 +27,12 @@ from feeddrive.loop.trace import Carried, Program, concrete, leaf, node
 class CuttingForces(Result):
     """The forces of the workpiece on the tool over a run, averaged over each sample; all arrays of shape (n,).
 
-    time                 s, start of the sample
-    feed, normal, axial  N, along the feed, along the cross product of spindle axis and feed, and along the
+    time                 start of each sample, s
+    feed, normal, axial  forces in N along the feed, along the cross product of spindle axis and feed, and along the
                          spindle
-    torque, power        N m and W, of the spindle
-    spindle_speed        rpm
-    angle                rad, unwrapped spindle angle in the middle of the sample
+    torque, power        spindle torque and power, N m and W
+    spindle_speed        spindle speed, rpm
+    angle                unwrapped spindle angle in the middle of the sample, rad
     along, across        components of the direction of the feed in x and y
     """
 
@@ -208,7 +208,7 @@ class Surface(Result):
 def feed_mark(radius: float, feed: float, teeth: int, milling: str) -> float:
     """Return the height in m of the marks of equal teeth along a straight feed: c²/(8R (1 ± cN/2πR)²), + in up milling.
 
-    radius, feed  tool radius R and feed per tooth c, m; `teeth` is their number N.
+    radius, feed  tool radius R and feed per tooth c, m; `teeth` is the number N of teeth
     Source: Martellotti 1941, to second order.
     """
     _side(milling)
@@ -251,10 +251,10 @@ def wall(
     angle + 2πj/N - k z, where k is the lag angle per height of a helical edge. It generates the wall near v = 0 in up
     milling and near π in down milling, so that the vibration at that instant is imprinted on the wall.
 
-    begin, end     s; the feed is the straight line between the set positions at these instants
-    milling        up or down
-    points, levels number of points along the feed and along the spindle; a single level is that of the tip
-    axial_depth    of the section, m; default: that of the cutter
+    begin, end     instants in s; the feed is the straight line between the set positions at these instants
+    milling        "up" or "down"
+    points, levels number of points along the feed and along the spindle; a single level is at the tool tip
+    axial_depth    axial depth of the section, m; default: that of the cutter
 
     Between samples the motion is a cubic Hermite interpolant of positions and velocities; the path of an edge is a
     polyline with a sagitta of 1 nm, and its crossings are interpolated.  Run-out is neglected.

@@ -23,11 +23,11 @@ class AxisLoad(Result):
     """The load of one motor due to a motion. Forces in N at the table; for a rotary axis torques in N m.
 
     axis            name of the axis
-    sample_time     s
+    sample_time     sample time, s
     force           motor force, held over each sample, shape (n,)
-    rms, peak       of the force; the RMS includes standstills
-    continuous_force, peak_force  of the motor, None if not stated
-    time_constant   thermal time constant, s, None if not stated
+    rms, peak       RMS and peak of the force; the RMS includes standstills
+    continuous_force, peak_force  continuous and peak force of the motor; None if not stated
+    time_constant   thermal time constant, s; None if not stated
     heat            heat relative to continuous load, shape (n + 1,), from the cold state; None without the continuous
                     force or the time constant
     heat_repeated   the largest heat when the motion is repeated indefinitely
@@ -102,8 +102,8 @@ class SpindleLoad(Result):
     """The power and energy of the spindle.
 
     power, peak      mean and peak power, W
-    energy           J
-    volume           removed volume, m³, None if unknown
+    energy           energy, J
+    volume           removed volume, m³; None if unknown
     specific_energy  energy per volume, J/m³
     """
 
@@ -201,8 +201,8 @@ def axis_load(
 
         F_rms² = mean F²,   θ' = ((F / F_continuous)² - θ) / τ,   loss = (F / K_m)²,   work = Σ F(k) (x(k+1) - x(k))
 
-    force           N, shape (n,)
-    position        at each sample and at the end of the last one, m, shape (n + 1,)
+    force           motor force, N, shape (n,)
+    position        position at each sample and at the end of the last one, m, shape (n + 1,)
     motor_constant  K_m, N/√W: force per square root of the winding loss
     time_constant   τ, thermal time constant of the winding, s
 
@@ -266,9 +266,9 @@ def spindle_load(
 ) -> SpindleLoad:
     """Compute power = torque · ω and energy of a spindle.
 
-    torque         N m, shape (n,)
-    spindle_speed  rpm, one number or one per sample
-    volume         removed volume, m³, for the specific energy
+    torque         spindle torque, N m, shape (n,)
+    spindle_speed  spindle speed, rpm: one number, or one per sample
+    volume         removed volume for the specific energy, m³
 
     Raises ParameterError for numbers that are not finite and a volume that is not > 0.
     """

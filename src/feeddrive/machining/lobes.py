@@ -37,7 +37,7 @@ _APART = 0.25  # of their spread: every second sample that spreads by less is on
 class ChatterSigns(Result):
     """The spectrum and once-per-tooth samples of a signal, for the detection of chatter.
 
-    harmonic   True for lines at harmonics of the tooth passing frequency or, with run-out, of the spindle frequency
+    harmonic   True for lines at harmonics of the tooth passing frequency or, with run-out, the spindle frequency
     passing    tooth passing frequency, Hz
     samples    value at the same angle of each tooth (of each turn, with run-out), SI
     swing      peak-to-peak value within a tooth, mean over the teeth, SI
@@ -97,7 +97,7 @@ def chatter_signs(
     """Detect chatter in equidistant samples of a force, an error or a sound of an established cut.
 
     speed   spindle speed in rpm, constant; teeth: number of teeth of the tool
-    start   s, time of the first once-per-tooth sample after the first value; None: where the samples spread the most
+    start   time of the first once-per-tooth sample after the first value, s; None: where the samples spread the most
     runout  True for a tool with run-out: harmonics of the spindle are not chatter, and samples are taken once per turn
 
     A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
@@ -307,7 +307,7 @@ class CutStability(Result):
     """The stability of one cut: the largest multiplier µ over a tooth at `speed` (rpm) and axial `depth` (m).
 
     limit       lowest axial depth in m at which chatter begins at this speed; infinite: none up to `deepest`
-    frequency   Hz of the dominant vibration at the limit, or at `depth` if there is no limit
+    frequency   frequency of the dominant vibration at the limit, or at `depth` if there is no limit, Hz
     """
 
     speed: float
@@ -358,12 +358,12 @@ class Lobes(Result):
     """The largest axial depth in m without chatter, by spindle speed in rpm; all arrays of shape (n,).
 
     depth       infinite where no limit was found up to `deepest`
-    frequency   Hz of the chatter at the limit, NaN without one
+    frequency   chatter frequency at the limit, Hz; NaN without a limit
     multiplier  µ at the limit: -1 for a flip bifurcation, another number of magnitude 1 for a Hopf bifurcation
     islands     stable ranges above the limit: speed in rpm, lower and upper depth in m; searched on request only
     natural     natural frequencies of the tool point that can resonate with the teeth, Hz
     own         the current cut of the machine, if stated
-    missed      error of the linear model relative to its largest compliance (see `ToolPoint`)
+    missed      error of the linear model, relative to its largest compliance (see `ToolPoint`)
     """
 
     spindle_speed: np.ndarray
@@ -463,7 +463,7 @@ def stability_lobes(
     cutter    a tool of `feeddrive.blocks`, or a `Regeneration`; `changes` such as process_damping = 2e4 replace fields
     deepest   axial depth in m up to which a limit is searched for; default: 12 times the lowest zero-order limit
     islands   True to search for stable ranges above the limit as well, up to `deepest`
-    speed, depth   of the current cut of the machine, in rpm and m, whose |µ| is reported
+    speed, depth   spindle speed and axial depth of the machine's current cut, in rpm and m; its |µ| is reported
 
     The method is that of `ToothPassage`. The first depth with |µ| = 1 is bracketed by a scan from below in steps of 15
     % and refined to a relative accuracy of 1e-10.

@@ -1,8 +1,8 @@
 """Evaluation of a part program on a machine: errors with program lines, form errors, motor load and cutting force.
 
-A tool of radius R in peripheral milling generates a wall w alongside its path p:
+A tool of radius R in peripheral milling generates a wall w alongside its path p (clockwise spindle rotation, M3):
 
-    w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling (M3)
+    w(t) = p(t) + R n(t),   n towards the workpiece: right of the feed in down milling, left of it in up milling
 
 A point of that wall belongs to the part if
 
@@ -48,14 +48,14 @@ class Element(NamedTuple):
     """A line or an arc of the path with the form errors of the tool's motion.
 
     kind    "line" or "arc"
-    begin, end  path length, m
+    begin, end  path length at both ends, m
     angle   angle of a line to the first axis, or the angle of an arc, rad
-    radius  of an arc, m; 0 for a line
-    form    straightness of a line (width of its zone) or roundness of an arc (gap of its zone), m
-    tilt    angular deviation of a line, rad, + counter-clockwise; 0 for an arc
-    size    radius of an arc minus that of the path, m; 0 for a line
+    radius  radius of an arc, m; 0 for a line
+    form    straightness error of a line or roundness error of an arc: the width of its zone, m
+    tilt    angular deviation of a line, rad, positive counter-clockwise; 0 for an arc
+    size    radius error of an arc: actual radius minus that of the path, m; 0 for a line
     error   the largest contour error, m, unsigned
-    line    of the part program, if known
+    line    part program line, if known
     """
 
     kind: str
@@ -205,10 +205,9 @@ _CORNERS = 300  # vertices of the polygon that decides which points lie inside t
 def on_part(position: np.ndarray, velocity: np.ndarray, radius: float, milling: str) -> np.ndarray:
     """Return a mask of the samples of one cut, shape (n,): True where the tool generates a finished wall of the part.
 
-    position, velocity  of the setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill generates
-                        no wall
-    radius              of the tool, m
-    milling             up or down, with clockwise spindle rotation
+    position, velocity  setpoint in the plane of the cut, m and m/s, shape (n, 2); a standstill generates no wall
+    radius              tool radius, m
+    milling             "up" or "down", with clockwise spindle rotation
     """
     from scipy.spatial import KDTree
 
@@ -258,7 +257,7 @@ _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
 class AxisRun(NamedTuple):
     """The figures of one axis under a part program, in SI; `line` and `time` are those of the largest following error.
 
-    following_rms, following_peak  m, over all samples
+    following_rms, following_peak  RMS and peak of the following error over all samples, m
     glitch, glitches               the largest contour error in the 50 ms after a reversal, m; the number of reversals
     """
 
@@ -275,11 +274,11 @@ class Estimated(NamedTuple):
 
     The true disturbance is that of `disturbance_of` without the viscous friction in the observer's own model.
 
-    error, true  N, RMS of the estimation error, with the lag of the estimate compensated, and of the true disturbance
-                 without its mean
-    slow         N, RMS of the error averaged over a turn of the spindle; None without a spindle
+    error, true  RMS of the estimation error, with the lag of the estimate compensated, and RMS of the true
+                 disturbance without its mean, N
+    slow         RMS of the error averaged over a turn of the spindle, N; None without a spindle
     lag          time by which the estimate lags the true disturbance, s
-    disturbance  N, the estimate, shape (n,)
+    disturbance  the estimate, N, shape (n,)
     """
 
     error: float
@@ -293,13 +292,13 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; only samples at which the tool generates a finished wall of the part
-               (`on_part`), or moves at a feed rate, count
+    contour    contour error of all moving axes; it includes only samples at which the tool generates a finished wall of
+               the part (`on_part`) or moves at a feed rate
     axes       figures by axis
-    load       of the motors, and of the spindle if there is a cut
+    load       load of the motors, and of the spindle if there is a cut
     cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None without a cut
-    estimates  by observer and axis
-    disturbances  N, the true disturbance of the axes with observers, by axis
+    estimates  accuracy of the observers, by observer and axis
+    disturbances  true disturbance of the axes with observers, by axis, N
     """
 
     name: str
@@ -311,7 +310,7 @@ class PartRun(Result):
     disturbances: Mapping[str, np.ndarray]
 
     def worst(self, count: int = _LISTED) -> list[Worst]:
-        """Return the largest contour errors of the samples that count, a few millimeters of path apart."""
+        """Return the largest contour errors of the included samples, at least a few millimeters of path apart."""
         return self.contour.worst(count, apart=max(_SAME_PLACE, 2e-3 * float(self.contour.along[-1])))
 
     @property
@@ -417,10 +416,10 @@ def part_run(
     run        run of the machine, with all signals
     machine    the machine that was simulated
     axes       axes that the program moves
-    line       program line by sample, shape (n,); the run may be longer
-    counted    True for samples that count for the contour, shape (n,); default: all
+    line       program line of each sample, shape (n,); the run may be longer
+    counted    True for samples that are included in the contour error, shape (n,); default: all
     cuts       True if cutting is simulated; `load_force` is then the cutting force
-    turn       s, longest duration of a spindle turn; None without a spindle
+    turn       longest duration of a spindle turn, s; None without a spindle
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`
 

@@ -42,8 +42,8 @@ class Regeneration:
 
     tangential, radial   Kt and Kn, force per area of chip, N/m²
     entry, leave         angles between which a tooth is in the workpiece, rad
-    lag                  angle of the edge per depth, 2 tan(helix_angle)/diameter, rad/m
-    diameter             of the tool, m; needed for process damping only
+    lag                  lag angle of the edge per depth, 2 tan(helix_angle)/diameter, rad/m
+    diameter             tool diameter, m; needed for process damping only
     process_damping      C_i, force per depth and per r'/V_c, N/m; depends on wear and land of the edge
     Run-out, edge forces and the feed have no influence: to first order they are the same with and without vibration.
     Raises ParameterError for a tool without teeth, without engagement, or with implausible coefficients.

@@ -19,13 +19,13 @@ _STUCK = 1e-12  # m/s
 class Reversal(NamedTuple):
     """A reversal of the set velocity of an axis.
 
-    axis, side  axis and end, as "x" and "+": the most positive or most negative position
-    time        of the reversal of the set velocity, s
+    axis, side  the axis and the end of its travel, such as "x" and "+" for the most positive position
+    time        time of the reversal of the set velocity, s
     base        outward contour error before the reversal, m
     height, peak_time  the largest outward contour error above the base, m, and its time after the reversal, s
     width       width of the peak at half its height, s
-    stick_begin, stick_time  start after the reversal and duration of sticking, s, to within a sample; 0 without
-                             sticking
+    stick_begin, stick_time  start of sticking after the reversal and its duration, s, to within a sample; 0 if the axis
+                             does not stick
     rows        samples from the reversal to the next one of any axis
     """
 
@@ -86,7 +86,7 @@ def reversals(run: Run, contour: ContourError | None = None, *, begin: float = 0
     """Return the reversals of the two axes of a run along a curved path, such as a circle.
 
     contour  the contour error of the run, if already computed
-    begin    reversals before this time are excluded as run-in, s
+    begin    time before which reversals are excluded as run-in, s
 
     The base is the mean over the last fifth of the path from the previous reversal, or from the start of the run.
     Raises ParameterError for a run that does not have two axes, or has no velocities.

@@ -30,7 +30,7 @@ class ToolMode:
 
         m (η'' + 2 ζ ω η' + ω² η) = (feed, normal) · F,   r = shape η
 
-    frequency in Hz, damping_ratio, mass in kg; feed and normal: the mode shape along t and n.
+    `frequency` is in Hz and `mass` in kg; `feed` and `normal` are the mode shape along t and n.
     """
 
     frequency: float
@@ -48,7 +48,7 @@ class ToolMode:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolPoint(Result):
-    """The linear model of how a force F (N) on the tool displaces it relative to the workpiece by r = (t, n) (m).
+    """The linear model from a force F (N) on the tool to its displacement r = (t, n) (m) relative to the workpiece.
 
         y' = A y + B F,   r = C y
 
@@ -140,8 +140,7 @@ def tool_point(
     velocity: float = 0.05,
     lowest: float = 0.1,
 ) -> ToolPoint:
-    """Return the tool point of a loop or machine with sampled controllers: how the load moves under a force on the
-    load.
+    """Return the tool point of a loop or machine with sampled controllers: the response of the load to a force on it.
 
     along     the axes along feed and normal, None for a rigid direction; default for a loop: its axis along the feed
     velocity  velocity of the axes for the linearization, m/s, as in `linearize`

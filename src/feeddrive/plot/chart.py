@@ -258,7 +258,7 @@ class Chart:
     bare       True for no axes: discs and notes show the scale
     height     height of the drawing, inches
     columns    columns of the legend
-    factor     from the SI unit of x to that of the label, for values dragged in the picture
+    factor     conversion factor from the SI unit of x to that of the label, for values dragged in the picture
     across     number of panels in a row, filled from the left
     width      width of the drawing, inches; `WIDTH` is that of a report
     side       common y label of all panels, with unit

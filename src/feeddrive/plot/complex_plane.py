@@ -293,7 +293,7 @@ certificate = figure_of(certificate_chart)
 
 
 def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, first: bool) -> Panel:
-    """Return the panel of one plant: relative distance from -1, relative radius of the discs, and measured bands."""
+    """Return the panel of one plant: relative distance from -1, relative disc radius, and measured bands."""
     loop = certificate.loops[plant["name"]]
     f = loop.lines()
     f = f[f >= low]

@@ -157,7 +157,7 @@ def _different(loops: Mapping[str, Loop]) -> dict[str, Friction]:
 
 
 def _met(loop: Loop, run: Run, newton: float) -> list[Curve]:
-    """Return the friction during a run; the force of a row belongs to the velocity at the end of its sample."""
+    """Return the friction during a run; the force in a row belongs to the velocity at the end of its sample."""
     curves = list[Curve]()
     for place in ("load", "motor"):
         block = getattr(loop.axis, f"friction_{place}")
@@ -238,7 +238,7 @@ _CUT = 0.3  # of an amplitude: lower end of error bars on the logarithmic scale
 
 
 def _apart(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows, shape (n,), with a gap (NaN) where rows between them were left out."""
+    """Return times and values, shape (n,), with a NaN inserted wherever rows were left out."""
     steps = np.diff(time)
     # rows stand a whole number of steps apart
     ends = np.flatnonzero(steps > 1.5 * np.min(steps)) + 1 if steps.size else np.zeros(0, np.intp)
@@ -426,7 +426,7 @@ cogging_over_turn = figure_of(cogging_over_turn_chart)
 
 
 def pooled_chart(fit: PooledFit) -> Chart:
-    """Plot the values of each log with their 95 % intervals over the pooled value and its interval, by parameter."""
+    """Plot, for each parameter, the value of each log with its 95 % interval over the pooled value and its interval."""
     ticks = tuple(Tick(float(k), fit.name) for k, fit in enumerate(fit.fits, 1))
     ends = np.array([0.5, len(ticks) + 0.5])
     panels = []

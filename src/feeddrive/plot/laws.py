@@ -116,7 +116,9 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
     """Plot the table's position error of all laws after a rope snap and after a force step.
 
     rows   name of a law, its run of the rope snap, its run of the force step
-    begin  time of the force change, s; near  settling band, m; span  time range shown, s
+    begin  time of the force change, s
+    near   settling band, m
+    span   time range shown, s
     """
     limits = tuple(Level(side * 1e6 * near, dashed=True) for side in (-1.0, 1.0))
     panels = list[Panel]()

@@ -46,7 +46,7 @@ def magnitude_band(
 ) -> tuple[Band, ...]:
     """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty without a variance.
 
-    factor  from the unit of the response to the displayed unit
+    factor  conversion factor from the unit of the response to the displayed unit
     model   True if the error comes from a few real parameters and may be one-directional: r is then 1.96 √variance
     """
     radius = _radius(frf, model)

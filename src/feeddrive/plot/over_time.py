@@ -232,7 +232,7 @@ def guess_chart(guess: Guess) -> Chart:
 
 
 def preview_chart(preview: Preview) -> Chart:
-    """Plot position, speed and force over time, each in the user's unit, with the peaks that a person knows."""
+    """Plot position, speed and force over time, each in the user's unit, with the peaks of speed and force marked."""
     panels = list[Panel]()
     for unit, group in groupby(preview.traces, key=lambda trace: trace.unit):
         traces = list(group)
@@ -396,7 +396,7 @@ class Channel:
     name    its name in the source
     place   index of its column among the values
     unit    displayed unit; empty if unknown
-    factor  from the unit of the source to the displayed unit
+    factor  conversion factor from the unit of the source to the displayed unit
     """
 
     name: str

@@ -11,7 +11,7 @@ class Picture(Figure):
     """A matplotlib Figure with a notebook display at double resolution; `savefig` writes it to a file."""
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the figure; only its layout is computed where `savefig` draws without output to have it."""
+        """Draw the figure; if `savefig` draws without output to obtain the layout, only compute the layout."""
         engine = self.get_layout_engine()
         # afterwards a placeholder takes the place of this engine
         if isinstance(engine, ConstrainedLayoutEngine) and self.canvas.is_saving():

@@ -134,7 +134,7 @@ class Room:
         """Discard the state of the previous source."""
 
     def freed(self) -> bool:
-        """Go on with what waited for the end of a job; return True if the room then shows something else."""
+        """Start work that was waiting for the end of a job; return True if this changes the display of the tab."""
         return False
 
     def do(self, name: str, asked: Asked) -> Said:
@@ -248,7 +248,7 @@ class Desk:
         self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
 
     def put(self, bench: Bench) -> None:
-        """Switch to another source and reset all tabs. Raises ParameterError while a job runs."""
+        """Switch to another source and reset all tabs. Raises ParameterError while a job is running."""
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
@@ -488,11 +488,11 @@ class Desk:
 
     @property
     def is_free(self) -> bool:
-        """True unless a job runs."""
+        """True unless a job is running."""
         return self.job is None or not self.job.state.going
 
     def check_free(self) -> None:
-        """Raise ParameterError while a job runs."""
+        """Raise ParameterError while a job is running."""
         if self.job is not None and not self.is_free:
             raise ParameterError(f"{self.job.state.what} is running: wait for its end, or cancel it")
 
@@ -507,13 +507,13 @@ class Desk:
         """Start a long-running job in its own process. The job and its result must be picklable.
 
         `then(result)` and `improved(report)` are called in the session; after each call the tab is displayed again.
-        Raises ParameterError while another job runs.
+        Raises ParameterError while another job is running.
         """
         self.check_free()
         self.job = self.begun(room, what, work, then, improved)
 
     def cancel(self) -> None:
-        """Cancel the job, if one runs."""
+        """Cancel the running job, if any."""
         if self.job is not None:
             self.job.cancel()
 
@@ -522,7 +522,7 @@ class Desk:
         return None if self.job is None else self.job.state
 
     def close(self) -> None:
-        """Stop the running job, and stop following live sources. What waits for the end of the job is not started."""
+        """Stop the running job, and stop following live sources. Work that waits for the job's end is not started."""
         self.closed = True
         # a job that cannot be ended must not keep the sources of the page open
         with suppress(Exception):

@@ -1,4 +1,4 @@
-"""What the roles of a log make of it: peak figures, and what its samples have against roles and units."""
+"""Check of the column roles of a log: peak figures, and contradictions between samples, roles and units."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _WITH_OPTIONS = re.compile(r" \((?=[^()]*--)[^()]*\)")
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What the roles of a log make of it, before anything is fitted: does it look like the user's machine?
+    """The check of a log's column roles before a fit, which shows whether the log matches the user's machine.
 
-    words      peak figures and, if its units are in doubt, the two likeliest readings, for the page
-    sentences  what the samples have against roles and units; the last ones are notes, of which `words` has the number
-    doubts     the roles that the samples contradict for certain
+    words      data for the page: peak figures and, if the units are doubtful, the two likeliest interpretations
+    sentences  contradictions between samples, roles and units; the last ones are notes, whose number is in `words`
+    doubts     the roles that the samples certainly contradict
     open_      the roles that the samples neither confirm nor contradict
-    chart      position, speed and force over time; without a position the columns as they are
+    chart      position, speed and force over time; if there is no position, the columns as they are
     """
 
     words: Mapping[str, Any]
@@ -59,11 +59,11 @@ def checked(
     columns: Mapping[str, tuple[np.ndarray, np.ndarray]],
     units: Mapping[str, str],
 ) -> Check:
-    """Compute the peak figures of a log under its roles, and what its samples have against them.
+    """Check a log with the given column roles: peak figures, and contradictions by its samples.
 
     guess    roles of the columns
-    log      columns as in the file, with the time by `clock`, the column of the time and its unit
-    columns  time and values of each column for a picture
+    log      columns as in the file; its time was computed with `clock`, the time column and its unit
+    columns  time and values of each column, for a picture
     units    units of the columns, as stated in the file
     """
     plain = partial(_preview, guess, columns, units)
@@ -110,7 +110,7 @@ def checked(
 
 
 def _on_its_clock(log: Log | None, before: Column | None, now: Column | None) -> Log | None:
-    """Return the columns of a log with the time in the unit that it has now; None if its time is another column now."""
+    """Return a log with its time converted to the present unit; None if another column is now the time."""
     if log is None or before == now:
         return log
     if before is None or now is None or before.name != now.name:

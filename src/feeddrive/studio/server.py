@@ -357,7 +357,7 @@ class Session:
         return job
 
     def _freed(self) -> None:
-        """Let the rooms go on with what waited for the end of a job."""
+        """Let all tabs start work that was waiting for the end of a job."""
         with self._lock:
             going_on = not self.desk.closed
             changed = [name for name, room in self.rooms.items() if going_on and self.desk.is_free and room.freed()]

@@ -45,12 +45,12 @@ class Understood:
     name, kind  name and kind of the file
     axes        axes of a machine
     tables      summary of the content, except of a log
-    guess       roles of the columns of a log, for one of its axes: guessed, and then as the user has assigned them
-    guesses     the same for each axis of a log with several, by its name
+    guess       column roles for one axis of a log: guessed first, then as assigned by the user
+    guesses     the column roles for each axis of a log with several axes, by axis name
     names       columns of a log that may have a role, in the order of the file
-    log         the columns of a log as in the file; of a long log every n-th row
-    clock       column of the time, and its unit, by which `log` was read; None: the usual one
-    check       peak figures of a log under its roles; None until they are needed
+    log         the columns of a log as in the file; for a long log only every n-th row
+    clock       time column and unit with which `log` was read; None: the usual ones
+    check       check of a log's column roles; None until it is needed
     no_clock    True for a log that can be read once its sample time is given
     columns     time and values of a log's preview, by column name
     units       units of the columns, as stated in the file
@@ -77,7 +77,7 @@ class Understood:
     wrong: str = ""
 
     def checked(self) -> Self:
-        """Return the content of a log with its peak figures."""
+        """Return the content of a log with the check of its column roles."""
         from feeddrive.studio.log_check import checked
 
         assert self.guess is not None
@@ -89,7 +89,7 @@ def understand(
 ) -> list[Understood]:
     """Inspect files. An error is not raised, but stored in the result for its file.
 
-    sample_times  s, of logs without a clock
+    sample_times  sample times of logs without a clock, s
     """
     known = sample_times or {}
     contents = list[Understood]()
@@ -107,7 +107,7 @@ def understand(
 
 
 def _reads_with_a_clock(path: Path) -> bool:
-    """Return True if all that a log lacks is its sample time."""
+    """Return True if a log can be read once its sample time is known."""
     from feeddrive.files.read_log import read_log
 
     if path.suffix.lower() in (".toml", *_PROGRAMS):
@@ -192,7 +192,7 @@ def _log(path: Path, file: OpenedFile, guess: Guess) -> Understood:
 
 
 def _thinned(log: Log) -> Log:
-    """Return a log of at most `_HELD` numbers: every n-th row of a longer one."""
+    """Return the log, reduced to every n-th row so that it contains at most `_HELD` numbers."""
     step = -(-log.time.size * (len(log.channels) + 1) // _HELD)
     if step == 1:
         return log

@@ -1,4 +1,4 @@
-"""Studies: many variants of a job, swept on the cores of this machine or on a cluster, and what follows from them."""
+"""Studies: many variants of a job, computed on the cores of this machine or on a cluster, and their statistics."""
 
 # written by `make stubs`
 

@@ -1,4 +1,4 @@
-"""The battery of a block: rows that pytest collects.  Needs pytest and hypothesis: `feeddrive[testing]`."""
+"""The battery: tests of a block that pytest collects.  Needs pytest and hypothesis: `feeddrive[testing]`."""
 
 # written by `make stubs`
 

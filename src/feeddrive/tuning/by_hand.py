@@ -91,7 +91,7 @@ def _kind(control: Control, name: str) -> str:
 class Verdict:
     """A figure compared with its limit, at the operating point and frequency where it is closest to the limit.
 
-    frequency  Hz; None for a figure without a frequency, such as the force noise
+    frequency  critical frequency, Hz; None for a figure without a frequency, such as the force noise
     used       utilization of the limit: above 1 the limit is exceeded
     """
 

@@ -105,8 +105,8 @@ class Limits:
 class Judged(NamedTuple):
     """A figure of a loop compared with its limit.
 
-    value  in SI; None if the loop has no such figure, for example no margin because L has no crossover; a missing
-           figure satisfies every limit
+    value  value in SI; None if the loop has no such figure, for example no margin because L has no crossover; a
+           missing figure satisfies every limit
     """
 
     limit: Limit

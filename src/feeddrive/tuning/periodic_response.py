@@ -1,8 +1,8 @@
 """The frequency response of a controller whose matrices repeat with a period of N samples, in a loop with its axis.
 
-A slow part of a controller, such as a position loop that runs every N-th sample, reads few numbers once a period.  All
-the rest is time-invariant.  The harmonics are therefore those of a time-invariant controller plus a matrix of low rank,
-and the loops at the images close by the Woodbury identity instead of a system of N equations for each line.
+A slow part of a controller, such as a position loop that runs every N-th sample, reads few values once per period.  The
+rest is time-invariant.  The harmonics are therefore those of a time-invariant controller plus a matrix of low rank, and
+the loops at the images are closed by the Woodbury identity instead of solving N equations for each line.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ _BLOCK = 2**12  # lines times images computed at once: the arrays of a block the
 
 
 class PeriodicResponse(NamedTuple):
-    """A response of readings to force with the loops of its images closed.
+    """The response from readings to force, with the loops at the images closed.
 
     value  shape (2, lines)
     slope  derivatives with respect to the tunables, shape (2, lines, tunables)
@@ -61,7 +61,7 @@ def periodic_response(
 
 
 class _Closed(NamedTuple):
-    """The loops of the images closed, lines last.
+    """The result of closing the loops at the images; the last axis is that of the lines.
 
     value     the response of each reading at the line itself, (2, lines)
     readings  the readings at each image for a unit reading at the line, (images, 2 readings, 2, lines)
@@ -76,12 +76,12 @@ class _Closed(NamedTuple):
 
 
 class _Parts:
-    """A periodic controller as a time-invariant one and what differs from it.
+    """A periodic controller, split into a time-invariant controller and the deviations from it.
 
-    The time-invariant part is that of the last sample, with the states that the readings reach in this sample alone.
-    The others are slow states.  `taken` are the numbers, each one column of one sample, through which the controller
-    differs from its time-invariant part or the slow states are set: few of them, as a position loop runs once a period.
-    With the slow states s at the start of a period and the numbers w of that period
+    The time-invariant part has the matrices of the last sample and the states that the readings can reach by repeating
+    it. All other states are slow.  `taken` lists the inputs, each one column of one sample, through which the
+    controller deviates from its time-invariant part or sets slow states; there are few of them, since a position loop
+    runs once per period. With the slow states s at the start of a period and the input values w of that period
 
         ζ s = S s + Q w,   force and fast states get η_k = P_k s + G_k w in sample k,   ζ = z^N
     """
@@ -112,7 +112,7 @@ class _Parts:
         self.slow, self.set = through[:, :s], through[:, s:]
 
     def closed(self, cycles: np.ndarray, images: list[int], axis: np.ndarray) -> _Closed:
-        """Return the response with the loops of the images closed, for lines at f T = cycles."""
+        """Return the response with the loops at the images closed, for lines at f T = cycles."""
         N, n, W = self.period, self.many, len(self.taken)
         lines, many = cycles.size, len(images)
         states = [int(column) for _, column in self.taken if column < n]
@@ -153,7 +153,7 @@ class _Parts:
         return _Closed(value, readings, counts, rest)
 
     def _given(self, cycles: np.ndarray, images: list[int]) -> np.ndarray:
-        """Return the harmonics of η for unit numbers taken, shape (images, fast states and force, W, lines)."""
+        """Return the harmonics of η for unit input values, shape (images, fast states and force, W, lines)."""
         N, s, W = self.period, self.slow.shape[0], len(self.taken)
         lines = cycles.size
         start = Resolvent(self.slow, np.exp(2j * np.pi * N * cycles)).after(self.set).transpose(1, 2, 0)
@@ -170,8 +170,8 @@ class _Changes:
 
         ∂C = Σ_k [λ_k, μ_k] ∂[A B; c d]_k [x_k; r_k],   x_(k+1) = A_k x_k + B_k r_k,   λ_(k-1) = λ_k A_k + μ_k c_k
 
-    x and λ return after a period times ζ = z^N; μ_k is how the force of sample k counts.  A tunable acts through few
-    combinations of states, so that its ∂[A B; c d]_k are products of few columns and rows (`_products`).
+    x and λ are multiplied by ζ = z^N over a period; μ_k is the weight of the force in sample k.  A tunable acts through
+    few combinations of states, so that its ∂[A B; c d]_k are products of few columns and rows (`_products`).
     """
 
     def __init__(self, samples: np.ndarray, slopes: np.ndarray) -> None:
@@ -244,9 +244,9 @@ class _Changes:
 
 
 def _products(matrices: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
-    """Return places p, columns l and rows r with Σ l rᵀ = matrices[p], by elimination with the largest entry left.
+    """Return indices p, columns l and rows r with Σ l rᵀ = matrices[p], by elimination with complete pivoting.
 
-    It ends when each entry is reproduced within `_ROUNDING` of the terms that it is the sum of, whatever its size.
+    The elimination ends when the error of each entry is at most `_ROUNDING` times the sum of its terms' magnitudes.
     """
     products: list[tuple[int, np.ndarray, np.ndarray]] = []
     scale = np.max(np.abs(matrices), axis=1, initial=0.0)

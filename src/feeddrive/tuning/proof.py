@@ -130,8 +130,8 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     quantization and noise, which would differ between them. A third run includes quantization and noise; it must
     neither trip the guard nor request a force above the limit.
 
-    If the encoder of the motor is the only one, the table stays off by what the force winds up the spring, however
-    little that is, and the response is that of the motor.
+    If the motor encoder is the only one, the response of the motor is evaluated: the table keeps an offset equal to the
+    deflection of the spring under the force.
     """
     what, T = f"{name}: {_RUN}", float(loop.sample_time)
     place = "motor" if loop.axis.encoder_load is None else "load"

@@ -1,4 +1,4 @@
-"""A safe start law for an axis whose control law is not known: a P-PI cascade with gains from mass and dead time."""
+"""A safe start law for an axis with an unknown control law: a P-PI cascade computed from mass and dead time."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _SETTLED = 0.02  # of the largest following error, within which it then stays, o
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StartLaw(Result):
-    """A safe start law with its checks.
+    """A safe start law with the results of its checks.
 
-    spread    relative error of the mass for which it was checked
-    peaks     Ms for the mass less this error, the mass, and the mass plus this error
-    error     m, largest following error in the simulated move
-    left      m, what the reading still moves by at the end of the move's rest
+    spread    relative error of the mass up to which it was checked
+    peaks     Ms for the mass minus this error, for the mass, and for the mass plus this error
+    error     largest following error of the simulated move, m
+    left      remaining motion of the table at the end of the rest after the move, m
     """
 
     loop: Loop
@@ -55,7 +55,7 @@ class StartLaw(Result):
     left: float
 
     def table(self) -> Table:
-        """Return the gains and what was checked."""
+        """Return a table of the gains and of the results of the checks."""
         within = Quantity(self.spread, "share", form="2")
         rows = [
             ["Kv", Quantity(self.law.Kv, "1/s"), UNIT],
@@ -77,7 +77,7 @@ class StartLaw(Result):
 
     @property
     def sentence(self) -> str:
-        """What the law is, what it was checked for, and that it is not what ran."""
+        """A sentence with the gains of the law and its checks, stating that it is not the law of the log."""
         law, low = self.law, max(self.peaks)
         return Text(
             f"the control is a safe start law from the identified plant, NOT the law that ran: Kv "
@@ -97,21 +97,22 @@ def start_law(
     motion: tuple[float, float, float] = (0.05, 0.1, 1.0),
     spread: float = SPREAD,
 ) -> StartLaw:
-    """Return a P-PI cascade for an axis whose law is not known, after its margins and a simulated move were checked.
+    """Return a P-PI cascade for an axis with an unknown law, after checking its margins and a simulated move.
 
         th = delay of the actuator + (n + 1) T/2,   wc = 0.25 / th,   Kp = m wc,   Kv = wc/4,   Tn = 4/wc
 
-    n is the smallest number of samples with which a count of the encoder makes at most 5 % of `force`. With two masses
-    wc is also at most 0.26 · 2 ζ ωr m_motor / m_load. wc is lowered until Ms <= 1.4 for the mass and for masses
-    off by `spread`, and until the axis with its friction comes to rest after a move.
+    The velocity is differenced over n samples, n being the smallest number for which one encoder count causes at most 5
+    % of `force`. For a two-mass plant wc is also limited to 0.26 · 2 ζ ωr m_motor / m_load. wc is reduced until Ms <=
+    1.4 for the mass and for masses that differ by `spread`, and until the axis with its friction comes to rest after a
+    move.
 
-    count   m, of the encoder; 0 if it is fine
-    force   N, largest force of the log
+    count   encoder resolution, m; 0 if it is negligible
+    force   largest force in the log, N
     motion  travel (m), speed (m/s) and acceleration (m/s2) of the simulated move
     spread  relative error of the mass
 
-    Source: the maximum of Ms of the loop gain (wc/s)(1 + κ wc/s)(1 + ν wc/s) e^(-s th) over κ = ν = 1/4, own.
-    Raises NotIdentifiableError if no crossover passes.
+    Source: own, from Ms of the loop gain (wc/s)(1 + κ wc/s)(1 + ν wc/s) e^(-s th) at κ = ν = 1/4.
+    Raises NotIdentifiableError if no crossover passes the checks.
     """
     T, mass = sample_time, float(axis.plant.rigid_mass())
     n, late = 1, T
@@ -137,7 +138,7 @@ def start_law(
 
 
 def _resonant(axis: Axis, spread: float) -> float:
-    """Return the largest wc, in 1/s, with which the resonance of two masses stays below the stability limit."""
+    """Return the largest wc, in 1/s, for which the resonance of a two-mass plant cannot destabilize the loop."""
     plant = axis.plant
     if not isinstance(plant, TwoMass):
         return math.inf
@@ -149,7 +150,7 @@ def _resonant(axis: Axis, spread: float) -> float:
 
 
 def _heavier(loop: Loop, factor: float) -> Loop:
-    """Return the loop with all masses multiplied."""
+    """Return the loop with all masses of the plant multiplied by a factor."""
     place = f"{loop.place_of('axis')}.plant."
     masses = {
         name: factor * float(value)
@@ -165,7 +166,7 @@ def _peak(loop: Loop) -> float:
 
 
 def _counted(loop: Loop, count: float) -> Loop:
-    """Return the loop with the counts of the log, unless its axis has encoders."""
+    """Return the loop with an encoder of this resolution in m, unless its axis already has encoders."""
     axis = loop.axis
     if count == 0.0 or axis.encoder_motor is not None or axis.encoder_load is not None:
         return loop
@@ -173,7 +174,7 @@ def _counted(loop: Loop, count: float) -> Loop:
 
 
 def _moved(loop: Loop, motion: tuple[float, float, float], wait: float) -> tuple[float, float]:
-    """Return the largest following error of a simulated move, and what the reading moves by at its end, m."""
+    """Return the largest following error of a simulated move, and the remaining motion of the table at its end, m."""
     distance, velocity, acceleration = motion
     move = JerkLimitedMove(
         distance=distance,

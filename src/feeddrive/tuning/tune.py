@@ -226,8 +226,8 @@ class Tuner:
     ) -> Criteria:
         """Return the criteria for a set of tunables, on the lines of the search or, if `whole`, on all lines.
 
-        rough  for a multirate controller: True to take its law at one rate, which lacks the hold of the slow part but
-               is evaluated a hundred times as fast
+        rough  for a multirate controller: True to use its single-rate law, which omits the hold of the slow part but is
+               evaluated a hundred times faster
         """
         control = replace(control, law=control.law.at_one_rate()) if rough else control
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
@@ -239,7 +239,7 @@ class Tuner:
     ) -> Best:
         """Run several searches; return the best result, verified on all lines, with a margin for the noise.
 
-        The refusal of a `trial` does not say what could be reached instead, which costs several searches.
+        If a `trial` is refused, the error does not state the attainable limits, which would require several searches.
         """
         x = logarithms(control, names)
         low, high = box(control, names, x, self.points[0].sample_time)
@@ -300,7 +300,7 @@ class Tuner:
         return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
 
     def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
-        """Continue a search at one rate with the law as it is."""
+        """Continue a search made with the single-rate law, using the multirate law itself."""
         self.evaluations += search.criteria.count
         search.criteria = self.criteria(control, names)
         if search.judge(end.x) is None:
@@ -444,11 +444,12 @@ class Tuner:
         return end
 
     def _kept(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray, *, evolved: bool) -> End:
-        """Return the best of `end`, which violates a bound, and of other starts under the same reserve for the noise.
+        """Return the best of `end`, which violates a bound, and the results of other starts with the same noise margin.
 
-        Where noise makes |L| cross 1 many times, crossovers come and go, and a search can end at a violated bound
-        although a loop nearby keeps all of them.  The fastest loop from below may then lie in another valley, so that
-        its cost would be taken for that of the noise: if `evolved`, a population over the whole range is a start, too.
+        If noise makes |L| cross 1 many times, crossovers appear and disappear, and a search may end at a violated bound
+        although a nearby loop satisfies all of them.  The fastest feasible loop may then lie in a different local
+        minimum, whose cost would be attributed to the noise. If `evolved`, a population over the whole range provides
+        an additional start.
         """
         # a penalty that an earlier search had to raise would hold the next one at the first bound that it meets
         search.penalty = PENALTY
@@ -970,9 +971,9 @@ def _change(tuned: Tuned, gained: float) -> float:
 
 
 def _new_values(tuned: Tuned) -> str:
-    """Return the new gains and the largest Ms that they give, with cautious words if no response of the table is known.
+    """Return the new gains and their largest Ms as text, cautiously worded if no response of the table is known.
 
-    Only the parameters of the law are listed, the first `_LISTED` of them: the table has all.
+    Only the first `_LISTED` parameters of the law are listed; the table contains all.
     """
     law = {name.removeprefix("law."): value for name, value in tuned.tunables.items() if name.startswith("law.")}
     units = {name: tree.declaration(tuned.control, f"law.{name}").unit for name in law}

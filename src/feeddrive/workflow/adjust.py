@@ -134,7 +134,7 @@ def _changed(name: str, before: float | None, now: float, unit: str) -> Sequence
 
 
 def _bounds(text: str) -> dict[str, float]:
-    """Parse the limits of a guard. Raise ParameterError for an unknown limit or an invalid number."""
+    """Parse the limits of a guard by name. Raise ParameterError for an unknown limit or an invalid number."""
     known = [name for name, declared in declarations(Guard).items() if declared.role == "parameter"]
     return _numbers("--guard", text.split(","), known, "a guard", "velocity_limit=1")
 

@@ -130,7 +130,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
 def certified(
     control: Control, points: Sequence[OperatingPoint | Loop], text: str | None, axis: str
 ) -> tuple[Certificate | None, str]:
-    """Return the certificate of a tuned controller and a summary of it, or None and why there is no certificate.
+    """Return the certificate of a tuned controller and a summary of it, or None and the reason.
 
     points  the operating points at which stability is proven
     text    the text of a machine file: the control in that file, with its rounded parameters, is certified
@@ -193,7 +193,7 @@ def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
 
 
 def _sampled(frf: FRF, loop: Loop) -> FRF:
-    """Convert a response to m/N, or rad/(N m) for a rotary axis; a missing sample time is set to that of the loop."""
+    """Return a response in m/N, or rad/(N m) for a rotary axis; a missing sample time is set to that of the loop."""
     frf = in_metres(frf.output, frf, None, loop.axis.rotary)
     return replace(frf, sample_time=float(loop.sample_time)) if frf.sample_time is None else frf
 

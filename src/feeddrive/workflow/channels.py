@@ -2,7 +2,7 @@
 
 The mapping is taken from the options or a TOML file; otherwise it is guessed and shown to the user.
 
-The magnitudes of a log show whether its units are plausible for a feed drive. A command rejects, for example, a travel
+The magnitudes of a log show whether its units are plausible for a feed drive. For example, a command rejects a travel
 of 200 m or a mass of 0.1 kg: it shows the two likeliest interpretations of the units side by side, and writes nothing
 until the user states the unit.
 """
@@ -430,15 +430,15 @@ def check_response(
 
 @dataclass(frozen=True)
 class Mapped:
-    """A log with the column of each role, doubts about it, and the named columns that are not used.
+    """A log with the column of each role, doubts about the log, and the named columns that are not used.
 
-    doubt           a doubt about its magnitudes
-    contradictions  what its samples have against the roles of its columns
-    guessed         roles that nobody told: a certain contradiction of one of them stops a command
-    named           roles of columns that a person named: by an option, in a file of roles, or on the page
+    doubt           doubt about the magnitudes of the log
+    contradictions  contradictions between the samples and the roles of the columns
+    guessed         roles that were not named by the user: a certain contradiction of one of them stops a command
+    named           roles named by the user: by an option, in a roles file, or on the page
     preview         peak figures of the motion; None without a position
-    second          what further columns say against clock and scales: velocities, and the current beside a force
-    axis            the axis of the columns, in a log of several; else empty
+    second          contradictions of clock and scales by a second source: a logged velocity or current
+    axis            the axis of the columns if the log has several axes; else empty
     """
 
     log: Log
@@ -453,7 +453,7 @@ class Mapped:
     axis: str = ""
 
     def stop(self, progress: Progress) -> None:
-        """Raise LogError for implausible magnitudes and for guessed roles that the samples contradict for certain."""
+        """Raise LogError for implausible magnitudes, and for guessed roles that the samples certainly contradict."""
         self.doubt.stop(progress)
         for doubt in self.contradictions:
             if doubt.certain and self.guessed & {*doubt.roles}:
@@ -480,14 +480,14 @@ def mapped(
     """Read a log and assign its columns to the roles in `wanted`; roles without a suitable column are left out.
 
     named     the column of each role as typed on the command line; it takes precedence over everything else
-    channels  a TOML file with [log.channels], or a `Mapping`; without it, roles that are not named are guessed, and the
-              guess is shown
+    channels  a TOML file with [log.channels], or a `Mapping`; None: roles that are not named are guessed, and the guess
+              is shown
     unit      units for columns without a stated or given unit
     steady    True for a log without acceleration ramps, whose accelerations do not indicate its units
-    axis      the axis of a log with several; one of a log without axes is that of the machine alone
-    names_machine  True if the axis may be one that only the machine file has
+    axis      the axis to be read from a log with several axes; for other logs it only selects the machine's axis
+    names_machine  True if `axis` may be the name of an axis that only exists in the machine file
     values    rated value and constants of the drive, for columns in percent, A or V
-    beside    roles that are read as a second source for clock and scales, and used for nothing else
+    beside    roles that are read only as a second source for clock and scales
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     values = values or DriveValues()
@@ -581,7 +581,7 @@ CONSTANT_OFF = 0.15
 
 
 def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
-    """Return what velocities beside a position and a current beside a force say against clock and scales."""
+    """Return contradictions of clock or scales by a velocity logged with a position, or a current with a force."""
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
     role = "torque" if values.torque_constant is not None else "force"
@@ -611,9 +611,9 @@ CHOSEN = "chosen"  # the reason of a role that a person chose on the page
 
 
 def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues) -> tuple[str, Column]:
-    """Return role and column as typed, or as force or torque where the column is in percent, A or V of known values.
+    """Return role and column as typed, or as force or torque if the drive's values convert the column from %, A or V.
 
-    Raises ParameterError, which names the option, for a column in percent of an unknown value.
+    Raises ParameterError, which names the option, for a column in percent of an unknown rated value.
     """
     if role not in ("force", "torque", "current", "command"):
         return role, column
@@ -630,7 +630,7 @@ def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues)
 def _remaining(
     path: OpenedFile, told: abc.Mapping[str, Column], guessed: abc.Mapping[str, Column]
 ) -> dict[str, Column]:
-    """Return the guessed roles that remain beside those that a person told."""
+    """Return the guessed roles that remain in addition to those named by the user."""
     # a column named for one role cannot have another
     taken = {column.name for column in told.values()}
     kept = {role: column for role, column in guessed.items() if role not in told and column.name not in taken}
@@ -645,7 +645,7 @@ def _remaining(
 
 
 def _unit_was_given(path: OpenedFile, column: Column) -> bool:
-    """Return True if a person gave the unit or the factor of a guessed column: the file states another one, or none."""
+    """Return True if the user gave unit or factor of a guessed column: the file states another unit, or none."""
     own = read_name(column.name, path.columns.units.get(column.name, "")).unit
     return column.factor is not None or column.unit not in ("", unit_of(own) or own)
 
@@ -681,7 +681,7 @@ _ACTING = ("force", "torque", "current", "command")
 
 
 def no_column(path: Path | OpenedFile, log: Log, roles: Collection[str], what: str, options: str) -> LogError:
-    """Return the error for a log that lacks these roles.
+    """Return the error for a log that has no column for these roles.
 
     The message lists likely columns that were rejected, with the reasons, or else the roles that the log has.
 
@@ -748,8 +748,8 @@ class ChannelsRequest(DriveValues):
 def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
     """Guess the role of each column of a log. The outcome contains a TOML section to be edited and used for --channels.
 
-    It also has the peak figures of the motion, and what the samples have against the names. For a file of frequency
-    responses, list the responses and, for the XML file of a tuning tool, its controllers.
+    It also contains the peak figures of the motion, and contradictions between samples and column names. For a file of
+    frequency responses, the responses are listed and, for the XML file of a commissioning tool, its controllers.
     """
     file = OpenedFile(request.log)
     out, path = request.out, file.path
@@ -780,7 +780,7 @@ def channels(request: ChannelsRequest, progress: Progress) -> Outcome[Any]:
 def _each_axis(
     file: OpenedFile, time: Column | None, request: ChannelsRequest, values: DriveValues
 ) -> Outcome[dict[str, Guess]]:
-    """Guess the roles of each axis of a log; write a file for each of them if requested."""
+    """Guess the column roles of each axis of a log; write a file for each axis if requested."""
     first = proposed(file, None, time, request.sample_time, values)
     guesses = {axis: proposed(file, axis, time, request.sample_time, values) for axis in first.axes} or {"": first}
     shown: list[Table | str] = []
@@ -807,7 +807,7 @@ def _shown(guess: Guess) -> list[Table | str]:
 
 
 def told_of(guess: Guess) -> list[str]:
-    """Return what a person must know of a guess: other axes, contradictions, units in doubt, and values to give."""
+    """Return remarks on a guess for the user: other axes, contradictions, doubtful units, and missing values."""
     remarks: list[str] = []
     if len(guess.axes) > 1:
         others = ", ".join(axis for axis in guess.axes if axis != guess.mapping.axis)
@@ -831,14 +831,14 @@ def told_of(guess: Guess) -> list[str]:
 
 
 def _moving(guess: Guess) -> tuple[str, Column]:
-    """Return the role of the motion, and its column with a unit to type."""
+    """Return the role of the motion, and its column with an example unit for an option."""
     role = next(role for role in _MOTIONS if role in guess.mapping)
     column = guess.mapping[role]
     return role, replace(column, unit="mm" if ROLES[role].startswith("m") else "deg", factor=None)
 
 
 def asked_for(need: Need, role: str) -> str:
-    """Return the sentence that asks for the value by which a column is a force, a torque or a length."""
+    """Return a sentence that asks for the rated value or factor that converts a column to a force, torque or length."""
     name, what, signal = need
     if signal in RELATIVE:
         of = {"torque": "torque", "force": "force", "current": "current"}.get(role, "value")
@@ -860,11 +860,11 @@ def proposed(
     *,
     likely_time: bool = True,
 ) -> Guess:
-    """Return the guessed roles of a log's columns: what page, command line and Python show before anything is fitted.
+    """Return the guessed roles of a log's columns, as shown by page, command line and Python before a fit.
 
-    axis    the axis of a log with several; None: the first one
-    values  rated value and constants of the drive, by which columns in percent, A or V are forces or torques
-    likely_time  True to read time stamps that are implausible for a servo loop in the likeliest unit, which the table
+    axis    the axis to be read from a log with several axes; None: the first one
+    values  rated value and constants of the drive, which convert columns in percent, A or V to forces or torques
+    likely_time  True to read time stamps that are implausible for a servo loop in their likeliest unit, which the table
                  states; False to refuse them
 
     Raises LogError and ParameterError as `read_log` and `guess_roles` do.
@@ -896,7 +896,7 @@ _SIGNALS = {"current": "A"}
 
 
 def with_values(guess: Guess, log: Log, values: DriveValues) -> Guess:
-    """Return the guess with forces and torques in place of signals that the values of the drive convert.
+    """Return the guess with signals converted to force or torque by the values of the drive.
 
     Raises ParameterError, which names the option, if another value is missing.
     """
@@ -919,7 +919,7 @@ def with_values(guess: Guess, log: Log, values: DriveValues) -> Guess:
 
 
 def converted(role: str, column: Column, stated_unit: str, values: DriveValues) -> tuple[str, Column, str] | None:
-    """Return role, column and reason of a signal as force or torque by values of the drive; None if none is given.
+    """Return role, column and reason of a signal converted to force or torque; None if the values do not convert it.
 
     stated_unit  the unit of the column in the file
 
@@ -946,7 +946,7 @@ def converted(role: str, column: Column, stated_unit: str, values: DriveValues) 
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
-    """Tabulate the frequency responses of a file and, for a commissioning file, what it says of its axis."""
+    """Tabulate the frequency responses of a file and, for a commissioning file, the data of axis and controllers."""
     commissioning = read_commissioning(file)
     responses = read_frfs(file) if commissioning is None else commissioning.responses
     rows = [
@@ -991,14 +991,14 @@ def _responses(file: OpenedFile) -> Outcome[Any]:
 
 
 def _unit_shown(frf: FRF) -> str:
-    """Return the unit of a response; that of a torque over its setpoint is a plain ratio, which states none."""
+    """Return the unit of a response for display; a torque over its setpoint is a ratio and has the unit 1."""
     if frf.unit:
         return frf.unit
     return "1" if (frf.input, frf.output) == ("torque_setpoint", "torque") else "not stated"
 
 
 def _drive_table(file: Commissioning) -> Table:
-    """Return what a commissioning file says of its axis, of clocks, band and margins."""
+    """Return a table of the axis, clocks, band and margins in a commissioning file."""
     gain, phase = file.margins
     kind = {True: "turns", False: "linear", None: None}[file.rotary]
     motor = "a linear motor" if file.linear_motor else "a rotary motor"
@@ -1026,7 +1026,7 @@ def _quantity(value: float | None, unit: str, form: str, after: str = "") -> Tex
 
 
 def _controllers_table(file: Commissioning) -> Table:
-    """Return the speed controllers of a commissioning file; the last one runs."""
+    """Return a table of the speed controllers in a commissioning file; the last one is active."""
     gain = "N s/m" if file.linear_motor else "N m s/rad"
     rows = [
         [
@@ -1043,7 +1043,7 @@ def _controllers_table(file: Commissioning) -> Table:
 
 
 def _filter_text(block: Filter) -> str:
-    """Return a filter in a few words: low_pass2 1999 Hz, 0.7."""
+    """Return a short description of a filter: `low_pass2 1999 Hz, 0.7`."""
     return Text(
         f"{block.kind} "
         + ", ".join(f"{Quantity(value, tree.declaration(block, name).unit):4}" for name, value in tree.leaves(block))
@@ -1051,7 +1051,7 @@ def _filter_text(block: Filter) -> str:
 
 
 def _why_clock(file: OpenedFile, name: str, log: Log) -> str:
-    """Return the reason for a column of the time that is known by its name."""
+    """Return the reason why a column with a usual name is the time, and the assumed unit."""
     if "time" in log.provenance:
         return Text(f"a usual name; {log.provenance['time']}")
     step = Quantity(log.sample_time, "s")

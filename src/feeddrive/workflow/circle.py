@@ -136,7 +136,7 @@ def circle(request: CircleRequest, progress: Progress) -> Outcome[MeasuredCircle
 
 
 def _tuning(machine: Path, test: CircleTest) -> str:
-    """Return the command that tunes the axis with the largest peak after a reversal; logs name no machine to tune."""
+    """Return the command that tunes the axis with the largest peak after a reversal; empty if there are no peaks."""
     peaks = quadrant_peaks(test)
     return line("tune", machine, axis=max(peaks, key=lambda peak: abs(peak.height)).axis) if peaks else ""
 

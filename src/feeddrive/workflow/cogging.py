@@ -162,7 +162,7 @@ def _passes(request: CoggingRequest, drive: Drive, orders: Sequence[int] | None,
 def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
     """Return the sample time in s for reading a log: the requested one, or an arbitrary one for a file without a clock.
 
-    It is None if the file states its own time.
+    The result is None if the file contains a time.
     """
     if request.sample_time is not None or request.time is not None or request.channels is not None:
         return request.sample_time
@@ -170,7 +170,7 @@ def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the measured positions and forces of maps of one turn; entries with a force of 0 count as not measured."""
+    """Return the measured positions and forces of maps of one turn; a force of 0 is treated as not measured."""
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)

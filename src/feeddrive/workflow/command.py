@@ -259,9 +259,9 @@ GUARD_LIMITS = "following_error_limit=0.001,velocity_limit=1"
 
 
 def exporting(machine: str | Path, axis: str | None, *, guarded: bool) -> tuple[str, tuple[str, ...]]:
-    """Return the command line that leads from a machine file to its export, and what to know before it is typed.
+    """Return the next command line on the way from a machine file to its export, and notes on it.
 
-    Only a control with a guard is exported; without one the line adds it.
+    Only a control with a guard can be exported; if there is no guard, the command line adds one.
     """
     if guarded:
         return line("export", machine, "-t", "c", axis=axis), ()
@@ -290,7 +290,7 @@ def stem(source: Any) -> str:
 
 
 def told_apart(named: Iterable[tuple[str, str]]) -> list[str]:
-    """Make the names of (name, word) pairs unique by appending the word, then a number, to a repeated name."""
+    """Return the names of (name, word) pairs, made unique by appending the word, then a number, to a repeated name."""
     unique = list[str]()
     for name, word in named:
         tries = chain([name, f"{name} ({word})"], (f"{name} ({word}, {i})" for i in count(2)))
@@ -365,7 +365,7 @@ class Outcome(Generic[T]):
     failure   the reason for a negative judgment, if the verdict does not state it
     error     the error that ended the command early, if partial results are worth keeping
     page      the function that builds the command's own report, if there is one; it must be picklable
-    then      the command line to type next, with the paths of this outcome; empty if none follows
+    then      the suggested next command line, with the paths of this outcome; empty if there is none
     """
 
     result: T
@@ -420,7 +420,7 @@ class Outcome(Generic[T]):
         return Units(rotary=self.turns)
 
     def written(self) -> Iterator[str]:
-        """Yield the section to paste, the paths of the files that were written, and the command to type next."""
+        """Yield the section to paste, the paths of the files that were written, and the suggested next command."""
         if self.section:
             yield ""
             yield self.section
@@ -600,7 +600,7 @@ def command(request: Callable[P, R]) -> Callable[[Callable[[R, Progress], Outcom
 
 
 class Listed(NamedTuple):
-    """An entry of `--help`: the module of a command, its one-line description, its group, and example arguments."""
+    """An entry in `--help`: the module of a command, its one-line description, its group, and example arguments."""
 
     module: str
     summary: str

@@ -1,7 +1,7 @@
-"""From the commissioning file of a drive to its axis: plant, current loop, controllers, and what the file cannot say.
+"""The axis of a drive from its commissioning file: plant, current loop and controllers.
 
-Everything is fitted at the motor's shaft, where the tool measured; the machine file of an axis that turns stays there,
-and that of a linear axis has a screw whose lead is the travel in one turn of the motor.
+Everything is fitted at the motor shaft, where the tool measured. The machine file of a rotary axis also refers to the
+motor shaft; that of a linear axis has a screw whose lead is the travel per motor turn.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ NO_CLOCK = "states no sample time of the speed loop (m_dProcessUpdateTime): give
 
 @dataclass(frozen=True)
 class DriveAxis:
-    """The axis of a commissioning file, as it was measured and as it is modelled.
+    """The axis of a commissioning file, measured and modeled.
 
     plant     speed over torque of the motor, cut to the usable band, with variance
     current   torque over its setpoint on the lines of the plant; None if the file has none
-    band      the band of the model; None if the user gave it
-    result    the structures that were fitted, in kg m2 (kg of a linear motor) at the motor
-    loop      today's loop: the fitted axis and the file's controller; None if no sample time is known
+    band      the band in which the model was fitted; None if it was given by the user
+    result    the fitted structures, at the motor in kg m2 (kg for a linear motor)
+    loop      the present loop: the fitted axis and the file's controller; None if no sample time is known
     """
 
     file: Commissioning
@@ -86,7 +86,7 @@ class DriveAxis:
 
     @property
     def today(self) -> Loop:
-        """Today's loop. Raises LogError if no sample time is known."""
+        """The present loop. Raises LogError if no sample time is known."""
         if self.loop is None:
             raise LogError(f"{self.file.name}: {NO_CLOCK}")
         return self.loop
@@ -116,8 +116,8 @@ class DriveAxis:
     def point(self) -> tuple[OperatingPoint, list[str]]:
         """Return the measured operating point of the speed loop and the position loop, in rad/(N m), and remarks.
 
-        The position is the one whose difference over a sample is the measured speed, so that the velocity loop is
-        exactly the measured one.  The current loop is the measured one.
+        The position is defined such that its difference over a sample is the measured speed, so that the velocity loop
+        is exactly the measured one.  The current loop is the measured one.
         """
         loop = self.today
         T = float(loop.sample_time)
@@ -141,7 +141,7 @@ class DriveAxis:
 
 
 def axis_key(name: str) -> str:
-    """Return an axis name as a key of a machine file; x for a name that cannot be one."""
+    """Return an axis name as a key for a machine file; x if the name is not a valid key."""
     key = re.sub(r"\W", "_", name.strip().lower())
     return key if re.fullmatch(r"[a-z]\w{0,15}", key) else "x"
 
@@ -175,15 +175,16 @@ def drive_axis(
     modes: int | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> DriveAxis:
-    """Return the axis of a commissioning file.
+    """Return the axis of a commissioning file, with a fitted model.
 
-    motor         name of the plant, if it is not the one measured last
-    band          Hz, in place of the one that the tool calls usable and that two masses explain
-    rotary, lead, gear, sample_time   what the file does not say: that the axis turns, or the lead of its screw, and the
-                  sample time of the speed loop
+    motor         name of the plant response; default: the one measured last
+    band          band of the lines to be fitted, Hz; default: from the lowest usable frequency stated in the file up to
+                  the highest one at which two masses explain the response
+    rotary, lead, gear, sample_time   data missing from the file: True for a rotary axis, or the lead and gear of its
+                  screw, and the sample time of the speed loop
     model, modes, fixed  as for `fit_axis`
 
-    Raises LogError if the file holds no plant, ParameterError if no structure can be fitted or a name is unknown.
+    Raises LogError if the file contains no plant, ParameterError if no structure can be fitted or a name is unknown.
     """
     if lead is not None:
         file = replace(file, rotary=False, per_motor=lever(lead, gear))
@@ -223,7 +224,7 @@ def drive_axis(
 
 
 def _choice(file: Commissioning, name: str) -> list[str]:
-    """Return a remark on the plant that was taken, if the file has several."""
+    """Return a remark on the plant that was selected if the file has several."""
     if len(file.plants) < 2:
         return []
     others = [other for other in file.plants if other != name]
@@ -232,7 +233,7 @@ def _choice(file: Commissioning, name: str) -> list[str]:
 
 
 def _measured(file: Commissioning, name: str, band: tuple[float, float] | None) -> tuple[FRF, list[str]]:
-    """Return the plant on its usable lines, with the variance that its coherence gives, and remarks."""
+    """Return the plant on its usable lines, with the variance computed from its coherence, and remarks."""
     frf = file.responses[name]
     unit = _LINEAR if file.linear_motor else _TURNING
     frf = replace(frf, unit=frf.unit or unit)
@@ -272,7 +273,7 @@ def _fitted(
     fixed: Mapping[str, float],
     progress: Progress,
 ) -> AxisFits:
-    """Fit a rigid mass and two masses in the band of the model; other structures if they are asked for."""
+    """Fit a rigid mass and two masses in the band `chosen` or, without it, the structures selected by the user."""
     if chosen is None:
         structure = None if model == "auto" else model
         return fit_axis(plant, structure=structure, modes=modes, fixed=fixed, held=False, band=band, progress=progress)
@@ -295,9 +296,9 @@ def _fitted(
 
 
 def _current_loop(file: Commissioning, plant: FRF) -> FRF | None:
-    """Return the measured current loop on the lines of the plant; None if the file has none that reaches them.
+    """Return the measured current loop on the lines of the plant; None if the file has none that covers them.
 
-    It is interpolated in ln |H| and phase where its lines are others than those of the plant.
+    If its lines differ from those of the plant, ln |H| and phase are interpolated.
     """
     if file.current_loop is None:
         return None
@@ -314,8 +315,8 @@ def _current_loop(file: Commissioning, plant: FRF) -> FRF | None:
 def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[Actuator, list[str]]:
     """Return dead time and current loop of the model, and remarks.
 
-    The measured delays are those of samples; the model adds half a sample for its hold and half a sample for the
-    difference of the velocity, so that a whole sample is subtracted.
+    The measured delays refer to sampled signals. The simulated loop adds half a sample for the hold and half a sample
+    for the differenced velocity; therefore one sample is subtracted.
     """
     estimate = fit["dead_time"]
     late = float(estimate.value)
@@ -359,9 +360,9 @@ def _delayed(w: np.ndarray, corner: float | None, dead: float) -> np.ndarray:
 
 
 def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float | None, float]:
-    """Return corner (Hz) and dead time (s, >= 0) of a first-order lag closest to ln H; equal weight per ln f.
+    """Return corner (Hz) and dead time (s, >= 0) of the first-order lag closest to ln H, weighted equally over ln f.
 
-    The corner is None for a loop that does not fall off on these lines: its peak is beyond them.
+    The corner is None if the response does not roll off within these lines.
     """
     weight = np.gradient(np.log(w))
     corners = np.geomspace(0.3 * w[-1], 100.0 * w[-1], 400) / (2.0 * np.pi)
@@ -377,23 +378,23 @@ def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float | None, float]:
 
 
 def _delay_of(actuator: Actuator) -> float:
-    """Return the dead time behind a speed measurement that holds none of the drive's own delays."""
+    """Return the dead time to be added to a speed measurement that does not include the delays of the drive."""
     return float(actuator.delay())
 
 
 def _travel(file: Commissioning) -> float:
-    """Return the travel of a linear axis for each radian of the motor, m."""
+    """Return the travel of a linear axis per radian of its motor, m/rad."""
     assert file.per_motor is not None
     return abs(file.per_motor)
 
 
 def is_linear(file: Commissioning) -> bool:
-    """Return True for a linear axis with a rotary motor whose travel for each turn is known."""
+    """Return True for a linear axis with a rotary motor and a known travel per turn."""
     return file.rotary is False and not file.linear_motor and bool(file.per_motor)
 
 
 def _at_axis(plant: Any, file: Commissioning) -> Plant:
-    """Return the fitted plant at the table of a linear axis; that of an axis that turns stays at its motor."""
+    """Return the fitted plant referred to the table of a linear axis; that of a rotary axis remains at its motor."""
     if not is_linear(file):
         return plant
     r = _travel(file)
@@ -416,7 +417,7 @@ def _at_axis(plant: Any, file: Commissioning) -> Plant:
 
 
 def _today(file: Commissioning, fit: PlantFit, actuator: Actuator) -> tuple[Loop, list[str]]:
-    """Return the loop of the file's controller around the fitted axis, and remarks."""
+    """Return the loop of the fitted axis with the file's controller, and remarks."""
     remarks: list[str] = []
     inertia = float(fit.plant.rigid_mass())
     T = file.clock
@@ -472,7 +473,7 @@ def _gain_unit(file: Commissioning) -> str:
 
 
 def _said(file: Commissioning) -> list[str]:
-    """Return remarks on the controllers of the file: which one runs, what it replaced, and what is left out."""
+    """Return remarks on the controllers in the file: the active one, its predecessor, and unsupported parts."""
     today = file.today
     assert today is not None
     unit = _gain_unit(file)
@@ -495,7 +496,7 @@ def _said(file: Commissioning) -> list[str]:
 
 
 def _position_gain(file: Commissioning, rate: float) -> tuple[float, list[str]]:
-    """Return the position gain in 1/s, and remarks; `rate` is that of the velocity loop, 1/s."""
+    """Return the position gain in 1/s, and remarks; `rate` is the bandwidth of the velocity loop, 1/s."""
     if file.Kv is None:
         return rate / _RATE, [
             Text(f"the file holds no position gain: {Quantity(rate / _RATE, '1/s'):3} is a start, not what runs")
@@ -512,7 +513,7 @@ def _position_gain(file: Commissioning, rate: float) -> tuple[float, list[str]]:
 
 
 def compared(file: Commissioning, inertia: float) -> list[str]:
-    """Return remarks on the tool's own model beside the fitted one, whose inertia is given at the motor in kg m2 or kg.
+    """Return remarks that compare the tool's model with the fitted `inertia` at the motor, in kg m2 or kg.
 
     The tool's inertia and that of the motor are a second source for the scales of torque and speed.
     """

@@ -106,7 +106,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
 def _next(
     request: CompareRequest, comparison: Comparison, take: str | None, machine: Path | None
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the command towards an export with the chosen law, with its notes, or else the one that takes the best."""
+    """Return the suggested next command and notes: towards an export of the chosen law, or to choose the best law."""
     if machine is not None and take is not None:
         guarded = comparison[take].loop.control.guard is not None
         return exporting(machine, request.axis, guarded=guarded)

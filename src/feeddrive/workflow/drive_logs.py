@@ -152,7 +152,7 @@ def logs_stem(logs: Sequence[object]) -> str:
 
 
 def log_stem(name: str) -> str:
-    """Return the name of a log without folder and type: `run.1` for run.1.csv and run.1.csv.gz."""
+    """Return the name of a log without folder and suffix: `run.1` for run.1.csv and run.1.csv.gz."""
     path = Path(Path(name).name.removesuffix(".gz"))
     # a type begins with a letter, the number of a run does not
     return path.stem if path.suffix[1:2].isalpha() else path.name

@@ -27,9 +27,9 @@ SIGNALS = ("percent", "per-mille", "A", "V", "pid.output", "N m", "N")
 
 
 class DriveValues(Request):
-    """Values of motor and drive by which a signal in percent, A, V or pid.output is a force or a torque.
+    """Values of motor and drive that convert a signal in percent, A, V or pid.output to a force or a torque.
 
-    They are options of every command that reads a log, so that the rated value is given where a column asks for it.
+    They are options of every command that reads a log, so that the rated value can be given where a column requires it.
     """
 
     rated: str | None = option(
@@ -57,12 +57,12 @@ class DriveValues(Request):
             raise ParameterError("--torque-constant is of a rotary motor, --motor-constant of a linear one: give one")
 
     def drive_values(self) -> DriveValues:
-        """Return these values alone, of a request that has other options too."""
+        """Return only these values, without the other options of a request."""
         return DriveValues(**{name: getattr(self, name) for name in _VALUES})
 
     @property
     def any_given(self) -> bool:
-        """True if a value is given by which a signal can be converted."""
+        """True if a value that converts a signal was given."""
         return any(value is not None for value in (self.rated, self.torque_constant, self.motor_constant, self.at_full))
 
 
@@ -148,7 +148,7 @@ def scale_of(
     *,
     inverted: bool = False,
 ) -> ForceScale:
-    """Return the conversion factors from a signal of a column to N, or without a lead to N m.
+    """Return the conversion factors from the signal in a column to N or, without a lead, to N m.
 
     signal  one of `SIGNALS`, or permille
 

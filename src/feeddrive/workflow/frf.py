@@ -163,7 +163,7 @@ def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
 def _read(
     files: Sequence[OpenedFile], unnamed: bool, request: FrfRequest, progress: Progress
 ) -> tuple[list[Log], list[str]]:
-    """Read the logs; column roles are taken from a TOML file, from options or names of columns, or else are guessed.
+    """Read the logs; column roles are taken from a TOML file, from options or from column names, or else are guessed.
 
     Also return the reasons why a log with given units is implausible.
     """
@@ -260,7 +260,7 @@ def _input(log: Log) -> str:
 
 
 def _outputs(log: Log) -> list[str]:
-    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError if none exist."""
+    """Return the columns with usual encoder names: load and motor, or one position. Raise LogError if none is found."""
     kinds = [[name for name in kind if name in log.channels] for kind in _OUTPUTS]
     both = next((kind for kind in kinds if kind), [])
     one = [name for name in _ONE_OUTPUT if name in log.channels]

@@ -74,8 +74,8 @@ _WANTED = ("time", "setpoint_position", *_POSITIONS, "force", "command", "setpoi
 def identify(request: IdentifyRequest, progress: Progress) -> Outcome[Any]:
     """Identify mass, friction and dead time from a log, or masses and modes from frequency responses.
 
-    Several logs of one axis are pooled: each goes through the same steps as one alone, and the errors of the values
-    contain their scatter.
+    Several logs of one axis are pooled: each is processed like a single log, and the errors of the pooled values
+    include the scatter.
 
     The result, with standard errors, is an `Identified`, of several logs `IdentifiedLogs`, or, for frequency responses,
     `AxisFits` or a `ModalFit`.
@@ -125,9 +125,9 @@ def _identify_several(request: IdentifyRequest, progress: Progress) -> Outcome[A
 
 
 def _each_axis(request: IdentifyRequest, files: Sequence[OpenedFile], progress: Progress) -> Outcome[dict[str, Any]]:
-    """Identify each axis of a log, or of several logs, on its own; report one that fails with the reason.
+    """Identify each axis of one or several logs separately; a failure of one axis is reported with the reason.
 
-    Raises ParameterError for a log without axes, and for columns that are named, which belong to one axis.
+    Raises ParameterError for a log without axis names, and for named columns, which belong to a single axis.
     """
     named = [role for role, text in request.named().items() if text is not None and role != "time"]
     file = files[0]
@@ -280,7 +280,7 @@ def _all_refused(request: IdentifyRequest, refused: Mapping[str, LogError], othe
 
 
 def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:
-    """Show what the samples of a further log say. Raise LogError if one of its columns has another role than before."""
+    """Show contradictions in another log. Raise LogError if one of its columns has another role in the first log."""
     before = {column.name: role for role, column in first.columns.items()}
     for role, column in run.columns.items():
         if before.get(column.name, role) != role:
@@ -294,7 +294,7 @@ def _check_roles(first: _Run, run: _Run, progress: Progress) -> None:
 
 
 def _other_columns(runs: Sequence[_Run]) -> list[str]:
-    """Return remarks on logs whose columns are not those of the first one."""
+    """Return remarks on logs whose columns differ from those of the first log."""
     first = runs[0]
     return [
         f"the columns of {run.name} are {column_texts(run.columns)}, and not those of {first.name}"
@@ -310,7 +310,7 @@ def _read(
     loop: Loop | None,
     progress: Progress,
 ) -> _Run:
-    """Read the columns of a log, by the one import step of all commands."""
+    """Read the columns of a log by the import step that all commands share."""
     if isinstance(source, MotionLog):
         channels: dict[str, Any] = {spec.name: getattr(source, spec.name) for spec in fields(source)}
         channels["turning"] = _turning(request, loop, channels)
@@ -396,7 +396,7 @@ _NO_LAW = "the law that ran is not known; give it with --machine, or by its numb
 
 
 def _law(request: IdentifyRequest, motion: MotionLog) -> tuple[Law | None, list[str]]:
-    """Return the law of the request, from its numbers or from the configuration of a drive, and remarks."""
+    """Return the requested law, from given values or from the configuration of a drive, and remarks."""
     if request.law is None:
         return None, []
     file, _, axis = request.law.partition(":")
@@ -524,7 +524,7 @@ def machine_text(
 ) -> str | None:
     """Return the text of the machine file; None if the loop is incomplete (no law, or a shaft without a lead).
 
-    logs  the names of the logs, if they are not the one of the result
+    logs  names of the logs; default: the log of the result
     """
     if identified.loop is None:
         return None
@@ -703,7 +703,7 @@ def pooled_report(found: IdentifiedLogs, known: Mapping[str, str] | None = None)
 
 
 def _estimates(identified: Identified) -> int:
-    """Return the number of tables of estimates, which precede all others: one, or two with a fit in closed loop."""
+    """Return the number of tables of estimates, which precede all others: one, or two with a closed-loop fit."""
     return 1 if identified.refinement is None else 2
 
 
@@ -736,7 +736,7 @@ def tables(identified: Identified) -> list[Table]:
 
 
 def _terms(rigid: RigidFit) -> str:
-    """List the forces of the fitted model, as the words of a caption."""
+    """Return the list of forces in the fitted model, for a caption."""
     periodic = sum(np.isfinite(period) for period in rigid.periods)
     terms = ["mass times acceleration"]
     terms += ["the force that bends the axis (by the fourth derivative of the position)"] if rigid.bends else []

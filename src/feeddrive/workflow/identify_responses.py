@@ -82,12 +82,12 @@ def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], p
 
 
 def is_commissioned(request: IdentifyRequest) -> bool:
-    """Return True unless the options take the responses of a file as those of any other: by encoder, or as modes."""
+    """Return True unless the options request a general fit of responses: by encoder, as modes, or for a machine."""
     return request.machine is None and request.load is None and request.model not in ("modes", "machine")
 
 
 def identify_commissioned(request: IdentifyRequest, file: Commissioning, progress: Progress) -> Outcome[Any]:
-    """Fit the axis of a commissioning file, and write its machine file with today's law if requested."""
+    """Fit the axis of a commissioning file; write its machine file with the present law if requested."""
     axis = drive_axis(
         file,
         progress,
@@ -133,7 +133,7 @@ def _outcome(
 ) -> Outcome[Any]:
     """Return the outcome of a fit, and write its report and machine file if requested.
 
-    text    that of the machine file; None if there is none, for the `reason`
+    text    text of the machine file; None if none is written, for the given `reason`
     """
     judgment, verdict = judged_by
     fit = result if isinstance(result, ModalFit) else result.fit
@@ -357,7 +357,7 @@ def tables(result: AxisFits | ModalFit) -> list[Table]:
 def told_by(fit: PlantFit | ModalFit, *, turns: bool = False) -> str:
     """Return the reason for not writing the fit to a machine file, or an empty string if it may be written.
 
-    turns   True for an axis that turns, whose plant is in kg m2
+    turns   True for a rotary axis, whose plant is in kg m2
     """
     if isinstance(fit, ModalFit):
         return "modes without masses are no plant; --model modal makes one"
@@ -411,7 +411,7 @@ def machine_text(
 ) -> str:
     """Return the text of the machine file with the fitted plant and, with `drive`, dead time and current loop.
 
-    turns   True for an axis that turns, whose plant is in kg m2
+    turns   True for a rotary axis, whose plant is in kg m2
     """
     plant, actuator = fit.blocks()
     section, place = to_toml(plant, f"axis.{axis}.plant", rotary=turns), ("axis", axis, "plant")
@@ -539,7 +539,7 @@ class IdentifyRequest(DriveValues):
 
     @property
     def sources(self) -> tuple[Measured, ...]:
-        """The logs; a single one that was given without a tuple is in one."""
+        """The logs as a tuple, also if a single one was given."""
         assert isinstance(self.logs, tuple)
         return self.logs
 

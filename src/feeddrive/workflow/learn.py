@@ -106,7 +106,7 @@ class IterateRequest(Request):
 
     @property
     def wanted(self) -> tuple[str, ...] | None:
-        """The names of the parameters to tune; None for those of the loop."""
+        """The names of the parameters to tune; None for the default of the loop."""
         if self.columns is None:
             return None
         return tuple(name.strip() for name in self.columns.split(",") if name.strip())

@@ -151,7 +151,7 @@ def _machine(source: MachineLike | JobLike) -> Machine:
 
 
 def _is_job(path: str | Path) -> bool:
-    """Return True for a job: a file without axes, or a bundled name that only a job has."""
+    """Return True for a job: a file without axes, or the name of a bundled job that is not a machine."""
     try:
         # machines first: a bundled name may be that of a machine and of a job
         place = find_bundled(path, "machines")

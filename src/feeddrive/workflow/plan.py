@@ -123,7 +123,7 @@ JOB = "job.toml"  # the machine along the program that was planned
 
 
 def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
-    """Return the job that runs the machine along the program; empty if no job can plan it as it was planned here."""
+    """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
     # a job has the tolerance, the feed and the sample time of program and machine
     changed = (request.tolerance, request.override, request.sample_time) != (None, None, None)
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
@@ -147,7 +147,7 @@ def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) ->
 
 
 def _found(path: str | Path) -> str:
-    """Return a path that holds in any folder; a bundled name stays one."""
+    """Return the absolute path of an existing file; the name of a bundled file is returned unchanged."""
     return str(Path(path).resolve()) if Path(path).exists() else str(path)
 
 

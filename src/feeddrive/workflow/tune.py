@@ -283,7 +283,7 @@ def _band(request: TuneRequest) -> tuple[float, float]:
 def _tuned(
     request: TuneRequest, progress: Progress
 ) -> tuple[Tuned, Story, str | None, str, Certificate | None, list[Table]]:
-    """Tune; return also the text of the machine file, the axis name, and the new control in a maker's parameters."""
+    """Tune; return result, report data, machine file text, axis name, certificate, and table of drive parameters."""
     drive = _commissioned(request.source, request, progress)
     if drive is not None:
         request = _at_its_margins(request, drive)
@@ -379,7 +379,7 @@ def _tuned(
 
 
 def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
-    """Return the new control in the parameters of the drive that a commissioning file is of."""
+    """Return a table of the new control in the parameters of the drive of the commissioning file."""
     if drive is None or not tuned.holds or tuned.control.law.kind != "cascade_ppi":
         return []
     return [parameters_table(SINUMERIK, replace(drive.today, control=tuned.control))]
@@ -388,7 +388,7 @@ def _in_its_names(tuned: Tuned, drive: DriveAxis | None) -> list[Table]:
 def _commissioned(source: object, request: TuneRequest, progress: Progress) -> DriveAxis | None:
     """Return the axis of a commissioning file; None for any other source.
 
-    With a motor's response that is not in it the source is one of responses like any other.
+    If a requested motor response is not in the file, the file is treated as ordinary frequency responses.
     """
     if not isinstance(source, str | Path) or not Path(source).is_file():
         return None
@@ -403,14 +403,14 @@ _MARGINS = ("gain_margin", "phase_margin")
 
 
 def _at_its_margins(request: TuneRequest, drive: DriveAxis) -> TuneRequest:
-    """Return the request with the margins that the file asks for, unless the user asks for one."""
+    """Return the request with the margins stated in the commissioning file, unless the user set a margin."""
     if any(getattr(request, name) is not None for name in _MARGINS):
         return request
     return replace(request, **dict(zip(_MARGINS, drive.file.margins, strict=True)))
 
 
 def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
-    """Return a remark if the limits of the tuning are the margins of the file."""
+    """Return a remark if the tuning limits are the margins stated in the file."""
     gain, phase = drive.file.margins
     if tuple(getattr(request, name) for name in _MARGINS) != (gain, phase):
         return []
@@ -420,7 +420,7 @@ def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return the loop under the old and the new control; an unstable one, at any operating point, is left out."""
+    """Return the loop with the old and the new control; one that is unstable at any operating point is left out."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

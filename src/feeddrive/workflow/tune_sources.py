@@ -259,7 +259,7 @@ def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
 
 
 def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
-    """Convert a response to m/N; for a rotary axis to rad/(N m), which is also labeled m/N.
+    """Return a response in m/N; for a rotary axis in rad/(N m), which is also labeled m/N.
 
     A velocity or acceleration is integrated.  Raises ParameterError for a response in a unit of another kind.
     """
@@ -288,7 +288,7 @@ def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
 
 
 def _check_sign(path: str, frf: FRF) -> None:
-    """Raise ParameterError for a response of wrong sign: velocity lags force by 0° (friction) to 90° (free mass)."""
+    """Raise ParameterError for a response with wrong sign: velocity lags force by 0° (friction) to 90° (free mass)."""
     lines = slice(0, max(5, frf.frequency.size // 20))
     # j f x is the velocity; the sum over the lowest lines, where the axis is rigid, averages the noise of each
     turned = np.angle(np.sum(frf.frequency[lines] ** 2 * frf.response[lines] * 1j / frf.frequency[lines]))

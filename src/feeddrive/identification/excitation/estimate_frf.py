@@ -188,8 +188,8 @@ def periodic(
     On a full grid it is estimated as the scatter around a smooth response, if that clearly exceeds the noise. Otherwise
     the variance is that of noise only.
 
-    period  samples
-    band    Hz; default: all excited lines
+    period  period in samples
+    band    lowest and highest frequency, Hz; default: all excited lines
     skip    number of periods dropped at the start; default: as many as are not yet in steady state according to a test,
             at most half
 
@@ -375,7 +375,7 @@ def estimate_frf(
              PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if the excitation
              is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
     band     lowest and highest frequency, Hz
-    period   samples; default: detected in the reference, or in the input if there is none
+    period   period in samples; default: detected in the reference, or in the input if there is none
     skip     number of periods dropped at the start; default: determined by a test
     segment  samples per segment of averaged spectra; `overlap` is the fraction by which neighboring segments
              overlap

@@ -64,8 +64,8 @@ class Limit:
 class Drawing:
     """One realization of an excitation: the signal itself and the results of its simulation, all of shape (n,).
 
-    excitation    N or m, added to the force command or to the set position
-    set_position  m, underlying motion without excitation
+    excitation    signal added to the force command (N) or to the set position (m)
+    set_position  set position of the underlying motion, without excitation, m
     signals       `set_position`, `force` (excitation and command together), readings and velocities, as simulated
     """
 
@@ -84,8 +84,8 @@ class Excitation(Result):
     period           samples per period; `periods` whole periods in steady state, with `fade` samples of fade-in before
                      and fade-out after them
     first            sample at which the first whole period begins
-    offset_velocity  m/s, velocity of the underlying motion, which keeps the friction in the sliding regime
-    least_velocity   m/s, smallest velocity in the direction of the underlying motion; negative if the axis reversed
+    offset_velocity  velocity of the underlying motion, which keeps the friction in the sliding regime, m/s
+    least_velocity   smallest velocity in the direction of the underlying motion, m/s; negative if the axis reversed
     """
 
     name: str
@@ -286,16 +286,16 @@ def design_excitation(
 
         x(t) = Σ aₖ cos(2π k t/period + φₖ),   max |x| = amplitude,   φ: low-crest phases
 
-    band             Hz; lines are the multiples of the resolution within this band
+    band             lowest and highest frequency, Hz; lines are the multiples of the resolution within this band
     amplitude        peak, N (force) or m (setpoint)
     where            "force": added to the command after the controller's limit; "setpoint": to the set position
-    resolution       Hz, inverse of the period, which is rounded to whole samples
+    resolution       inverse of the period, Hz; the period is rounded to whole samples
     periods          number of periods in steady state, in addition to fade-in and fade-out of at most 0.25 s each
     realisations     number of realizations with different phases: two or more separate nonlinear distortion from
                      noise on every line
     grid             pattern of excited lines, see `grid_lines`
     flat             for a setpoint: the signal that has equal amplitudes on all lines, such as the acceleration
-    offset_velocity  m/s, velocity of the underlying motion, which keeps the axis from sticking; 0: no such motion;
+    offset_velocity  velocity of the underlying motion, which keeps the axis from sticking, m/s; 0: no such motion;
                      default: 1.5 times the peak speed of the linear model, or this peak speed plus three Stribeck
                      velocities if that is larger. Every second realization moves in the opposite direction
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the controller and the motor

@@ -233,7 +233,7 @@ _DOUBT = 0.1  # relative variance of the input; a line above it is left out
 class Level:
     """The amplitude of noise or distortion in the output, RMS over neighboring lines.
 
-    frequency  Hz, shape (m,)
+    frequency  frequencies of the lines, Hz, shape (m,)
     output     amplitude at the output, in its unit
     response   that amplitude divided by the exciting input, in the unit of the frequency response; NaN outside the band
     """
@@ -272,7 +272,7 @@ class FrequencyEstimate(Result):
         return self.frf.frequency
 
     def lines(self, kept: np.ndarray, *remarks: str) -> Self:
-        """Return the estimate on the lines where `kept` (bool, shape (n,)) is True, with further remarks."""
+        """Return the estimate on the lines where `kept` (bool, shape (n,)) is True, with additional remarks."""
         f = self.frf
 
         def of(values: np.ndarray | None) -> np.ndarray | None:

@@ -69,7 +69,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Remove mean and linear trend, since a drift would leak into all lines."""
+    """Return segments without mean and linear trend, since a drift would leak into all lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -179,7 +179,7 @@ def local_polynomial(
     reference, both Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed
     loop. Several records are averaged with weights that assume equal noise in all of them.
 
-    band     Hz; default: all lines
+    band     lowest and highest frequency, Hz; default: all lines
     lines    maximum number of lines, spaced logarithmically over the band; default: all
     freedom  ν: a larger value gives a smoother response with less variance, but flattens resonances
 

@@ -68,8 +68,8 @@ class LawCheck:
 
     left    residual with the stated gains, without the effect of quantization
     remains residual with the fitted gains
-    counts  effect of quantization of the readings, as far as it is present in the log
-    gains   gains of the controller that affect the force in this log
+    counts  effect of quantization of the readings, to the extent that it is present in the log
+    gains   the controller gains that affect the force in this log
     delay   delay of the log's force relative to that of the law, samples
     added   fraction of the rows in which another force was added, if the law explains all other rows; else 0
     """
@@ -160,7 +160,7 @@ def check_law(control: Control, log: MotionLog, *, apart: np.ndarray | None = No
 
     A force that was added to the command intermittently is distinguished from a wrong law (see `_added`).
 
-    apart  m, shape (n,): position of the motor minus that of the load, for a law that reads both
+    apart  position of the motor minus that of the load, m, shape (n,), for a law that reads both
     place  path of the controller in its machine file
     """
     assert log.set_position is not None
@@ -235,7 +235,7 @@ def _by_counts(rows: _Rows, fit: _Fit, names: tuple[str, ...]) -> tuple[float, n
 class _Fit(NamedTuple):
     """A controller with the gains required by a log, its command at each sample, and the relative errors of the gains.
 
-    remains  N, RMS of the residual over all samples
+    remains  RMS of the residual over all samples, N
     """
 
     control: Control

@@ -101,7 +101,7 @@ def refined_names(loop: Loop) -> tuple[str, ...] | None:
 
 
 def axis_remarks(axis: Axis, rigid: RigidFit) -> list[Text]:
-    """Return remarks on a plant with several bodies, whose masses are kept."""
+    """Return remarks on a plant with several bodies, whose individual masses a motion log cannot identify."""
     if isinstance(axis.plant, Rigid):
         return []
     mass, their_sum = rigid["mass"], float(axis.plant.rigid_mass())
@@ -210,9 +210,9 @@ def agreed(
 def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
     """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which fit the log better.
 
-    None, too, if the closed loop does not tell the mass to `SURE_MASS` and the inverse dynamics are surer of it.
-    The force residuals of both are compared in the rows of the inverse dynamics; a contradiction is a difference of
-    more than three joint standard errors between the masses.
+    The result is also None if the relative error of the mass of the closed loop exceeds `SURE_MASS` and its error is
+    more than `SURER` times that of the inverse dynamics. The force residuals of both are compared in the rows of the
+    inverse dynamics. The masses contradict each other if they differ by more than three joint standard errors.
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
@@ -291,14 +291,14 @@ _BENDS = "so the axis bends, binds or is driven by something else; measure a fre
 class Identified(Result):
     """The model of a drive identified from one log.
 
-    loop        the loop with the identified values, ready to simulate; None for an unknown law, or in shaft units
+    loop        the loop with the identified values, ready to simulate; None for an unknown law or a log in shaft units
     control     the law identified from the log, or None
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
-    remarks     parameters that could not be identified, with the reasons
-    started     what the law of `loop` is if it is a start law that did not run; else empty
+    remarks     remarks on parameters that could not be identified, with the reasons
+    started     description of the law of `loop` if it is a safe start law instead of the law of the log; else empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
-    contradicted  what a second source says against clock or scales of the log, and the correction; empty if nothing
+    contradicted  evidence from a second source against clock or scales of the log, and the correction; else empty
     """
 
     log: MotionLog
@@ -325,7 +325,7 @@ class Identified(Result):
 
     @property
     def faulty(self) -> str:
-        """The reason why the model is not that of the log, whatever its errors are, or an empty string."""
+        """The reason why the model does not describe the log, regardless of its standard errors, or an empty string."""
         rigid = self.rigid
         if self.law is not None and self.law.wrong:
             return self.law.wrong
@@ -352,7 +352,7 @@ class Identified(Result):
 
     @property
     def unsure(self) -> Text:
-        """A phrase that says how well the log tells the mass."""
+        """A phrase on how accurately the log determines the mass, and how to improve it."""
         return Text(f"the log tells {within(self.mass)}; {MORE_RAMPS}")
 
     @property
@@ -386,10 +386,10 @@ class Identified(Result):
 
     @property
     def mass(self) -> Estimate:
-        """The mass that a machine file gets, of the closed loop if it was fitted.
+        """The mass for a machine file: that of the closed loop if it was fitted, else that of the inverse dynamics.
 
-        Its error holds half of the distance to the mass of the inverse dynamics: what both models lack, as the spring
-        of an axis that bends, moves them apart.
+        Its error includes half of the difference between the two masses, since effects that both models lack, such as
+        the elasticity of the axis, change them differently.
         """
         fitted = () if self.refinement is None else self.refinement.estimates
         rigid = self.rigid["mass"]
@@ -408,7 +408,7 @@ class Identified(Result):
 
 
 def within(mass: Estimate) -> Text:
-    """Return within what a mass is known, as the rest of a sentence on the log that tells it."""
+    """Return the uncertainty of a mass as the end of a sentence: `the mass to +-3 % only, from ... to ... at 95 %`."""
     share = Quantity(NORMAL * mass.error / mass.value, "share")
     low, high = (Quantity(limit, mass.unit) for limit in mass.interval)
     return Text(f"the mass to +-{share:2} only, from {low:3} to {high:3} at 95 %")
@@ -431,10 +431,10 @@ def identify_motion(
     law        the law of this loop, if `start` is not given; None: it is identified
     friction   "best", "symmetric" or "directional"
     lead, gear for a log in shaft units: lead in m and gear ratio, with which the result is referred to the table
-    motor      readings of the motor's encoder if the position is that of the load: the law is searched in them first,
-               since most drives read that one
+    motor      readings of the motor encoder if the position is that of the load: the law is first identified from them,
+               since most drives control the motor position
 
-    A step that fails results in a remark instead of an error; only the rigid drive must be identifiable.
+    If a step fails, a remark is added and no error is raised; only the rigid drive must be identifiable.
     Raises NotIdentifiableError with what to measure next, LogError for an unusable log.
     """
     whole, remarks = checked(log), list[str]()
@@ -500,7 +500,7 @@ def identify_motion(
 
 
 def _law_of(log: MotionLog, motor: np.ndarray | None, remarks: list[str]) -> tuple[ControlFit | None, MotionLog]:
-    """Return the law, and the log with the readings that it had: those of the motor if they explain the force."""
+    """Return the law, and the log with the readings it uses: those of the motor encoder if they explain the force."""
     if motor is not None:
         read = replace(log, position=motor)
         found = _attempted(lambda: identify_control(read), [])
@@ -513,10 +513,10 @@ def _law_of(log: MotionLog, motor: np.ndarray | None, remarks: list[str]) -> tup
 def _as_blocks(
     log: MotionLog, found: ControlFit, blocks: Control, remarks: list[str]
 ) -> tuple[Control | None, LawCheck | None]:
-    """Return the blocks that make the force of a law found in the log, with their check; None if none make it.
+    """Return the blocks that reproduce the force of an identified law, and their check; None for both if they do not.
 
-    The search has judged the law by its own equations, and the check cannot refuse it.  It shows whether the blocks of
-    the library, which represent some laws only approximately, make the same force, with the same gains or with others.
+    The law itself has already been validated by its own equations.  The check shows whether the blocks of the library,
+    which represent some laws only approximately, produce the same force, with the same gains or with other ones.
     """
     check = _attempted(lambda: control_law.check_law(blocks, log, place=_PLACE), [])
     if check is None or not check.wrong:
@@ -572,7 +572,7 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, stated: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return loop and output-error fit, with the friction model of a machine file unless plain friction is better."""
+    """Return loop and output-error fit, with the friction model of the machine file unless plain friction is better."""
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
     if fit is None:
         return loop, None
@@ -585,7 +585,7 @@ def _refined(
 
 
 def _not_alone(check: LawCheck) -> str:
-    """Return the remark that the logged force is not the command of the stated law alone."""
+    """Return a remark that the logged force is not the command of the stated law alone."""
     if check.added:
         return Text(
             f"a force was added to the command of the law in {Quantity(check.added, 'share'):3} of the log (RMS "
@@ -682,7 +682,7 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
-    """Return the caller's preparation with this dead time added, in samples; without one it is fitted (None)."""
+    """Return the caller's preparation with a dead time in samples added; None without one, so that it is fitted."""
     return None if how is None else replace(how, delay=how.delay + dead_time)
 
 

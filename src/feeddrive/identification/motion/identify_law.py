@@ -1,4 +1,4 @@
-"""The control law of a log: the structure that commanded its force, with gains, errors and what one log cannot tell."""
+"""Identification of the control law of a log: its structure, its gains with errors, and the ambiguities of one log."""
 
 from __future__ import annotations
 
@@ -60,28 +60,28 @@ class LawReading:
 
     @property
     def doubt(self) -> float:
-        """The largest relative error of its gains Kp, or P and D.
+        """The largest relative error of the gain Kp, or of P and D.
 
-        Not that of Kv, whose error has no bound where Kv and 1/Tn are alike: only their sum and product are told.
+        Kv is not included: if Kv and 1/Tn are nearly equal, the log determines only their sum and product, and the
+        error of Kv is unbounded.
         """
         return max(e.error / abs(e.value) for e in self.estimates if e.name in ("Kp", "P", "D"))
 
     def value(self, name: str, default: float = 0.0) -> float:
-        """Return a gain, or `default` if this law has none of that name."""
+        """Return a gain, or `default` if this law has no gain of that name."""
         return next((estimate.value for estimate in self.estimates if estimate.name == name), default)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ControlFit(Result):
-    """The control law of a log: the law that ran, and others that the log cannot tell from it.
+    """The control law identified from a log, and other laws that the log cannot distinguish from it.
 
-    readings   laws that explain the log equally well, the first one is used; Kv and 1/Tn may change places
+    readings   laws that explain the log equally well; the first one is used. Kv and 1/Tn may be interchanged
     residual   RMS of the force that the law does not explain, relative to the RMS of the force
-    free       the same of a free linear law, which is the noise of the log
-    near       True if the free law explains clearly more: a filter or another part of the law was not found
-    added      first autocorrelation that the law adds to the residual of the free law
-    instruments  True if the gains were found by instruments, since the log holds other readings than the law had
-    remarks    what the blocks of the library represent only approximately
+    free       relative RMS residual of a free linear law, which is the noise of the log
+    near       True if the free law explains clearly more, so that a filter or another part of the law was not found
+    instruments  True if the gains were estimated with instruments, since the log lacks the readings used by the law
+    remarks    remarks on parts that the blocks of the library represent only approximately
     tried      (velocity samples, delay) -> residual of the superset of all structures
     """
 
@@ -139,23 +139,25 @@ class ControlFit(Result):
 
 
 def identify_control(log: MotionLog) -> ControlFit:
-    """Identify the control law that commanded the force of a log, from its set positions and readings.
+    """Identify the control law that commanded the force in a log, from its set positions and readings.
 
         cascade   u = Kp (Kv e + ff v_set - v) (1 + S/Tn) (+ mass a_set + friction sgn v_set)
         PID       u = P e + I S e + D (v_set - v) + FF1 v_set + FF2 a_set (+ friction sgn v_set)
 
     S is the sum over time; v is differenced over n samples, and all signals are d samples old. The integral of a
-    cascade may compare with a reference model, and a low pass of first order may follow the law. No plant is involved.
+    cascade may act on the difference from a reference model, and a first-order low pass may follow the law. No plant is
+    involved.
 
-    A law computes its command from the readings that it has. If the log holds these, all errors are in the force, and
-    least squares is exact for any resolution. One constant for each stretch between two limits takes the initial
-    integral and any anti-windup. All n from 1 to 8 and d from 0 to 3 are scanned with the superset of all structures.
-    A structure counts as the law if its residual differs from that of a free linear law (13 readings, 9 set positions,
+    If the log contains the readings used by the law, all errors are in the force, and least squares is exact for any
+    resolution. One constant for each stretch between two saturations absorbs the initial value of the integral and the
+    effect of any anti-windup. All n from 1 to 8 and d from 0 to 3 are scanned with the superset of all structures. A
+    structure is accepted as the law if its residual exceeds that of a free linear law (13 readings, 9 set positions,
     both sums) by chance only, and no nonlinear function of the signals explains more. A rounded set position is first
-    restored by the smoothest path within its rounding. If the log holds other readings than the law had, such as those
-    of the load's encoder, the gains are found by instruments: functions of the set motion.
+    replaced by the smoothest path within the rounding errors. If the law used other readings than those in the log,
+    such as those of the motor encoder, the gains are estimated with instruments, which are functions of the set motion.
 
-    Raises NotIdentifiableError with the share that a free law explains if no structure is the law.
+    Raises NotIdentifiableError, stating the fraction of the force that a free law explains, if no structure is
+    accepted.
     """
     if log.set_position is None:
         raise NotIdentifiableError(
@@ -193,7 +195,7 @@ def identify_control(log: MotionLog) -> ControlFit:
 
 
 def _searched(log: MotionLog, signals: Signals) -> Search | None:
-    """Return the search with the set position restored if it was rounded, or as it is."""
+    """Return the search; a rounded set position is tried both smoothed and as logged."""
     count = count_of(signals.wanted)
     if count <= _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
         return law_search.search([signals], log.force_limit)
@@ -204,10 +206,10 @@ def _searched(log: MotionLog, signals: Signals) -> Search | None:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """What a search shows: the law, a law near to it, or none.
+    """The verdict of a search: the law was found, a law close to it, or none.
 
-    bent    nonlinear functions of the signals explain what is left
-    silent  even a free law of the signals leaves more than `MOST_NOISE` of the force
+    bent    True if nonlinear functions of the signals explain part of the residual
+    silent  True if even a free linear law leaves more than `MOST_NOISE` of the force unexplained
     """
 
     law: bool
@@ -241,10 +243,10 @@ def _judged(found: Search) -> _Verdict:
 
 
 def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
-    """Return True if a cascade that was found by instruments is the law, and the log holds other readings than it had.
+    """Return True if a cascade found with instruments is the law, which used other readings than those in the log.
 
-    Other readings show by their noise, which a difference makes blue, or by the twist between motor and load. A filter
-    in the law may look like a twist, but with samples of lag.
+    Other readings are revealed by their noise, which becomes blue when differenced, or by the twist between motor and
+    load. A filter in the law may resemble a twist, but adds several samples of lag.
     """
     values = found.fitted.values
     covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
@@ -255,7 +257,7 @@ def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
-    """Return the laws that explain the log as well as the best one."""
+    """Return the result with all laws that explain the log as well as the best one."""
     best = found.best
     # a law with one more gain that is 0 within its error is the same law
     alike = [
@@ -328,7 +330,7 @@ def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> C
 
 
 def _near(reading: LawReading, one: Fitted | Scored) -> bool:
-    """Return True if a fit has the same 1/Tn as a reading, within a third, or neither has one."""
+    """Return True if the 1/Tn of a fit and of a law agree to within a third, or if neither has one."""
     one = one.fitted if isinstance(one, Scored) else one
     if reading.structure.curved != one.structure.curved:
         return False
@@ -337,7 +339,7 @@ def _near(reading: LawReading, one: Fitted | Scored) -> bool:
 
 
 def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -> np.ndarray:
-    """Return the covariance of a fit by instruments, with the scatter among likely fits of other samples."""
+    """Return the covariance of a fit with instruments, including the scatter among likely fits with other n and d."""
     covariance = law_search.covariance_by(rows, by_motion.instruments, one)
     near = [
         (other, price)
@@ -362,7 +364,7 @@ def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -
 
 
 def _reading(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> LawReading:
-    """Return the law of a structure with its gains."""
+    """Return the law of a fitted structure, with its gains and their errors."""
     rows = _rows(found, one)
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
@@ -374,7 +376,7 @@ def _reading(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]
 
 
 def _rows(found: Search, one: Scored) -> LawRows:
-    """Return the rows with the directions of the set motion as a fit smooths them."""
+    """Return the rows with the direction of the set motion smoothed as in a fit."""
     return found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
 
 
@@ -394,9 +396,9 @@ def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarr
 
 
 def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
-    """Return the covariance of the coefficients among structures that differ in whole samples alone.
+    """Return the covariance of the coefficients among structures that differ only in numbers of samples.
 
-    Their dead times and differences are known only as far as the log tells them apart; each is weighed by its odds.
+    The log may not determine these numbers exactly; each structure is weighted by its likelihood.
     """
     same = [
         other
@@ -420,7 +422,7 @@ def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
 
 
 def _cascade_reading(frame: Frame, fitted: Fitted, covariance: np.ndarray, T: float) -> LawReading:
-    """Return the gains of a cascade with errors by the delta method."""
+    """Return the gains of a cascade, with errors by the delta method."""
     structure, size = fitted.structure, covariance.shape[0]
     gains, values = structure.gains, fitted.values
     a, c = gains.index("Kp Kv"), gains.index("Kp")
@@ -497,7 +499,11 @@ def _estimates(
 
 
 def _unusual(reading: LawReading) -> tuple[bool, bool]:
-    """Return an order of readings: an older target is LinuxCNC's pid; else a cascade, the slower loop outside."""
+    """Return a sort key that puts the more usual of equally good laws first.
+
+    Usual are a PID if the setpoint is older than the reading or velocity feedforward is free, otherwise a cascade, and
+    a cascade whose position loop is the slower one.
+    """
     pid = reading.structure.family == PID
     plain = pid != (reading.structure.older > 0 or reading.structure.forward == "free")
     swapped = not pid and reading.structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
@@ -555,7 +561,7 @@ def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residu
 
 
 def _control(reading: LawReading, smoothing: float, T: float, turning: bool, force_limit: float | None) -> Control:
-    """Return the law with its feedforward and filter as blocks."""
+    """Return the law, its feedforward and its filter as blocks."""
     structure = reading.structure
     feedforward = list[Feedforward]()
     mass, Kp = reading.value("mass"), reading.value("Kp")

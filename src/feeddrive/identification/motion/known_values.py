@@ -1,4 +1,4 @@
-"""Known values against those of a log: a weighed mass, a programmed feed, and the gains of the law that ran."""
+"""Comparison of a log with known values: a weighed mass, a programmed feed, and the gains of the controller."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ _QUANTILE = 0.98  # of the moving rows: the top speed is that of a log with one 
 def against_known(
     found: Identified, mass: float | None = None, feed: float | None = None, sample_time: float | None = None
 ) -> tuple[list[Text], list[Text]]:
-    """Return what known values say against clock and scales of a log, and remarks on those that confirm them.
+    """Return contradictions between known values and the clock or scales of a log, and remarks on confirmed values.
 
-    mass         kg (kg m2 of an axis that turns), as weighed
-    feed         m/s (rad/s), the speed that the motion was programmed to reach
-    sample_time  s, of the machine file
+    mass         weighed mass, kg; for a rotary axis the inertia, kg m2
+    feed         programmed speed of the motion, m/s or rad/s
+    sample_time  sample time in the machine file, s
 
-    The gains of a stated law are a second source, too: those that a log needs follow a wrong clock in a pattern.
+    The gains of a stated law are a second source, too: a wrong clock changes the gains required by the log in a known
+    pattern.
     """
     log = found.log
     ratios: dict[str, tuple[Ratio | None, Text]] = {}
@@ -58,7 +59,7 @@ def against_known(
 
 
 def _by_clock(log: MotionLog, sample_time: float | None) -> list[Text]:
-    """Return what the sample time of a machine file says against that of the log, which may hold every n-th sample."""
+    """Return a contradiction between the sample times of machine file and log, which may omit rows."""
     if sample_time is None:
         return []
     times = log.sample_time / sample_time
@@ -74,7 +75,7 @@ def _by_clock(log: MotionLog, sample_time: float | None) -> list[Text]:
 
 
 def _by_values(log: MotionLog, ratios: dict[str, tuple[Ratio | None, Text]]) -> list[Text]:
-    """Return what explains all known values at once, or else each of them alone."""
+    """Return the causes that explain all known values together or, if there are none, each value separately."""
     whole = list(ratios.values())
     groups = [whole] if causes_of(ratio for ratio, _ in whole) else [[one] for one in whole]
     texts: list[Text] = []
@@ -87,9 +88,9 @@ def _by_values(log: MotionLog, ratios: dict[str, tuple[Ratio | None, Text]]) -> 
 
 
 def top_speed(log: MotionLog) -> float | None:
-    """Return the largest speed that is held, m/s or rad/s; None if none is held.
+    """Return the largest speed that is kept constant for some time, m/s or rad/s; None if there is none.
 
-    It is that of the set position if there is one, which does not overshoot.
+    The speed is computed from the set position if there is one, since it does not overshoot.
     """
     position = log.position if log.set_position is None else log.set_position
     half = max(1, round(_WINDOW / log.sample_time))
@@ -106,7 +107,7 @@ def top_speed(log: MotionLog) -> float | None:
 
 
 def _by_gains(found: Identified) -> list[Text]:
-    """Return what the gains of a stated law say against the clock: at least two must follow its pattern."""
+    """Return the evidence of a stated law's gains against the clock: at least two gains must follow its pattern."""
     check, loop = found.law, found.loop
     if check is None or loop is None or found.control is not None:
         return []

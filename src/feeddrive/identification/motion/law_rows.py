@@ -1,4 +1,4 @@
-"""The signals of a log from which a control law computes its command, as columns of a least-squares problem."""
+"""The signals from which a control law computes its command, as columns of a least-squares problem."""
 
 from __future__ import annotations
 
@@ -46,9 +46,10 @@ class Term(NamedTuple):
 
 
 class Twist(NamedTuple):
-    """The motor, which the law reads, is ahead of the logged load by compliance (a - loss da/dt), a of the load.
+    """The lead of the motor read by the law over the logged load, compliance (a - loss da/dt), a the load acceleration.
 
-    compliance  m_load/k, s2;   loss  damping over stiffness d/k, s
+    compliance  m_load/k, s2
+    loss        damping over stiffness, d/k, s
     """
 
     compliance: float = 0.0
@@ -63,8 +64,8 @@ class Basis:
 
         e = x_set - x,   Se = T Σ e,   dx(j) = x(k-j) - x(k-j-1),   ds(j) = x_set(k-j) - x_set(k-j-1)
 
-    Differences instead of positions keep the digits: an acceleration T² is a millionth of the travel.
-    A regressor is d samples old as the reading is; its setpoint is q samples older still.
+    Differences instead of positions avoid a loss of digits: an acceleration times T² is about a millionth of the
+    travel. The reading in a regressor is d samples old, its setpoint d + q samples.
     """
 
     def __init__(self, T: float) -> None:
@@ -83,11 +84,11 @@ class Basis:
 
     @property
     def motion(self) -> np.ndarray:
-        """The places of the columns without the directions of the set motion."""
+        """The indices of the columns that do not depend on the direction of the set motion."""
         return np.array([k for k, name in enumerate(self.names) if not name.startswith(("sign", "moves"))])
 
     def zero(self) -> Term:
-        """Return the regressor 0."""
+        """Return the zero regressor."""
         return Term(np.zeros(self.size))
 
     def one(self, name: str) -> Term:
@@ -97,7 +98,7 @@ class Basis:
         return Term(on)
 
     def many(self, kind: str, begin: int, end: int) -> Term:
-        """Return the sum of the changes `begin` to `end` - 1 of reading (dx) or set position (ds)."""
+        """Return the sum of the changes `begin` to `end` - 1 of the reading ("dx") or the set position ("ds")."""
         on = np.zeros(self.size)
         for j in range(begin, end):
             on[self._place[f"{kind}{j}"]] = 1.0
@@ -134,7 +135,7 @@ class Basis:
         return total
 
     def travel(self, n: int, d: int, twist: Twist = STIFF) -> Term:
-        """Return T Σ of `velocity`, the mean of the last n readings."""
+        """Return T Σ of `velocity`, which is the mean of n readings up to a constant."""
         total = self.reading(d)
         for j in range(n - 1):
             total = total - ((n - 1.0 - j) / n) * self.one(f"dx{d + j}")
@@ -148,16 +149,16 @@ class Basis:
         return total
 
     def _bend(self, d: int) -> Term:
-        """Return the acceleration of the reading."""
+        """Return the acceleration of the reading at k-d."""
         return (1.0 / self.T**2) * (self.one(f"dx{d - 1}") - self.one(f"dx{d}"))
 
     def _ahead(self, d: int, twist: Twist) -> Term:
-        """Return by how much a motor is ahead of its load: h (a - loss da/dt)."""
+        """Return the lead of a motor over its load at k-d: compliance (a - loss da/dt)."""
         rise = (0.5 / self.T) * (self._bend(d - 1) - self._bend(d + 1))
         return twist.compliance * (self._bend(d) - twist.loss * rise)
 
     def set_velocity(self, d: int, *, central: bool) -> Term:
-        """Return the set velocity by a backward or a central difference; the latter is the planner's own velocity."""
+        """Return the set velocity as a backward or a central difference; the latter is the velocity of the planner."""
         if central:
             return (0.5 / self.T) * self.many("ds", d - 1, d + 1)
         return (1.0 / self.T) * self.one(f"ds{d}")
@@ -168,8 +169,8 @@ class Basis:
         return position + 0.5 * self.one(f"ds{d - 1}") if central else position
 
     def set_acceleration(self, d: int, when: str) -> Term:
-        """Return the second difference of the set position that ends at k-d ("backward"), is centered there
-        ("central"), or lies in the middle of the sample that follows ("middle").
+        """Return the second difference of the set position that ends at k-d ("backward"), is centered at k-d
+        ("central"), or is centered in the middle of the following sample interval ("middle").
         """
         if when == "middle":
             return 0.5 * (self.set_acceleration(d - 1, "central") + self.set_acceleration(d, "central"))
@@ -178,9 +179,10 @@ class Basis:
 
 
 class Reduced(NamedTuple):
-    """A least-squares problem reduced to its triangular factor: same solutions and same sums of squares.
+    """A least-squares problem reduced to its triangular factor, with the same solutions and sums of squares.
 
-    factor  (p + 1, p): basis columns;   right  (p + 1,): force
+    factor  basis columns, shape (p + 1, p)
+    right   force, shape (p + 1,)
     """
 
     factor: np.ndarray
@@ -188,11 +190,11 @@ class Reduced(NamedTuple):
 
     @property
     def power(self) -> float:
-        """The sum of squares of the force, without its constant of each stretch."""
+        """The sum of squares of the force, without its mean over each stretch."""
         return float(self.right @ self.right)
 
     def rest(self) -> float:
-        """Return the sum of squares that all basis columns together leave."""
+        """Return the residual sum of squares of a fit of all basis columns."""
         return float(self.right[-1] ** 2)
 
 
@@ -200,14 +202,14 @@ class Reduced(NamedTuple):
 class LawRows:
     """The rows of a log that a control law must explain.
 
-    columns    (rows, basis): the basis columns, each without its mean over a stretch
-    whole      (samples, basis): the basis columns over the whole log, for filters
-    force      (rows,): the force, likewise
-    stretches  first row of each stretch and the number of rows
-    places     (rows,): rows of the log
+    columns  basis columns, each without its mean over a stretch, shape (rows, basis)
+    whole    basis columns over the whole log, for filters, shape (samples, basis)
+    force    force without its mean over a stretch, shape (rows,)
+    starts   first row of each stretch
+    places   sample indices of the rows in the log, shape (rows,)
 
-    One constant for each stretch between two limits takes the unknown start of an integral, a weight, and what any
-    anti-windup did in the meantime: no model of it is needed.
+    The constant of each stretch between two saturations absorbs the unknown initial value of an integral, a weight, and
+    the effect of any anti-windup, which need not be modeled.
     """
 
     basis: Basis
@@ -235,9 +237,9 @@ class LawRows:
         return replace(made, columns=made.centered(made.columns), force=made.centered(made.force))
 
     def fewer(self, most: int) -> LawRows:
-        """Return at most `most` successive rows, those with the largest changes of force, with what precedes them.
+        """Return the block of at most `most` successive rows with the largest changes of force.
 
-        Only these rows pass through filters.
+        Filters then run only over these rows and a short warm-up before them.
         """
         total = self.force.size
         if total <= most:
@@ -259,7 +261,7 @@ class LawRows:
         return replace(made, columns=made.centered(self.columns[chosen]), force=made.centered(made.force))
 
     def signed(self, signals: Signals) -> LawRows:
-        """Return the rows with the directions of the set motion as `signals` smooth them; all else is kept."""
+        """Return the rows with the direction of the set motion smoothed as in `signals`; all else is unchanged."""
         whole, columns = self.whole.copy(), self.columns.copy()
         signs = [k for k, name in enumerate(self.basis.names) if name.startswith(("sign", "moves"))]
         whole[:, signs] = np.stack([signals.direction(self.basis.names[k]) for k in signs], axis=1)
@@ -276,10 +278,10 @@ class LawRows:
         return values - np.repeat(means, lengths, axis=0)
 
     def instruments(self) -> np.ndarray:
-        """Return functions of the set motion that no error of a reading is in, orthonormal, shape (rows, p).
+        """Return orthonormal functions of the set motion, which contain no reading errors, shape (rows, p).
 
-        The motion of a loop follows from the set position, its derivatives, its direction (friction) and their past:
-        low passes of first and second order from 2 to 200 ms, and sums.
+        The motion of a loop depends on the set position, its derivatives, its direction (friction) and their past,
+        which is represented by low passes of first and second order from 2 to 200 ms, and by sums.
         """
         wanted, T = self.raw.wanted, self.raw.T
         v = np.diff(wanted, prepend=wanted[0]) / T
@@ -298,7 +300,7 @@ class LawRows:
         return U[:, s > _DEPENDENT * s[0]]
 
     def reduced(self, rows: slice = slice(None), more: np.ndarray | None = None) -> Reduced:
-        """Return the problem of some rows reduced to its factor; `more` are further columns of the same rows."""
+        """Return the problem of some rows reduced to its triangular factor; `more` are additional columns."""
         columns = self.columns if more is None else np.hstack([self.columns, more])
         return reduced(columns[rows], self.force[rows])
 
@@ -308,7 +310,7 @@ class LawRows:
 
 
 def reduced(columns: np.ndarray, force: np.ndarray) -> Reduced:
-    """Return the triangular factor of a problem, by blocks of rows so that it stays in the cache."""
+    """Return a problem reduced to the triangular factor of its columns and force."""
     both = np.column_stack([columns, force])
     # columns of unit size: a constant one (no motion in one direction) stays 0 and determines nothing
     factor = triangle(both)
@@ -325,9 +327,9 @@ def triangle(columns: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Reading x and set position (m), command (N) and sample time (s) of a log.
+    """The signals of a log: reading x and set position (m), command (N) and sample time (s).
 
-    smoothing  m/s: speed below which the direction of the set motion counts in part; 0 for none
+    smoothing  velocity scale, m/s, over which the sign of the set velocity changes smoothly; 0: abruptly
     """
 
     x: np.ndarray
@@ -363,7 +365,7 @@ class Signals:
         return out
 
     def direction(self, name: str) -> np.ndarray:
-        """Return the basis column of a direction of the set motion (sign) or of its size (moves)."""
+        """Return the basis column of the direction of the set motion (sign) or of its absolute value (moves)."""
         v = np.diff(self.wanted, prepend=self.wanted[0]) / self.T
         sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(np.abs(v) < _still(v), 0.0, v))
         kind = name.rstrip("-0123456789")
@@ -372,8 +374,8 @@ class Signals:
     def free(self, limit: float | None) -> np.ndarray:
         """Return a mask of the samples at which the command is not held at its limit.
 
-        Without a limit that is known, the largest force is one if successive samples hold it: a law commands no two
-        equal peaks.
+        If the limit is unknown, the largest force is assumed to be the limit if successive samples reach it, since a
+        law does not command two equal peaks.
         """
         most = float(np.max(np.abs(self.force))) if limit is None else min(limit, float(np.max(np.abs(self.force))))
         there = np.abs(self.force) >= (1.0 - _HELD) * most
@@ -381,9 +383,10 @@ class Signals:
         return ~widened(held)
 
     def below_plateau(self) -> np.ndarray:
-        """Return a mask of the samples away from the highest plateau of the command, within the noise of the log.
+        """Return a mask of the samples at which the command is below its highest plateau by more than the noise.
 
-        The plateau is that of the median over 15 samples; samples within 4 standard deviations of it are left out.
+        The plateau is the maximum of the running median over 15 samples; samples within 4 standard deviations of it are
+        left out.
         """
         from scipy.ndimage import median_filter  # takes a second to import
 
@@ -399,7 +402,7 @@ def _still(v: np.ndarray) -> float:
 
 
 def widened(flags: np.ndarray, before: int = _BEFORE, after: int = _AFTER) -> np.ndarray:
-    """Return flags that are also true `before` and `after` each true row."""
+    """Return flags that are also True in `before` rows before and `after` rows after each True one."""
     wide = flags.copy()
     for j in range(1, before + 1):
         wide[:-j] |= flags[j:]
@@ -409,7 +412,7 @@ def widened(flags: np.ndarray, before: int = _BEFORE, after: int = _AFTER) -> np
 
 
 def shifted(values: np.ndarray, samples: int) -> np.ndarray:
-    """Return values that are `samples` older (negative: newer), held at the ends."""
+    """Return values delayed by a number of samples (negative: advanced), held at the ends."""
     if samples == 0:
         return values
     out = np.empty_like(values)
@@ -421,7 +424,7 @@ def shifted(values: np.ndarray, samples: int) -> np.ndarray:
 
 
 def filtered(rows: LawRows, coefficients: tuple[np.ndarray, np.ndarray], columns: np.ndarray) -> np.ndarray:
-    """Return whole-log columns (samples, p) after a recursive filter that starts at rest at their first values."""
+    """Return whole-log columns (samples, p), filtered from a steady state at their first values, in the rows."""
     from scipy.signal import lfilter, lfilter_zi  # takes a second to import
 
     b, a = coefficients
@@ -437,10 +440,10 @@ def _low_passed(pole: float, columns: np.ndarray) -> np.ndarray:
 
 
 def steadied(values: np.ndarray, count: float) -> np.ndarray:
-    """Return a rounded set position as it was before: the smoothest within the errors of rounding.
+    """Return an estimate of a set position before rounding: the smoothest one within the rounding errors.
 
-    It minimizes Σ (s - rounded)² + λ Σ (third difference of s)², λ such that the RMS of s - rounded in motion is that
-    of rounding, count/√12.  (Whittaker and Henderson.)
+    It minimizes Σ (s - rounded)² + λ Σ (third difference of s)² with λ such that the RMS of s - rounded in motion is
+    that of rounding errors, count/√12 (Whittaker-Henderson smoothing).
     """
     from scipy.linalg import solveh_banded  # takes a second to import
 
@@ -465,7 +468,7 @@ def steadied(values: np.ndarray, count: float) -> np.ndarray:
 
 
 def halves(rows: LawRows, share: float) -> Iterator[slice]:
-    """Yield the first `share` of the rows and the rest, cut where a stretch begins if one begins nearby."""
+    """Yield the slice of the first `share` of the rows, then that of all other rows."""
     cut = round(share * rows.force.size)
     yield slice(0, cut)
     yield slice(cut, None)

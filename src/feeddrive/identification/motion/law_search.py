@@ -1,4 +1,4 @@
-"""The search for the control law of a log: which structures explain its command, and whether one of them is the law."""
+"""The search for the control law of a log: fits of candidate structures, and tests of the best one."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A fitted structure with its criterion, ln-likelihood ratio to the free law plus the price of its unknowns."""
+    """A fitted structure with its criterion: log-likelihood ratio to the free law plus a parameter penalty."""
 
     fitted: Fitted
     criterion: float
@@ -72,12 +72,13 @@ class Scored:
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """What a free linear law leaves: any gains on 13 past readings, 9 set positions and both sums.
+    """The fit of a free linear law, with any gains on 13 past readings, 9 set positions and both sums.
 
-    ssr        sum of squares that is left;   power: that of the force
-    memory     first autocorrelation of what is left
+    ssr        residual sum of squares
+    power      sum of squares of the force
+    memory     first autocorrelation of the residual
     effective  number of independent rows
-    unknowns   its number of coefficients
+    unknowns   number of coefficients
     """
 
     ssr: float
@@ -93,30 +94,30 @@ class Floor:
 
     @property
     def left(self) -> float:
-        """The RMS that is left, relative to that of the force."""
+        """The RMS residual, relative to the RMS of the force."""
         return math.sqrt(self.ssr / self.power)
 
     def misses(self, scored: Scored) -> bool:
-        """Return True if a structure leaves more than chance lets a law leave beyond the free one."""
+        """Return True if the residual of a structure exceeds that of the free law by more than chance."""
         spare = self.unknowns - scored.structure.parameters
         return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
 
     def wants_more(self, scored: Scored) -> bool:
-        """Return True if a structure misses something, or leaves so much more that further ones are worth a trial."""
+        """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
         return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr
 
     def gain(self, more: float, less: float) -> float:
-        """Return n ln(more / less) of two sums of squares."""
+        """Return n ln(more / less) for two sums of squares and n independent rows."""
         noise = ROUNDING**2 * self.power
         return self.effective * math.log((more + noise) / (less + noise))
 
     def criterion(self, ssr: float, unknowns: int) -> float:
-        """Return n ln(ssr / floor) + p ln n with n independent rows."""
+        """Return n ln(ssr / floor) + p ln n for p unknowns and n independent rows."""
         return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
 
 
 def floor_of(rows: LawRows, part: Reduced) -> Floor:
-    """Return the floor of the rows."""
+    """Return the fit of the free linear law to the rows."""
     rest = rows.force - rows.columns @ _solution(part)
     ssr, n = part.rest(), rows.force.size
     rho = correlation(rest)
@@ -138,11 +139,11 @@ def correlation(rest: np.ndarray) -> float:
 
 
 def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
-    """Return by how much nonlinear functions of the signals explain what a law leaves, as a criterion: > 0 if they do.
+    """Return the evidence that nonlinear functions of the signals explain the residual of a law: > 0 if they do.
 
-    A dead band, a limit inside of the law or friction compensation by the measured velocity leave what no linear law
-    explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)  Dead bands of
-    several widths are tried each alone.
+    A dead band, a limit inside the law, or friction compensation by the measured velocity causes a residual that no
+    linear law explains; if the noise is correlated, only such functions distinguish this residual from noise (Ramsey's
+    RESET test).  Dead bands of several widths are tested separately.
     """
     n, d = found.structure.n, found.structure.d
     few = rows.fewer(_FEWER)
@@ -180,7 +181,7 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """All structures that were fitted to a log, best first, and the floor they are held against."""
+    """All structures fitted to a log, best first, and the free law with which they are compared."""
 
     rows: LawRows
     floor: Floor
@@ -193,11 +194,11 @@ class Search:
         return self.scored[0]
 
     def with_fits(self, more: Iterable[Scored]) -> Search:
-        """Return the search with further fits, best first."""
+        """Return the search with additional fits, best first."""
         return replace(self, scored=tuple(sorted((*self.scored, *more), key=lambda one: one.criterion)))
 
     def residual(self, scored: Scored) -> np.ndarray:
-        """Return what a structure leaves of the force, over the rows."""
+        """Return the residual force of a structure in the rows."""
         found = scored.fitted
         rows = self.rows if scored.signals is self.rows.raw else self.rows.signed(scored.signals)
         columns = law_structures.regressors(found, rows)
@@ -206,10 +207,10 @@ class Search:
 
 
 def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
-    """Return the structures that explain a log, or None if too few rows are away from the limit.
+    """Return the search for the structures that explain a log, or None if too few rows are below the limit.
 
-    `choices` are ways to read the log, likeliest first. Cheap searches of all come first; only if each misses
-    something, models and low passes are tried, on the one that leaves least.
+    `choices` are interpretations of the log, likeliest first. All of them are first searched without models and low
+    passes; only if no fit is good enough, these are tried on the interpretation with the smallest residual.
     """
     found = list[Search]()
     for signals in choices:
@@ -232,7 +233,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
-    """Yield masks of fewer rows: those without strays, and those below a noisy plateau of the command."""
+    """Yield masks of fewer rows: those without outliers, and those below a noisy plateau of the command."""
     # single samples at a limit, where a feedforward spikes, and steps of the set position
     rest = first.residual(first.best)
     spread = median_spread(rest)
@@ -249,7 +250,7 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
 
 
 def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
-    """Return the search over the rows in `keep` without models and low passes, or None for too few rows."""
+    """Return the search over the rows in `keep`, without models and low passes; None if there are too few rows."""
     rows = LawRows.of(signals, keep)
     if rows.force.size < _LEAST_ROWS:
         return None
@@ -271,13 +272,13 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
 
 
 def _deeper(found: Search) -> Search:
-    """Return a search with reference models and low passes."""
+    """Return the search extended by reference models and low passes."""
     found = _with_models(found)
     return _with_low_passes(found) if found.floor.wants_more(found.best) else found
 
 
 def _with_models(found: Search) -> Search:
-    """Return a search with reference models in the integral."""
+    """Return the search extended by reference models in the integral."""
     return found.with_fits(_again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor)))
 
 
@@ -294,13 +295,13 @@ def _with_low_passes(found: Search) -> Search:
 
 
 def _is_loose(scored: Scored) -> bool:
-    """Return True for a PID with velocity feedforward of its own: a cascade with a reference model looks like it."""
+    """Return True for a PID with a free velocity feedforward, which a cascade with a reference model resembles."""
     structure = scored.structure
     return structure.family == PID and structure.forward == "free" and structure.older == 0
 
 
 def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
-    """Return a search with further fits, best first; each step is tried only while the best fit misses something."""
+    """Return the search with additional fits, best first; a step runs only if the best fit is not yet good enough."""
     found = found.with_fits(())
     for tried_next in further:
         if found.floor.wants_more(found.best):
@@ -309,7 +310,7 @@ def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored
 
 
 def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
-    """Yield all structures without a model or a low pass, for one n and d; `feeds`: of friction feedforward."""
+    """Yield all structures without model or low pass for one n and d; `feeds` are the ages of friction feedforward."""
     for older in (0, 1):
         for fed in ("", "backward", "central", "middle"):
             for central in (False, True) if not fed else (False,):
@@ -322,7 +323,7 @@ def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) ->
 
 
 def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
-    """Return the likeliest of fits to fewer rows, fitted to all rows."""
+    """Return the likeliest of some fits to fewer rows, refitted to all rows."""
     found.sort(key=lambda one: one.criterion)
     again = list[Scored]()
     for one in found[:_REFITTED]:
@@ -367,7 +368,7 @@ def _models(rows: LawRows, floor: Floor) -> list[Scored]:
 
 
 def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
-    """Return fits with a low pass of the command, for the likeliest structures; `friction`: with its feedforward."""
+    """Return fits with a low pass of the command for the likeliest structures, optionally with friction feedforward."""
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
     own = np.arange(rows.basis.size) if friction else rows.basis.motion
@@ -412,12 +413,12 @@ def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
 
 @dataclass(frozen=True, eq=False)
 class Instrumented:
-    """A cascade fitted by instruments, for a log whose readings are not those of the law.
+    """A cascade fitted with instruments, for a log whose readings are not those used by the law.
 
-    ratio   sum of squares that is left in the space of the instruments, over that of chance
-    gain    criterion of the best fit without a twist between motor and load, less that of this one
-    likely  this and other fits with their criteria, best first
-    instruments  (rows, p): their orthonormal columns
+    ratio   residual sum of squares in the space of the instruments, relative to its expected value
+    gain    criterion of the best fit without a twist between motor and load, minus that of this fit
+    likely  this and other likely fits with their criteria, best first
+    instruments  orthonormal instruments, shape (rows, p)
     """
 
     fitted: Fitted
@@ -428,14 +429,14 @@ class Instrumented:
 
     @property
     def sound(self) -> bool:
-        """True if no more than chance is left, by a law that is not so late that it may have a low pass."""
+        """True if the residual is due to chance, and the delay of the law is too short to be caused by a low pass."""
         return self.ratio < RATIO and self.fitted.structure.late <= MOST_LAG
 
 
 def instrumented(rows: LawRows) -> Instrumented | None:
-    """Return the likeliest cascade by instruments, or None.
+    """Return the likeliest cascade fitted with instruments, or None.
 
-    Errors of readings enter the columns and bias least squares; functions of the set motion do not hold them.
+    Reading errors in the columns bias least squares; functions of the set motion do not contain them.
     """
     problems = _ByMotion(rows)
     plain = _instrumented(problems, problems.scan(None))
@@ -451,14 +452,14 @@ def instrumented(rows: LawRows) -> Instrumented | None:
 
 
 class _ByMotion:
-    """The problems of cascades in the space of the instruments."""
+    """The least-squares problems of cascades, projected onto the instruments."""
 
     def __init__(self, rows: LawRows) -> None:
         self.rows, self.Z = rows, rows.instruments()
         self._parts = dict[float | None, Reduced]()
 
     def part(self, lag: Lag | None) -> Reduced:
-        """Return the reduced problem of all columns after a low pass."""
+        """Return the reduced problem of all columns after a low pass, or unfiltered if `lag` is None."""
         pole = None if lag is None else lag.pole
         if pole not in self._parts:
             on = self.Z.T @ np.column_stack([law_structures.with_drag(self.rows, lag), self.rows.force])
@@ -466,12 +467,12 @@ class _ByMotion:
         return self._parts[pole]
 
     def minima(self, structures: Iterable[Structure]) -> list[Fitted]:
-        """Return all fits of structures with one low pass."""
+        """Return all fits of structures with the same low pass."""
         tried = list(structures)
         return law_structures.minima(tried, self.rows.basis, self.part(tried[0].lag)) if tried else []
 
     def scan(self, lag: Lag | None) -> list[Fitted]:
-        """Return fits of the widest cascade for samples, delays and twists, the smallest residual first."""
+        """Return fits of the most general cascade for several n, d and twists, the smallest residual first."""
         bends = (0.0, *map(float, _BENDS if lag is None else _BENDS[::2]))
         found = self.minima(
             Structure(
@@ -484,14 +485,14 @@ class _ByMotion:
         return sorted(found, key=lambda one: one.ssr)
 
     def twisted(self, one: Fitted) -> Fitted:
-        """Return a fit at its own minimum over the twist."""
+        """Return a fit with the compliance that minimizes its residual."""
         compliance = one.structure.twist.compliance
         if compliance == 0.0:
             return one
         return _profile(self.rows, self._along(one, _twisted), compliance * _AROUND**2) or one
 
     def refined(self, one: Fitted) -> Fitted:
-        """Return a fit at its own minimum over twist, loss and corner, each in turn."""
+        """Return a fit with the residual minimized over compliance, loss and corner, one after the other."""
         if one.structure.twist.compliance == 0.0:
             return one
         for _ in range(_TURNS):
@@ -513,7 +514,7 @@ class _ByMotion:
 
 
 def _damped(compliance: float) -> Twist:
-    """Return a twist with the usual damping: d/k = 2 ζ / ω, ω = 1/√compliance."""
+    """Return a twist with a usual damping ratio ζ: d/k = 2 ζ / ω, ω = 1/√compliance."""
     return Twist(compliance, 2.0 * _USUAL_DAMPING * math.sqrt(compliance))
 
 
@@ -531,7 +532,7 @@ def _passed(structure: Structure, share: float) -> Structure:
 
 
 def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | None:
-    """Return the likeliest cascade with the twist and the low pass of the best fit of a scan."""
+    """Return the likeliest cascade, given the twist and the low pass of the best fit in a scan."""
     if not scan:
         return None
     rows, spare = problems.rows, problems.Z.shape[1]
@@ -579,7 +580,7 @@ def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | Non
 
 
 def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
-    """Return the covariance of gains, 1/Tn, compliance and pole that were found by instruments."""
+    """Return the covariance of the gains, 1/Tn, compliance and pole of a fit with instruments."""
     columns, size = law_structures.regressors(top, rows), top.values.size
     rest = rows.force - columns[:, :size] @ top.values
     twist = top.structure.twist
@@ -598,7 +599,7 @@ def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
 
 
 def _slow_noise(rows: LawRows, top: Fitted) -> float:
-    """Return the variance per row of the slow part of what the likeliest structure leaves."""
+    """Return the variance per row of the low-frequency part of a structure's residual."""
     rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
     length = max(1, round(_SLOW / rows.raw.T))
     blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)
@@ -618,7 +619,7 @@ def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted
 
 
 def _variants(structure: Structure) -> Iterator[Structure]:
-    """Yield a cascade with all feedforwards, with and without an integral."""
+    """Yield a cascade with all combinations of feedforward, with and without an integral."""
     for friction in dict.fromkeys((None, structure.friction)):
         for fed in ("", "backward", "central", "middle"):
             for forward in law_structures.FORWARD:
@@ -627,7 +628,7 @@ def _variants(structure: Structure) -> Iterator[Structure]:
 
 
 def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
-    """Return the structures with an integral of a reading with another zero than the logged one."""
+    """Return fits of the structures whose integral refers to a zero position other than that of the logged reading."""
     tried = (
         replace(structure, shifted=True)
         for structure in structures(best.structure.n, best.structure.d)
@@ -641,7 +642,9 @@ def _shifted(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
 
 
 def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
-    """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
+    """Return fits of the best structure with smoothed signs, and with one level per direction, in its friction
+    feedforward.
+    """
     if best.structure.friction is None:
         return []
     fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
@@ -683,13 +686,13 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
 
 
 def _likely(floor: Floor, tried: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
-    """Return the pairs of n and d that may win: others leave clearly more."""
+    """Return the pairs of n and d that may be the best; the residual of all others is clearly larger."""
     least = next(iter(tried.values()))
     return [pair for pair, left in list(tried.items())[:_KEPT] if floor.gain(left, least) < _HOPELESS]
 
 
 def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tuple[int, int], float]:
-    """Return what the superset of all structures leaves for each n and d, the smallest first."""
+    """Return the residual sum of squares of the superset of all structures for each n and d, the smallest first."""
     left = {
         (n, d): law_structures.left_by(part, law_structures.wide(rows.basis, n, d, friction=friction))
         for n in range(1, MOST_SAMPLES + 1)
@@ -699,7 +702,7 @@ def _scanned(rows: LawRows, part: Reduced, *, friction: bool = True) -> dict[tup
 
 
 def _profile(rows: LawRows, at: Callable[[float], Fitted | None], grid: np.ndarray) -> Fitted | None:
-    """Return the best fit over one more unknown: on a grid first, then by Brent's method about the best value."""
+    """Return the best fit over one additional parameter, on a grid and then by Brent's method around the best value."""
     from scipy.optimize import minimize_scalar  # takes a second to import
 
     found, power = dict[float, Fitted](), float(rows.force @ rows.force)
@@ -726,7 +729,7 @@ def _orthogonal(rows: LawRows) -> tuple[np.ndarray, Reduced]:
 
 
 def _extended(part: Reduced, Q: np.ndarray, more: np.ndarray) -> Reduced:
-    """Return a reduced problem with further columns behind its own."""
+    """Return a reduced problem with additional columns appended."""
     on = Q.T @ more
     outside = triangle(more - Q @ on)
     size = part.factor.shape[0]

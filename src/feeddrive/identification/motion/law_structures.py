@@ -1,4 +1,4 @@
-"""Structures of control laws: their regressors, and their least-squares fit to the command of a log."""
+"""Structures of control laws: their regressors, and their least-squares fit to the command in a log."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class Lag(NamedTuple):
 
 
 class Model(NamedTuple):
-    """A reference model in the integral: r = T Kp / model_mass, and its dead time in samples.
+    """A reference model in the integral: its rate r = T Kp / model_mass, and its dead time in samples.
 
-    inside  True if the dead time is in the loop of the model, as in `CascadePPI`; False if it precedes a lag of first
-            order
+    inside  True if the dead time is inside the loop of the model, as in `CascadePPI`; False if it precedes a
+            first-order lag
     """
 
     rate: float
@@ -70,20 +70,20 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True)
 class Structure:
-    """A control law but for its gains.
+    """The structure of a control law, without the values of its gains.
 
-    family    a cascade of position and velocity loop, or one PID
-    integral  the cascade's velocity loop has an integral
-    n, d      samples over which the velocity is differenced, and samples between reading and command
+    family    "cascade", of a position and a velocity loop, or "pid"
+    integral  True if the velocity loop of the cascade, or the PID, has an integral
+    n, d      number of samples over which the velocity is differenced, and from the reading to the command
     older     samples by which the setpoint is older than the reading
-    central   the set velocity is the planner's own, not a backward difference
-    forward   velocity feedforward: of a cascade free, one or none; of a PID free (FF1) or none
+    central   True if the set velocity is that of the planner, not a backward difference
+    forward   velocity feedforward: "free", "one" or "none" for a cascade, "free" (FF1) or "none" for a PID
     fed       when the set acceleration is taken that is fed forward; empty for none
     friction  samples by which the direction of the set motion is older that friction feedforward uses; None for none
     twist     the law read a motor that is ahead of the logged load
-    drag      friction of the load twists the axis, so that the motor is ahead by a constant in the direction of motion
-    shifted   the zero of the logged reading is not that of the law: its integral then rises by a straight line
-    sides     friction feedforward has a level for each direction
+    drag      True if load friction twists the axis, so that the motor leads by a constant in the direction of motion
+    shifted   True if the zero of the logged reading is not that of the law, whose integral then contains a ramp
+    sides     True if friction feedforward has a separate level for each direction
     """
 
     family: str
@@ -123,12 +123,12 @@ class Structure:
 
     @property
     def late(self) -> float:
-        """Samples from the motion to the command that answers it, but for a low pass."""
+        """The delay from the motion to the resulting command in samples, without that of a low pass."""
         return 0.5 * (self.n - 1) + self.d
 
     @property
     def parameters(self) -> int:
-        """The number of unknowns; discrete choices do not count."""
+        """The number of unknowns, without discrete choices."""
         return (
             len(self.gains)
             + self.curved
@@ -139,7 +139,7 @@ class Structure:
         )
 
     def terms(self, basis: Basis) -> tuple[list[Term], list[Term]]:
-        """Return the regressors A and B of the gains: the columns are A + B/Tn."""
+        """Return the regressors A and B of the gains; the columns are A + B/Tn."""
         if self.lag is None or self.lag.old == 0.0:
             return self._terms(basis, self.d)
         pairs = zip(self._terms(basis, self.d), self._terms(basis, self.d + 1), strict=True)
@@ -185,8 +185,8 @@ class Fitted:
     """A structure with the gains that a log requires.
 
     values  the linear coefficients, in the order of `Structure.gains`
-    rate    1/Tn, 1/s; 0 without
-    ssr     sum of squares of the force that is left
+    rate    1/Tn, 1/s; 0 for a structure without Tn
+    ssr     residual sum of squares of the force
     """
 
     structure: Structure
@@ -199,7 +199,7 @@ class Fitted:
 
     @property
     def sensible(self) -> bool:
-        """True if the law acts against the error, and its friction feedforward against friction."""
+        """True if the signs of the gains are plausible: the law counteracts the error, its feedforward friction."""
         kind = self.structure
         if kind.friction is not None and self["friction"] < 0.0:
             return False
@@ -237,9 +237,9 @@ def problem(structure: Structure, basis: Basis, part: Reduced) -> Problem:
 
 
 def fits(structures: Sequence[Structure], tasks: Sequence[Problem]) -> list[Fitted]:
-    """Return the fits of structures: one for each local minimum over 1/Tn, as Kv and 1/Tn may change places.
+    """Return the fits of structures, one for each local minimum over 1/Tn, since Kv and 1/Tn may be interchanged.
 
-    All problems have equally many rows. Those with equally many gains are solved at once.
+    All problems have the same number of rows. Those with the same number of gains are solved together.
     """
     found = list[tuple[int, Fitted]]()
     alike = dict[tuple[bool, int], list[int]]()
@@ -260,7 +260,7 @@ def fits(structures: Sequence[Structure], tasks: Sequence[Problem]) -> list[Fitt
 
 
 def _stacked(tasks: Sequence[Problem]) -> Problem:
-    """Return problems of one size as one, with one more axis in front, and with no more rows than unknowns need."""
+    """Return problems of equal size stacked along a new first axis, and reduced to as few rows as possible."""
     A, B, y = (np.stack(parts) for parts in zip(*tasks, strict=True))
     p = A.shape[2]
     if A.shape[1] <= 2 * p + 1:
@@ -270,7 +270,7 @@ def _stacked(tasks: Sequence[Problem]) -> Problem:
 
 
 def _columns(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the columns of unit size at each 1/Tn of the problems `which`, their sizes, and the force."""
+    """Return the columns of the problems `which` at one 1/Tn each, scaled to unit norm, their norms, and the force."""
     C = stack.A[which] + rates[:, None, None] * stack.B[which]
     sizes = np.linalg.norm(C, axis=1)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
@@ -278,7 +278,7 @@ def _columns(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.n
 
 
 def _lefts(stack: Problem, which: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Return the sum of squares that is left of the problems `which` (k,) with the best gains, for 1/Tn (k, m)."""
+    """Return the residual sums of squares of the problems `which` (k,) with the best gains, for 1/Tn (k, m)."""
     p = stack.A.shape[2]
     both = np.empty((*rates.shape, stack.A.shape[1], p + 1))
     both[..., :p] = stack.A[which][:, None] + rates[..., None, None] * stack.B[which][:, None]
@@ -289,7 +289,7 @@ def _lefts(stack: Problem, which: np.ndarray, rates: np.ndarray) -> np.ndarray:
 
 
 def _gains(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gains of the problems `which` (k,) at one 1/Tn each, (k, p), and the sums of squares left, (k,)."""
+    """Return the gains (k, p) and the residual sums of squares (k,) of the problems `which` (k,) at one 1/Tn each."""
     C, sizes, y = _columns(stack, which, rates)
     scaled = (np.linalg.pinv(C, rcond=1e-13) @ y[..., None])[..., 0]
     rest = y - (C @ scaled[..., None])[..., 0]
@@ -297,9 +297,9 @@ def _gains(stack: Problem, which: np.ndarray, rates: np.ndarray) -> tuple[np.nda
 
 
 def _minima(stack: Problem, damping: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return all local minima over 1/Tn: the places of their problems, ascending, and 1/Tn.
+    """Return all local minima over 1/Tn: the indices of their problems, ascending, and 1/Tn.
 
-    `damping`: the place of the gain Kp in each problem.
+    `damping` is the index of the gain Kp in each problem.
     """
     left = _lefts(stack, np.arange(len(damping)), np.tile(_GRID, (len(damping), 1)))
     # a minimum at an end of the range is a law without an integral, or with nothing else
@@ -326,7 +326,7 @@ def _minima(stack: Problem, damping: Sequence[int]) -> tuple[np.ndarray, np.ndar
 
 
 def _lowest(stack: Problem, which: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the 1/Tn (k,) that leave least of the problems `which`, between two logarithms each."""
+    """Return the 1/Tn (k,) of smallest residual of the problems `which`, searched for from ln(1/Tn) `low` to `high`."""
     rates, every = np.exp(0.5 * (low + high)), np.arange(which.size)
     for _ in range(_ROUNDS if which.size else 0):
         # `np.linspace` along an axis, which takes half as long as the fits themselves
@@ -344,13 +344,13 @@ def fit(structure: Structure, basis: Basis, part: Reduced) -> Fitted | None:
 
 
 def minima(structures: Iterable[Structure], basis: Basis, part: Reduced) -> list[Fitted]:
-    """Return all sensible fits of structures: where Kv and 1/Tn may change places, there are two."""
+    """Return all sensible fits of structures; there are two if Kv and 1/Tn can be interchanged."""
     tried = list(structures)
     return [one for one in fits(tried, [problem(one, basis, part) for one in tried]) if one.sensible]
 
 
 def sensible(structure: Structure, task: Problem) -> Fitted | None:
-    """Return the fit of a problem with the smallest residual among those that act against the error, or None."""
+    """Return the sensible fit of a problem with the smallest residual, or None."""
     found = [one for one in fits([structure], [task]) if one.sensible]
     return min(found, key=lambda one: one.ssr, default=None)
 
@@ -365,7 +365,7 @@ def wide(basis: Basis, n: int, d: int, *, friction: bool) -> list[Term]:
 
 
 def left_by(part: Reduced, terms: list[Term]) -> float:
-    """Return the sum of squares that is left by regressors, and by columns behind the basis, with free coefficients."""
+    """Return the residual sum of squares of a fit of regressors and of the columns of `part` beyond the basis."""
     size = terms[0].on.size
     C = np.hstack([part.factor[:, :size] @ np.stack([term.on for term in terms], axis=1), part.factor[:, size:]])
     sizes = np.linalg.norm(C, axis=0)
@@ -376,7 +376,7 @@ def left_by(part: Reduced, terms: list[Term]) -> float:
 
 
 def through_model(rows: LawRows, model: Model, d: int, older: int, *, central: bool) -> np.ndarray:
-    """Return Se and the set travel after a reference model, over the rows, shape (rows, 2)."""
+    """Return Se and the set travel, filtered by a reference model, in the rows, shape (rows, 2)."""
     basis = rows.basis
     on = np.stack([basis.error_sum(d, older).on, basis.set_travel(d + older, central=central).on], axis=1)
     return filtered(rows, model.coefficients(), rows.whole @ on)
@@ -401,7 +401,7 @@ def _low_pass(pole: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
-    """Return the derivatives of the force with respect to the gains and 1/Tn over the rows."""
+    """Return the derivatives of the force in the rows with respect to the gains and 1/Tn."""
     structure = found.structure
     columns = rows.columns if structure.lag is None else lagged(rows, structure.lag.pole)
     if structure.drag:
@@ -415,14 +415,14 @@ def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
 
 
 def with_drag(rows: LawRows, lag: Lag | None) -> np.ndarray:
-    """Return the basis columns over the rows after a low pass, and behind them T Σ of the direction of motion."""
+    """Return the basis columns in the rows after a low pass, followed by T Σ of the direction of motion."""
     direction = rows.whole @ rows.basis.one("sign0").on
     whole = np.column_stack([rows.whole, rows.basis.T * np.cumsum(direction)])
     return rows.centered(whole[rows.places]) if lag is None else filtered(rows, _low_pass(lag.pole), whole)
 
 
 class ModelProblems:
-    """The problems of P-PI cascades with one n and d and any reference model, reduced to the columns that they have."""
+    """The problems of P-PI cascades with one n and d and any reference model, reduced to their own columns."""
 
     def __init__(self, rows: LawRows, n: int, d: int) -> None:
         self.rows, self.n, self.d = rows, n, d
@@ -456,7 +456,7 @@ class ModelProblems:
 
 
 class SignProblems:
-    """The problems of one structure with friction feedforward and any smoothing of its direction."""
+    """The problems of one structure with friction feedforward, for any smoothing of the direction."""
 
     def __init__(self, rows: LawRows, structure: Structure) -> None:
         self.rows, self.structure = rows, structure
@@ -474,7 +474,7 @@ class SignProblems:
         self.own, self.y = R[:, :-1], R[:, -1]
 
     def fit(self, signals: Signals) -> Fitted | None:
-        """Return the fit with the directions of the set motion as `signals` smooth them, or None."""
+        """Return the fit with the direction of the set motion smoothed as in `signals`, or None."""
         more = self._directions(signals, self.age)
         lag = self.structure.lag
         if lag is None:
@@ -492,6 +492,6 @@ class SignProblems:
         return np.stack([signals.direction(f"{kind}{age}") for kind in self.kinds], axis=1)
 
     def _passed(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns over the whole log after the low pass of the structure, in the rows."""
+        """Return columns over the whole log, filtered by the low pass of the structure, in the rows."""
         assert self.structure.lag is not None
         return filtered(self.rows, _low_pass(self.structure.lag.pole), columns)

@@ -49,7 +49,7 @@ class MotionLog:
     """A motion log: position (m, or rad) and commanded force (N, or N m) on one clock, each of shape (n,).
 
     set_position  setpoint of the loop, if it was logged
-    force_limit   N or N m, if known
+    force_limit   force limit of the loop, N or N m, if known
     rotary        True for position in rad and force in N m
     turning       True for a rotary axis, as opposed to the motor shaft of a screw
 
@@ -150,7 +150,7 @@ class MotionLog:
         return held
 
     def hints(self) -> tuple[str, ...]:
-        """Return sentences on faults of the recording that a fit may survive: held readings and a late set position."""
+        """Return sentences on recording faults that a fit may tolerate: repeated readings and a late set position."""
         hints: list[str] = []
         every = held_readings(self.position)
         if every > 1:
@@ -220,11 +220,11 @@ class MotionLog:
             )
 
     def _check_lost(self) -> None:
-        """Raise NotIdentifiableError for rows that were lost while their stamps were not: the axis jumps ahead.
+        """Raise NotIdentifiableError for lost rows that the time stamps do not reveal: the position then jumps ahead.
 
             x(k+1) - x(k) = (1 + n) step,   n = 1, 2, ... rows lost,   step = median9 of the steps about it
 
-        A set position jumps in the same rows; it has no noise, so that one such row is enough.
+        A set position jumps in the same rows. Since it has no noise, one such row is sufficient.
         """
         ahead = _ahead(self.position)
         if not np.any(ahead):
@@ -273,7 +273,8 @@ class MotionLog:
 def held_readings(position: np.ndarray) -> int:
     """Return m if only every m-th reading of a moving axis is new, else 1.
 
-    Judged where the axis moves more than `_PER_SAMPLE` counts a sample, so that a standing reading is no slow motion.
+    Only samples in which the axis moves by more than `_PER_SAMPLE` counts are considered, so that a constant reading
+    cannot be due to slow motion.
     """
     steps = np.abs(np.diff(position))
     new = steps > 0.0
@@ -291,9 +292,9 @@ def held_readings(position: np.ndarray) -> int:
 
 
 def lead_of(position: np.ndarray, set_position: np.ndarray, sample_time: float) -> float:
-    """Return by how many samples the position leads its set position; negative where it follows.
+    """Return the number of samples by which the position leads its set position; negative if it lags.
 
-    The lead with the least squared difference of the velocities, smoothed over 10 ms; whole samples.
+    It is the whole number of samples with the smallest squared difference of the velocities, smoothed over 10 ms.
     """
     from scipy.ndimage import uniform_filter1d  # not for commands that only read
 
@@ -330,7 +331,7 @@ _STILL = 0.03  # s after which an axis whose setpoint stands is taken to be at r
 
 
 def _ahead(position: np.ndarray) -> np.ndarray:
-    """Return the number of rows that each step of a position, shape (n-1,), seems to have lost, 0 for most."""
+    """Return the number of rows that seem to be lost in each step of a position, mostly 0, shape (n-1,)."""
     steps = np.diff(position)
     size = np.abs(steps)
     fast = _LOST_SPEED * float(np.quantile(size, _USUAL_SHARE))
@@ -479,7 +480,7 @@ _SMEARED = 0.01  # of a step: what the low pass of the position may still show o
 class Preparation:
     """The filters and delays that prepare a log for least squares.
 
-    cutoff       Hz, of the Butterworth low pass on the position
+    cutoff       cutoff frequency of the Butterworth low pass on the position, Hz
     decimation   decimation factor in samples; None: one row per 10 ms
     delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
@@ -489,7 +490,7 @@ class Preparation:
     skip_end     samples left out at the end; None: as many as at the start
     reversals    True to keep rows at rest and within one decimated step of a reversal, where the sign of friction is
                  undefined
-    rest         share of the largest speed below which the axis counts as at rest
+    rest         fraction of the largest speed below which the axis is considered to be at rest
 
     Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
     balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
@@ -530,8 +531,10 @@ class Prepared:
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
-    cutoff      Hz, of the low pass on the position; `sample_time`: that of the log, s; `how`: the settings
-    left_out    rows that do not count, by cause, in the order in which they were judged (see `CAUSES`)
+    cutoff      cutoff frequency of the low pass on the position, Hz
+    sample_time  sample time of the log, s
+    how         the settings
+    left_out    number of excluded rows by cause, in the order in which the causes were checked (see `CAUSES`)
     """
 
     time: np.ndarray
@@ -709,7 +712,7 @@ def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
     """Return every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
 
-    The low pass is that of MATLAB's decimate: Chebyshev of first kind, order 8, ripple 0.05 dB, edge 0.8 / factor of
+    The low pass is that of MATLAB's decimate: Chebyshev type I, order 8, ripple 0.05 dB, edge 0.8 / factor of
     half the sampling rate, applied forward and backward.
     """
     if factor < 1:

@@ -44,11 +44,11 @@ _LEAST = 0.5
 class Refinement(Result):
     """The loop whose simulation fits the log best.
 
-    estimates   by dotted name in the loop, with standard errors
+    estimates   fitted parameters, by dotted name in the loop, with standard errors
     start       initial values by name
     by_delay    tried dead time in samples -> RMS of the position residual, m
     replay      replay of the fitted loop
-    count       m, resolution of the readings if the fit accounts for quantization; else 0
+    count       resolution of the readings, m, if the fit accounts for quantization; else 0
     """
 
     name: str
@@ -71,7 +71,7 @@ class Refinement(Result):
 
     @property
     def short(self) -> tuple[Estimate, ...]:
-        """The estimates under the last part of their names, where no two have the same."""
+        """The estimates, each named by the last part of its dotted name where this part is unique."""
         last = [estimate.name.rsplit(".", 1)[-1] for estimate in self.estimates]
         return tuple(
             dataclasses.replace(estimate, name=end if last.count(end) == 1 else estimate.name)
@@ -255,8 +255,8 @@ def _with_counts(
         cov = cov(runs) + cov(r)
 
     A change is small if it is below `_MATTERS` times the standard error `before` quantization was considered.  s² is
-    the variance between the runs at each row.  Rows at rest do not count.  cov(runs) is the covariance of the results
-    if other runs take the place of the log: rounding is not white noise while a reading stays at one count.  cov(r)
+    the variance between the runs at each row.  Rows at rest are ignored.  cov(runs) is the covariance of the results if
+    the log is replaced by other runs, since rounding is not white noise while a reading stays at one count.  cov(r)
     follows from the residual; it counts part of the quantization again, so that the errors are conservative.  After the
     first correction the runs also include the unmodelled force of the log, since dry friction prevents its effect from
     averaging out.

@@ -1,4 +1,4 @@
-"""One drive from several logs of the same axis: pooled values, whose errors contain the scatter of the logs."""
+"""Identification of a drive from several logs of one axis; the errors of the pooled values include their scatter."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _LAW = "law "  # before the names of gains beside mass and friction
 
 @dataclass(frozen=True)
 class LogValues:
-    """Values of one log that are not those of a `RigidFit`."""
+    """Values identified from one log other than by a `RigidFit`."""
 
     name: str
     estimates: tuple[Estimate, ...]
@@ -62,10 +62,10 @@ class PooledFit(Result):
     """Values of a drive from several logs of the same axis.
 
     fits       the fit of each log, with the same friction model
-    estimates  the pooled values; `error` is such that 1.96 errors make a 95 % interval, `ols` is without the scatter
+    estimates  the pooled values; ±1.96 `error` is a 95 % interval, `ols` does not include the scatter
     scatter    standard deviation of each parameter from log to log, beyond the errors of the fits
-    chance     probability of a larger disagreement if all logs had the same value
-    apart      parameters that only some logs have, as a force along the travel: they are not pooled
+    chance     probability of a larger disagreement if the true value is the same in all logs
+    apart      parameters that only some logs have, such as a force along the travel; they are not pooled
     """
 
     name: str
@@ -104,7 +104,7 @@ class PooledFit(Result):
         )
 
     def with_one_more(self, parameter: str) -> float:
-        """Return the error that one more log of the same scatter would leave."""
+        """Return the expected error of a parameter after adding one more log with the same scatter."""
         logs, tau = len(self.fits) + 1, self.scatter[parameter]
         one = float(np.mean([fit[parameter].error ** 2 for fit in self.fits])) + tau**2
         return _student(logs, tau**2 / one) * float(np.sqrt(one / logs))
@@ -114,7 +114,7 @@ class PooledFit(Result):
         return estimates_table(f"{self.name}: values of {len(self.fits)} logs", self.estimates)
 
     def compared(self) -> Table:
-        """Return a table with the values of each log beside the pooled ones, the scatter, and how probable it is."""
+        """Return a table of the values of each log, the pooled values, the scatter and its probability by chance."""
         columns = ["log", *(Column(estimate.name, estimate.unit) for estimate in self.estimates)]
         rows: list[list[Cell]] = [
             [fit.name, *(_with_error(fit[estimate.name]) for estimate in self.estimates)] for fit in self.fits
@@ -143,11 +143,11 @@ def identify_pooled(
 
         value = Σ w y / Σ w,   w = 1 / (σ² + τ²),   Σ w (y - value)² = logs - 1
 
-    y ± σ are the values of the single logs; the scatter τ follows from the last equation and is 0 if the logs agree.
-    The error is √(1 / Σ w), times Student's factor for the degrees of freedom of its scatter part (Satterthwaite), so
-    that few logs that differ give a wide interval.
+    y ± σ are the values of the individual logs; the scatter τ follows from the last equation and is 0 if the logs
+    agree. The error is √(1 / Σ w), multiplied by Student's factor for the degrees of freedom of its scatter part
+    (Satterthwaite), so that a few differing logs give a wide interval.
 
-    friction  as in `identify_rigid`; "best" takes the model with the lower sum of the information criteria
+    friction  as in `identify_rigid`; "best" selects the model with the lower sum of the information criteria
     how       filters and delays of every log
 
     Raises ParameterError for fewer than two logs or logs in different units, NotIdentifiableError for a log that
@@ -235,13 +235,13 @@ def scatter_of(values: np.ndarray, variance: np.ndarray) -> float:
 class IdentifiedLogs(Result):
     """The model of a drive identified from several logs of one axis.
 
-    logs       what each log gives alone
-    pooled     the pooled values, with those of each log: of the closed loops, or of the inverse dynamics if not all
+    logs       the results of the individual logs
+    pooled     the pooled values, with those of each log: from the closed loops, or from the inverse dynamics if not all
                logs have a closed loop with the same law
     rigid      the pooled values of the inverse dynamics
-    model      the model with the pooled values; all else, as its law, is of the log that tells the mass best
-    remarks    whether the logs agree, and what of them was not pooled
-    contradicted  what one log says against clock or scales of another one; empty if nothing
+    model      the model with the pooled values; the rest, such as the law, is from the log with the most accurate mass
+    remarks    remarks on the agreement of the logs and on values that were not pooled
+    contradicted  contradictions between the logs that indicate a wrong clock or scale; else empty
     """
 
     logs: tuple[Identified, ...]
@@ -300,7 +300,7 @@ class IdentifiedLogs(Result):
         )
 
     def _of_one_log(self) -> Advice | None:
-        """Return the judgment on a log that must not be pooled, with the reason; None if there is none."""
+        """Return the judgment on the first log that must not be pooled, with the reason; None if all may be pooled."""
         wrong = {log.log.name: log for log in self.logs if log.doubt or log.contradicted or log.faulty}
         for name, log in wrong.items():
             why = log.doubt or log.contradicted or log.faulty
@@ -333,9 +333,9 @@ def identify_logs(
     lead: float | None = None,
     gear: float = 1.0,
 ) -> IdentifiedLogs:
-    """Identify a drive from several logs of one axis: each as `identify_motion` does, then pooled.
+    """Identify a drive from several logs of one axis: each by `identify_motion`, after which the results are pooled.
 
-    The arguments hold for all logs. Raises as `identify_motion` and `pool_logs` do.
+    The arguments apply to all logs. Raises the errors of `identify_motion` and `pool_logs`.
     """
 
     def one(k: int, friction: str) -> Identified:
@@ -347,15 +347,15 @@ def identify_logs(
 def pool_logs(
     found: Sequence[Identified], again: Callable[[int, str], Identified], name: str = "pooled"
 ) -> IdentifiedLogs:
-    """Pool what several logs of one axis give alone.
+    """Pool the results of several logs of one axis.
 
-    The model of friction is the one with the lower sum of the information criteria. Values of the closed loops are
-    pooled if all logs have one under the same law, else those of the inverse dynamics.
+    The friction model is the one with the lower sum of the information criteria. The values of the closed loops are
+    pooled if all logs have a closed loop with the same law, else those of the inverse dynamics.
 
-    again  identifies a log, by its number, once more with another friction model
+    again  function that identifies a log again, given its index and a friction model
 
-    Raises ParameterError for fewer than two logs, for one that is given twice, and for logs at different places;
-    LogError for logs of different axes.
+    Raises ParameterError for fewer than two logs, for a log that is given twice, and for logs in different units
+    (table, shaft, rotary axis); LogError for logs of different axes.
     """
     _check_number(found)
     _check_places(found)
@@ -391,7 +391,7 @@ def pool_logs(
 
 
 def _check_places(found: Sequence[Identified]) -> None:
-    """Raise ParameterError for logs at different places, and for a log that is given twice."""
+    """Raise ParameterError for logs in different units (table, shaft, rotary axis), and for a log given twice."""
     first = found[0]
     for k, log in enumerate(found):
         if log.rigid.frame is not first.rigid.frame:
@@ -407,13 +407,13 @@ def _check_places(found: Sequence[Identified]) -> None:
 
 
 def _middle(found: Sequence[Identified]) -> int:
-    """Return the number of the log whose mass is nearest to those of all others."""
+    """Return the index of the log whose mass is closest to the masses of all other logs."""
     logs = np.log([log.mass.value for log in found])
     return int(np.argmin(np.sum(np.abs(logs[:, None] - logs), axis=1)))
 
 
 def _check_axes(found: Sequence[Identified], middle: int) -> None:
-    """Raise LogError for a log whose mass is certainly that of another axis, with the causes that would explain it."""
+    """Raise LogError, with possible causes, for a log whose mass can only be that of another axis."""
     usual = found[middle]
     for log in found:
         a, b = usual.mass, log.mass
@@ -430,11 +430,11 @@ def _check_axes(found: Sequence[Identified], middle: int) -> None:
 
 @dataclass(frozen=True)
 class _Laws:
-    """The law of the logs, which is the same in all that have one.
+    """The control law of the logs, which is the same in all logs with a law.
 
-    logs     logs with this law, of which one is taken; all logs if none has a law
-    without  names of the logs in which none was found
-    further  names of the logs whose law has further parts, or fewer
+    logs     logs with this law, one of which provides the law of the model; all logs if none has a law
+    without  names of the logs in which no law was found
+    further  names of the logs whose law has additional or missing parts
     """
 
     logs: tuple[Identified, ...]
@@ -443,11 +443,11 @@ class _Laws:
 
     @property
     def taken(self) -> Identified:
-        """The log that tells the mass best."""
+        """The log with the most accurate mass."""
         return min(self.logs, key=lambda log: log.mass.error / log.mass.value)
 
     def remarks(self) -> list[str]:
-        """Say whose law is taken if not all logs show the same parts of it."""
+        """Return remarks on the log that provides the law, if the laws of the logs have different parts."""
         name = self.taken.log.name
         remarks: list[str] = []
         if self.without:
@@ -463,9 +463,9 @@ class _Laws:
 
 
 def _same_laws(found: Sequence[Identified]) -> _Laws | None:
-    """Return the logs with a law; None if the laws of two of them differ. A stated law is the same in all.
+    """Return the common law of the logs; None if the laws of two logs differ. A stated law is the same in all logs.
 
-    A log may be explained by several laws alike; the others then tell which of them it was.
+    Several laws may explain a log equally well; the other logs then show which of them is the true one.
     """
     there = [log for log in found if log.loop is not None]
     laws = [(log, log.control) for log in there if log.control is not None]
@@ -487,15 +487,15 @@ def _same_laws(found: Sequence[Identified]) -> _Laws | None:
 
 
 def _matching(reading: LawReading, law: ControlFit) -> LawReading | None:
-    """Return the reading of a law that is the law of another log; None if it is another one."""
+    """Return the interpretation in `law` that agrees with that of another log; None if there is none."""
     return next((other for other in law.readings if _fits(reading, other)), None)
 
 
 def _fits(a: LawReading, b: LawReading) -> bool:
-    """Return True if two readings are one law.
+    """Return True if two interpretations are the same law.
 
-    Gains that both have differ by their errors, or by what a wrong clock or scale makes of them.  A further part, as
-    an acceleration feedforward, may be found in one log only.
+    Common gains may differ by their errors or by `MOST_OFF`.  An additional part, such as an acceleration feedforward,
+    may be present in one of them only.
     """
     gains = {estimate.name for estimate in a.estimates}
     return _basic(a) == _basic(b) and all(_alike(a[e.name], e) for e in b.estimates if e.name in gains)
@@ -526,7 +526,7 @@ def _laws_differ(found: Sequence[Identified]) -> Text:
 
 
 def law_table(found: IdentifiedLogs) -> Table | None:
-    """Return a table of the gains that each log shows; None if fewer than two logs show a law."""
+    """Return a table of the gains identified from each log; None if fewer than two logs have a law."""
     laws = [(log.log.name, log.control) for log in found.logs if log.control is not None]
     if len(laws) < LEAST_LOGS:
         return None
@@ -580,7 +580,7 @@ def _model(base: Identified, rigid: PooledFit, closed: PooledFit | None, name: s
 
 
 def _against(usual: Identified, log: Identified) -> tuple[Text, bool]:
-    """Return what would explain the difference of two logs of one axis, and True if it is a wrong clock or scale."""
+    """Return text on possible causes of the difference between two logs, and True if each is a wrong clock or scale."""
     known, values = _values(usual), _values(log)
     ratios = {
         name: Ratio.of(name, e.unit, e.value, known[name].value, _joint(e, known[name]))
@@ -606,7 +606,7 @@ def _against(usual: Identified, log: Identified) -> tuple[Text, bool]:
 
 
 def _shown(causes: Sequence[Cause]) -> str:
-    """Return the values that follow a cause in words: mass, friction, and the gains by name."""
+    """Return the values affected by a cause as text: mass, friction, and the names of gains."""
     shown = causes[0].shown if len(causes) == 1 else (MASS,)
     gains = [name.removeprefix(_LAW) for name in shown if name.startswith(_LAW)]
     words = [MASS] if MASS in shown else []
@@ -620,14 +620,14 @@ def _joint(a: Estimate, b: Estimate) -> float:
 
 
 def _values(log: Identified) -> dict[str, Estimate]:
-    """Return mass and friction of a log by name."""
+    """Return the mass and the friction parameters of a log by name."""
     fitted = log.rigid.estimates if log.refinement is None else log.refinement.short
     friction = {e.name: e for e in fitted if e.name.startswith(("viscous", "coulomb"))}
     return {MASS: replace(log.mass, name=MASS), **friction}
 
 
 def _gains(usual: Identified, log: Identified) -> list[tuple[Estimate, Estimate]]:
-    """Return the gains of the law that both logs show: of several that explain them alike, the nearest two."""
+    """Return pairs of gains of a law found in both logs; if several laws explain them, of the two that agree best."""
     if usual.control is None or log.control is None:
         return []
     pairs: list[list[tuple[Estimate, Estimate]]] = [

@@ -88,13 +88,13 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
-    dead_time   samples from the logged force to its effect, besides the hold; its error is 0 if it was not fitted
+    dead_time   samples from the logged force to its effect, without the hold; its error is 0 if it was not fitted
     how         the preparation of the rows, with the delay of the fit
-    instruments True if the set motion served as instruments: the values are then free of the errors that counts and
-                the reaction of the control to disturbances cause
-    left_out    rows that do not count, by cause (`motion_log.CAUSES`)
-    periods     lengths after which a force along the travel repeats; infinite for one proportional to the position
-    bends       True if the log shows that the axis bends: a force follows the fourth derivative of the position, too
+    instruments True if the set motion was used as instruments: the values are then free of the errors caused by
+                quantization and by the reaction of the control to disturbances
+    left_out    number of excluded rows by cause (`motion_log.CAUSES`)
+    periods     periods of a force along the travel; infinite for a force proportional to the position
+    bends       True if the log shows elasticity of the axis: part of the force follows the fourth position derivative
     travel      smallest and largest position in the log
     """
 
@@ -118,7 +118,7 @@ class RigidFit(Result):
 
     @property
     def slowest(self) -> float:
-        """The speed below which rows were left out, since friction is not Coulomb plus viscous there; 0: none."""
+        """The speed below which rows were excluded, as friction is not Coulomb plus viscous there; 0 if none were."""
         return self.how.rest if self.how.rest > motion_log.REST else 0.0
 
     @property
@@ -128,10 +128,10 @@ class RigidFit(Result):
 
     @property
     def changed(self) -> bool:
-        """True if the error in unused rows is 50 % larger than in used ones.
+        """True if the error in unused rows is 50 % larger than in used rows.
 
-        That without the effect of quantization, and without twice what the errors of the fits without these rows
-        explain: a stretch that alone holds the fast motion is predicted badly by the others.
+        The error excludes the effect of quantization and twice the part explained by the parameter errors of the fits
+        without these rows: if only one stretch contains fast motion, the others predict it poorly.
         """
         chance = self.counts[1] ** 2 + (2.0 * self.validation.expected) ** 2
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - chance))
@@ -152,7 +152,7 @@ class RigidFit(Result):
         return regression.estimates_table(f"{self.name}: rigid drive, {self.friction} friction; {off}", self.estimates)
 
     def rows_table(self) -> Table:
-        """Return a table of the rows that count and of those that do not, with the cause and what would help."""
+        """Return a table of the used rows, and of the excluded rows with cause and remedy."""
         count = self.residuals.values.size
         whole = max(count + sum(self.left_out.values()), 1)
         rows: list[list[Cell]] = [["used", count, count / whole, ""]]
@@ -194,10 +194,11 @@ class RigidFit(Result):
 
     @property
     def levels(self) -> tuple[float, float, float]:
-        """Coulomb friction in both directions, and the constant force of the drive.
+        """The Coulomb friction in the positive and negative direction, and the constant force of the drive.
 
-        In motion the half difference of two levels and a constant force are the same. It counts as friction up to
-        `_MOST_ASYMMETRY` of the mean level; what is larger is a weight, as of a vertical axis.
+        In motion, half the difference between the two levels cannot be distinguished from a constant force. It is
+        attributed to friction up to `_MOST_ASYMMETRY` of the mean level; a larger one is a weight, such as that of a
+        vertical axis.
         """
         if self.friction == "symmetric":
             return self["coulomb"].value, self["coulomb"].value, self["offset"].value
@@ -217,7 +218,7 @@ class RigidFit(Result):
 
     @property
     def is_pulled(self) -> bool:
-        """True if the offset is large enough to be a constant force on the axis (see `pulls`)."""
+        """True if the offset is large enough to indicate a constant force on the axis (see `pulls`)."""
         if self.friction == "symmetric":
             return regression.pulls(self["offset"], self["coulomb"].value)
         return self.levels[2] != 0.0
@@ -231,7 +232,7 @@ class RigidFit(Result):
         return Gravity(force=-self.levels[2])
 
     def position_force(self) -> ForceMap | None:
-        """Return the force that acts along the travel of the log, or None if the log shows none."""
+        """Return the position-dependent force over the travel of the log, or None if the log shows none."""
         regression.require_table(self.frame, "the force along the travel")
         if not self.periods:
             return None
@@ -258,16 +259,17 @@ def identify_rigid(
         directional:  force = mass a + (viscous± v + coulomb± sign(v)),   ± the direction of v
 
     friction   "symmetric", "directional", or "best": the one with the lower information criterion
-    how        filters and delays; the delay is then taken as it stands.  Default: `Preparation()`, with the dead time
-               as one more unknown, since a wrong one would spoil viscous friction
+    how        filters and delays; the delay is then fixed.  Default: `Preparation()`, with the dead time as another
+               unknown, since a wrong one would bias viscous friction
     folds      number of stretches in the cross-validation, each predicted by a fit of the others
-    dead_time  samples besides the hold, from which its search starts; default: 0
+    dead_time  initial value of the dead time, in samples without the hold; default: 0
 
-    Without `how` the log is fitted twice, by rows of 10 ms and by finer ones of 5 ms, which count if they are surer of
-    the mass and the others do not tell it to 5 %. Errors contain how far the two fits contradict each other.
+    Without `how` the log is fitted twice, in rows of 10 ms and of 5 ms. The finer rows are used if the others do not
+    determine the mass to within 5 % and the finer ones are more precise. Errors include the disagreement of the two
+    fits.
 
-    With a set position the set motion serves as instruments (two-stage least squares): errors of the readings, and the
-    reaction of the control to a disturbance, are not correlated with it.  Without one the values are least squares.
+    With a set position, the set motion provides instruments (two-stage least squares): errors of the readings, and the
+    reaction of the control to a disturbance, are not correlated with it.  Otherwise ordinary least squares is used.
 
     Standard errors are robust; those for a white residual are also returned.  Not suitable for an axis with significant
     elastic deformation (fit its frequency response), or near standstill (fit constant-speed runs).
@@ -315,12 +317,12 @@ def _doubt(fit: RigidFit) -> float:
 
 
 def _contradicted(fit: RigidFit, other: RigidFit) -> RigidFit:
-    """Return a fit with errors that cover how far a fit of other rows of the same log contradicts it.
+    """Return a fit with errors increased by its disagreement with a fit to other rows of the same log.
 
         error² + max(0, d² - |error² - error_other²|),   d the difference of the two values
 
-    Without an error of the model the less precise of two fits differs from the more precise one by the difference of
-    their variances; what is beyond it is caused by something that the model lacks.
+    If the model is correct, the variance of the difference between the two fits is the difference of their variances;
+    any excess is due to model error.
     Source: Hausman 1978.
     """
     wider = np.ones(len(fit.estimates))
@@ -335,7 +337,7 @@ def _contradicted(fit: RigidFit, other: RigidFit) -> RigidFit:
 
 
 def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: int, *, judged: bool) -> RigidFit:
-    """Identify with the rows of one preparation; `judged`: rows and terms by evidence, and a free dead time."""
+    """Identify with the rows of one preparation; if `judged`, select rows and terms by evidence, and fit the delay."""
     used, instruments, terms = np.ones(rows.time.size, bool), None, Terms()
     if judged:
         instruments = instruments_of(log, rows)
@@ -352,14 +354,14 @@ def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: in
 
 @dataclass(frozen=True)
 class Terms:
-    """What acts beside mass and friction: a force along the travel, and the bending of the axis.
+    """The forces besides those of mass and friction: a force along the travel, and the elasticity of the axis.
 
         slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
 
     periods  the periods of the force along the travel; infinite: proportional to the position
-    bends    True with the last term. Two masses on a spring need, well below their resonance f, the force
-             M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, whose motor is ahead
-    suspected  True if least squares finds bending that instruments do not confirm: it may be an effect of counts
+    bends    True to include the last term. Well below its resonance f, a two-mass axis requires the force
+             M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, since the motor is then ahead
+    suspected  True if least squares finds elasticity that instruments do not confirm; it may be due to quantization
     """
 
     periods: tuple[float, ...] = ()
@@ -372,7 +374,7 @@ class Terms:
         return [*place_names(self.periods), *(["bend"] if self.bends else [])]
 
     def columns(self, log: MotionLog, rows: Prepared, position: np.ndarray) -> np.ndarray:
-        """Return the columns of the terms in the rows of a fit, from any position over time."""
+        """Return the columns of the terms in the rows of a fit, for the given position over time."""
         parts = [place_columns(position, self.periods, _middle(log)[2])]
         if self.bends:
             acceleration = rows.differenced(position)[1]
@@ -381,7 +383,7 @@ class Terms:
         return rows.reduced(whole.T).T if whole.shape[1] else np.zeros((rows.time.size, 0))
 
     def instruments(self, log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> np.ndarray | None:
-        """Return the instruments with those of the terms, from the set position."""
+        """Return the instruments, with those of the terms appended, which are computed from the set position."""
         if instruments is None or log.set_position is None or not self.names:
             return instruments
         added = self.columns(log, rows, log.set_position)
@@ -416,13 +418,13 @@ def _middle(log: MotionLog) -> tuple[float, float, float]:
 
 
 def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> Terms:
-    """Return the terms of which the log gives evidence.
+    """Return the terms that the log supports by evidence.
 
-    Tried are the bending of the axis, a force proportional to the position, and one periodic along the travel: on an
-    axis that turns one turn (the weight of an arm), else the period that explains most of the residual. A term is taken
-    if it lowers the information criterion by `_EVIDENCE` and is beyond `_SURE_TERM` robust standard errors, and not if
-    it would hide the mass (see `_hides`); bending by instruments only. Where least squares alone finds bending, further
-    terms must be evident beside it.
+    The candidates are the elasticity of the axis, a force proportional to the position, and a force that is periodic
+    along the travel. Its period is one turn of a rotary axis (the weight of an arm); on other axes it is the one that
+    explains most of the residual. A term is accepted if it lowers the information criterion by `_EVIDENCE`, exceeds
+    `_SURE_TERM` robust standard errors, and does not hide the mass (see `_hides`). Elasticity must be confirmed by
+    instruments; if only least squares finds it, it is kept as a term while the others are tested, and then removed.
     """
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
@@ -462,7 +464,7 @@ def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: 
 
 
 def _dependent(columns: np.ndarray) -> bool:
-    """Return True if a column is a sum of the others, up to `LEAST_INDEPENDENT` of its size."""
+    """Return True if a column is a combination of the others, up to a part below `LEAST_INDEPENDENT` of its norm."""
     sizes = np.linalg.norm(columns, axis=0)
     if np.any(sizes == 0.0):
         return True
@@ -471,10 +473,10 @@ def _dependent(columns: np.ndarray) -> bool:
 
 
 def _hides(columns: np.ndarray, wider: np.ndarray) -> bool:
-    """Return True if the further columns of `wider` hide the mass, the first column: its variance rises by more than
-    `_MOST_LOSS`.
+    """Return True if the added columns of `wider` increase the variance of the mass by a factor above `_MOST_LOSS`.
 
-    On a circle x'' = -w² x: a force proportional to the position is then nearly the inertial force.
+    The mass is the first column. On a circle x'' = -w² x: a force proportional to the position is then almost
+    indistinguishable from the inertial force.
     """
     alone, beside = (float(regression.inverse_gram(x)[0, 0]) for x in (columns, wider))
     # negated, so that NaN counts
@@ -482,7 +484,7 @@ def _hides(columns: np.ndarray, wider: np.ndarray) -> bool:
 
 
 def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
-    """Return the period that explains most of the residual along the travel beside the columns, or 0 if none fits."""
+    """Return the period along the travel that explains most of the residual beyond the columns, or 0 if none fits."""
     if travel <= 0.0:
         return 0.0
     # between the longest that repeats in the travel and the shortest whose rows still show its shape
@@ -522,10 +524,10 @@ def columns_of(rows: Prepared, friction: str) -> np.ndarray:
 class _Solved:
     """A solution of the inverse dynamics: values of the columns, and the delay of the force in samples.
 
-    columns    what the values multiply; with `free`, the last one is minus the slope of the force over the delay
-    projected  the columns as far as the instruments explain them, shape (n, p)
+    columns    regressors of the values; with `free`, the last one is minus the derivative of the force by the delay
+    projected  the part of the columns that the instruments explain, shape (n, p)
     residual   force - columns · values, shape (n,)
-    doubt      samples by which weak instruments disagree with the delay of least squares
+    doubt      difference in samples between the delays found by weak instruments and by least squares
     """
 
     values: np.ndarray
@@ -543,7 +545,7 @@ class _Solved:
 
     @property
     def covariance(self) -> np.ndarray:
-        """The robust covariance; a doubt about the delay is an error of it, and of all that moves with it."""
+        """The robust covariance; `doubt` is added as an error of the delay and of all values correlated with it."""
         plain = covariance_of(self.projected, self.residual)
         if not self.doubt:
             return plain
@@ -553,10 +555,10 @@ class _Solved:
 
 
 def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
-    """Return instruments in these rows, columns of unit size, shape (n, q); None without a set position.
+    """Return instruments in these rows, columns of unit norm, shape (n, q); None without a set position.
 
-    They are the set velocity in each direction, the set acceleration and the set jerk, each through the low passes of
-    `FILTERED`, which span the usual answers of a position loop, and the two directions of motion.
+    They are the set velocity in each direction, the set acceleration and the set jerk, each after the low passes of
+    `FILTERED`, which span the usual responses of a position loop, and indicators of the two directions of motion.
     """
     if log.set_position is None:
         return None
@@ -576,15 +578,16 @@ def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
 
 
 def _projected(columns: np.ndarray, instruments: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return the columns as far as instruments predict them in rows of which the prediction does not know.
+    """Return the columns as predicted by instruments in rows that were not used for the prediction.
 
         X̂(block) = Z(block) (Z'Z)⁻¹ Z'X of the other blocks,   projected = X̂ (X̂'X̂)⁻¹ X̂'X
 
-    A prediction from the same rows would hold a part q / n of their noise, and so of the bias of least squares.
-    Returned with True if the instruments are strong: F = R² / (1 - R²) (n - p) > `_STRONG` for each column beside the
-    others; weak instruments are no better than least squares, whose columns are returned where none are left.
-    Sources: Angrist, Imbens & Krueger 1999 (jackknife instruments; here by blocks, since noise has a memory);
-    Staiger & Stock 1997.
+    A prediction from the same rows would contain a fraction q / n of their noise, and hence of the bias of least
+    squares. The second result is True if the instruments are strong: F = R² / (1 - R²) (n - p) > `_STRONG` for each
+    column given the others. If no usable projection exists, the original columns and False are returned.
+    Sources:
+    Angrist, Imbens & Krueger 1999 (jackknife instruments; here by blocks, since the noise is autocorrelated); Staiger &
+    Stock 1997.
     """
     n, p = columns.shape
     edges = np.linspace(0, n, BLOCKS + 1).astype(int)
@@ -624,7 +627,7 @@ def _solve(
     instruments: np.ndarray | None,
     used: slice | np.ndarray = slice(None),
 ) -> _Solved:
-    """Solve force(k - delay) = columns · values in the rows `used`; `free`: Gauss-Newton steps to the delay, too."""
+    """Solve force(k - delay) = columns · values in the rows `used`; if `free`, also fit the delay by Gauss-Newton."""
     begin, inner = delay, columns[used]
     force, wide, projected, values = (np.zeros(0),) * 4
     strong, doubt = True, 0.0
@@ -661,9 +664,10 @@ def _solve(
 def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> Prepared:
     """Return the rows without those near standstill if friction there deviates from Coulomb plus viscous friction.
 
-    From `_SLOW[0]` of the largest speed downwards each class of speeds is predicted by a fit of the faster rows. The
-    signed residual is averaged over each passage through the class; the first class whose mean over the passages has,
-    by Student's t, a chance below `_DEVIATES` ends the search, and all rows slower than its upper bound are left out.
+    From `_SLOW[0]` of the largest speed downwards, the force in each class of speeds is predicted by a fit to the
+    faster rows. The signed residual is averaged over each passage through the class. In the first class whose mean over
+    the passages differs from 0 at a significance level of `_DEVIATES` (Student's t), friction deviates from the model;
+    all rows slower than the upper bound of this class are left out.
     """
     from scipy.special import stdtrit  # takes a second to import
 
@@ -701,12 +705,13 @@ def _without_slow_rows(log: MotionLog, rows: Prepared, instruments: np.ndarray |
 
 
 def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | None) -> np.ndarray:
-    """Return a mask of the rows without those in which an unknown force acts for a short time.
+    """Return a mask of the rows that excludes those in which an unknown force acts for a short time.
 
-    Such a row leaves more than `_PULSE` robust standard deviations, 1.4826 · median |r - median r|; its neighbors,
-    whose windows see the force, go with it. The fit is repeated without them until no more are found. If more than
-    `_MOST_PULSES` of the rows would go, it is no pulse but the usual residual, and all rows count; so do they if the
-    rows that would go are those that tell a parameter (see `_needs`), as the ramps of an axis that bends.
+    The residual of such a row exceeds `_PULSE` robust standard deviations, 1.4826 · median |r - median r|. Its
+    neighbors, into which the low pass spreads the force, are excluded, too. The fit is repeated without these rows
+    until no more are found. All rows are kept if more than `_MOST_PULSES` of them would be excluded, since this is then
+    the usual residual, or if a parameter depends on the excluded rows (see `_needs`), such as the ramps of an elastic
+    axis.
     """
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
@@ -731,9 +736,9 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
 
 
 def _needs(columns: np.ndarray, left_out: np.ndarray) -> bool:
-    """Return True if a column is told mainly by the rows `left_out`.
+    """Return True if the value of a column is determined mainly by the rows `left_out`.
 
-    Without them the variance of its value, (X'X)⁻¹, then rises by more than `_MOST_LOSS`.
+    Without them the variance of the value, from (X'X)⁻¹, increases by a factor above `_MOST_LOSS`.
     """
     whole, rest = (np.diag(regression.inverse_gram(x)) for x in (columns, columns[~left_out]))
     # negated, so that NaN of columns that are left empty counts
@@ -871,7 +876,7 @@ def covariance_of(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 
 def check_motion(name: str, velocity: np.ndarray, frame: Frame) -> None:
-    """Raise NotIdentifiableError for a log without motion or with motion in one direction only."""
+    """Raise NotIdentifiableError for a log without motion, or with motion in one direction only."""
     top = float(np.max(np.abs(velocity)))
     # below 5 % of the top speed an axis at rest with encoder noise would count as moving
     forward, backward = (int(np.sum(sign * velocity > 0.05 * top)) for sign in (1.0, -1.0))
@@ -963,7 +968,7 @@ class DelayFit(Result):
         return self.tells(self.nearest, 0.0)
 
     def tells(self, better: float, other: float) -> bool:
-        """Return True if the residual of the inverse dynamics is 10 % smaller at delay `better` than at `other`.
+        """Return True if the residual of the inverse dynamics at the delay `better` is 10 % smaller than at `other`.
 
         This test is also used for a ragged residual: if the force is mostly due to quantization, the delay with the
         smallest residual gives the better mass, whatever the true delay is.
@@ -1035,7 +1040,7 @@ def find_delay(
 
 
 def _dead_time(solved: _Solved) -> tuple[float, float]:
-    """Return the dead time in samples besides the hold, with its standard error; 0 if the delay was not free."""
+    """Return the dead time in samples, without the hold, and its standard error, which is 0 if the delay was fixed."""
     late = solved.delay - motion_log.HOLD
     if not solved.free:
         return late, 0.0
@@ -1043,7 +1048,7 @@ def _dead_time(solved: _Solved) -> tuple[float, float]:
 
 
 def _explained_left(columns: np.ndarray, forces: np.ndarray, instruments: np.ndarray) -> np.ndarray:
-    """Return the relative residual of each force, shape (m,), in what the instruments explain of it."""
+    """Return the relative residual of each force, shape (m,), in the space spanned by the instruments."""
     u, s, _ = np.linalg.svd(instruments, full_matrices=False)
     basis = u[:, s > np.sqrt(_RANK) * s[0]]
     inner, explained = np.linalg.qr(basis.T @ columns)[0], forces @ basis
@@ -1079,7 +1084,7 @@ def _check_slope(log: MotionLog, basis: np.ndarray, forces: np.ndarray, residual
 
 
 def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray, error: float = 0.0) -> None:
-    """Raise NotIdentifiableError for a delay that no drive has; `error`: its standard error in samples."""
+    """Raise NotIdentifiableError for a delay that no drive can have; `error` is its standard error in samples."""
     at_zero = float(residual[np.flatnonzero(delays == 0)[0]])
     # otherwise there is no evidence for a delay other than 0
     clear = float(np.min(residual)) < CLEAR * at_zero and at_zero - float(np.min(residual)) > _rough(residual)
@@ -1132,7 +1137,7 @@ def _check_drift(
 ) -> None:
     """Raise NotIdentifiableError if the delays in the two halves of a log differ, which indicates two clocks.
 
-    dead_time_in  dead time and its error (samples) in some rows, searched from a delay
+    dead_time_in  function that returns dead time and error (samples) in a slice of the rows, starting from a delay
     """
     half = columns.shape[0] // 2
     halves = (slice(0, half), slice(half, None))

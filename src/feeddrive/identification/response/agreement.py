@@ -58,7 +58,7 @@ class Agreement(Result):
 
     @property
     def poor(self) -> bool:
-        """True if unused lines are missed by more than 3 dB RMS: the model is none of this response."""
+        """True if the prediction error on unused lines exceeds 3 dB RMS: the model does not describe this response."""
         return self.unused > _POOR
 
     @property
@@ -176,7 +176,7 @@ def predicted(
     """Return the RMS of ln(G/Gm) on used lines, and on unused lines by five-fold cross-validation.
 
     Each of the five fits leaves out every fifth line, starting at another one, so that each line is predicted once.
-    Lines whose noise exceeds 30 % do not count.
+    Lines whose noise exceeds 30 % are ignored.
     """
     used, unused = [], []
     for fold in range(_FOLDS):
@@ -201,8 +201,8 @@ def predicted(
 def lines_above_noise(frf: FRF) -> np.ndarray:
     """Return a mask of the lines above the noise, or of all lines if hardly any is above it.
 
-    The variance of a line is estimated from few averages and scatters: in noise some lines look certain by chance.  So
-    the median over the lines around one must be below `OPEN_LINE`, too.
+    The variance of a line is estimated from few averages, so that some lines in the noise seem to be certain by chance.
+    Therefore the median over the neighboring lines must also be below `OPEN_LINE`.
     """
     if frf.variance is None:
         return np.ones(frf.frequency.size, bool)

@@ -297,7 +297,7 @@ class FittedMode(Result):
 class ModalFit(Result):
     """The result of a modal fit; `values` and `covariance` are in the order of `unknowns`.
 
-    modes      by frequency, only oscillating modes within the measured band; all other terms are in `beyond`
+    modes      oscillating modes within the measured band, sorted by frequency; all other terms are in `beyond`
     estimates  every fitted parameter with its standard errors
     remarks    remarks based on the residuals and the errors
     """
@@ -364,13 +364,13 @@ def fit_modes(
 
     responses     position, velocity or acceleration over force or current, as stated by their unit
     modes         number of modes; None: as many as the frequency lines left out of the fit justify (at most 8)
-    band          Hz, lowest and highest line that is used
+    band          lowest and highest frequency of the lines used, Hz
     rigid         True if the axis moves freely at low frequencies
     proportional  True for real residues, skew = 0: all points of a mode move in phase, as in an undamped structure.
                   Friction and local dampers violate this
     rest          True to add a constant for all modes above the band
     progress      reports the number of modes being tried
-    dead_time     s; None: it is fitted
+    dead_time     dead time, s; None: it is fitted
 
     Initial values come from vector fitting; the cost is that of `refine`.  Each parameter has a standard error that is
     valid for correlated residuals.  Mode parameters of a model that lacks a mode are wrong by more than their

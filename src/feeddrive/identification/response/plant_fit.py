@@ -85,7 +85,7 @@ class PlantFit(Result):
         return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Return plant and actuator as blocks of an axis, which turns if the fit is in rad and N m.
+        """Return plant and actuator as blocks of an axis, which is rotary if the fit is in rad and N m.
 
         Raises ParameterError for units other than kg and N/m or kg m2 and N m/rad.
         """
@@ -489,13 +489,14 @@ def fit_plant(
     motor, load        position (or velocity, acceleration, by their unit) over the drive's force, at least one of them
     fixed              known parameters by name; they keep that value
     absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
-    dead_time          s; None: it is fitted.  For a response with a sample time it does not include the hold
+    dead_time          dead time, s; None: it is fitted.  For a response with a sample time it does not include the hold
     held               True if the input of a sampled response is a command held over each sample; False for a measured
                        current or force
-    current_loop       Hz; None: the force follows without lag, unless `find_current_loop` is set
-    band               Hz, lowest and highest line that is used
-    force_per_unit     N per unit of the responses' input (a motor's force constant); travel_per_unit m per unit of
-                       their output (lead/2π for rad).  Without them the result is in the units of the responses
+    current_loop       bandwidth, Hz; None: the force follows without lag, unless `find_current_loop` is set
+    band               lowest and highest frequency of the lines used, Hz
+    force_per_unit     N per unit of the responses' input (a motor's force constant)
+    travel_per_unit    m per unit of their output (lead/2π for rad).  Without these, the result is in the units of the
+                       responses
 
     The cost is that of `refine`: residuals weighted by the variances where these are known, else complex logarithmic
     ratios.
@@ -748,13 +749,13 @@ _ABOVE = 1.3  # times the resonance: a band must show the far side of the peak
 
 @dataclass(frozen=True)
 class ModelBand:
-    """The band of a response that two masses and a spring explain.
+    """The band in which two masses and a spring explain a response.
 
-    low, high   Hz
-    whole       True if it is that of all lines
-    begin       the plant fitted to some lines of the band, to begin with; none if there is no resonance in the lines
-    scatter     by parameter, how far the fits to narrower bands lie apart beyond their standard errors: what a
-                systematic error of the measurement does to it
+    low, high   ends of the band, Hz
+    whole       True if it contains all lines
+    begin       initial plant for a fit, from some lines of the band; empty if the lines contain no resonance
+    scatter     deviation of the fits to narrower bands beyond their standard errors, by parameter: the effect of
+                systematic measurement errors
     """
 
     low: float
@@ -794,12 +795,13 @@ class ModelBand:
 def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: bool = True) -> ModelBand:
     """Return the widest band, from the lowest line up, in which two masses and a spring explain a response.
 
-    A drive's response reaches to several kHz, where structure modes beyond the first one lie; a fit to all of it takes
-    one of these for the spring.  Bands whose upper ends are an octave apart are fitted.  Of those that contain the
-    resonance found in them, the widest one is taken whose error beyond the noise is at most 2 %, or else 1.5 times the
-    least.  If none of them contains a resonance, the band is that of all lines.
+    A drive's response extends to several kHz, where there are structural modes beyond the first one; a fit to all lines
+    would mistake one of these for the spring.  Bands with upper ends an octave apart are fitted.  Among those that
+    contain the fitted resonance, the widest one is selected whose error beyond the noise is at most 2 %, or at most 1.5
+    times the smallest error.  If no band contains a resonance, all lines are used.
 
-    band   Hz, the lines to choose from; held as for `fit_plant`
+    band   range of the lines to be considered, Hz
+    held   as for `fit_plant`
     """
     (frf,) = taken({"motor": motor}, band, None, None)[0].values()
     low, high = float(frf.frequency[0]), float(frf.frequency[-1])
@@ -828,10 +830,10 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
 
 
 def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
-    """Return, by parameter, the RMS distance of the first fit from those to narrower bands, less that of their noise.
+    """Return, by parameter, the RMS difference between the first fit and those to narrower bands, beyond the noise.
 
-    Of estimates from all lines and from some of them, the difference has the variance of the latter less that of the
-    former, if the model is right.
+    If the model is correct, the variance of the difference between an estimate from some lines and one from all lines
+    is the difference of their variances.
     """
     first, *others = ({e.name: e for e in (*fit.estimates, *fit.derived)} for fit in fits)
     scatter: dict[str, float] = {}
@@ -847,7 +849,7 @@ def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
 
 
 def on_lines(frf: FRF, lines: np.ndarray) -> FRF:
-    """Return a response on some of its lines, given by index or mask."""
+    """Return the response restricted to some of its lines, which are given by index or mask."""
     coherence, variance = (None if row is None else row[lines] for row in (frf.coherence, frf.variance))
     return replace(
         frf, frequency=frf.frequency[lines], response=frf.response[lines], coherence=coherence, variance=variance
@@ -855,9 +857,9 @@ def on_lines(frf: FRF, lines: np.ndarray) -> FRF:
 
 
 def _misses(fit: PlantFit) -> float:
-    """Return the RMS of ln(fitted/measured) on unused lines beyond the noise of the measurement, as far as it is known.
+    """Return the RMS of ln(fitted/measured) on unused lines beyond the measurement noise, if it is known.
 
-    The mean counts, not a median: a structure mode is a few lines that are far off.
+    It is a mean and not a median, since a structural mode affects only a few lines, but strongly.
     """
     noise = [
         (frf.variance / frf.magnitude**2)[lines_above_noise(frf)]
@@ -883,9 +885,9 @@ _DECIBEL = 20.0 / np.log(10.0)  # dB of a natural logarithm
 class AxisFits(Result):
     """Fits of several structures to the same lines, and the selected one.
 
-    fits     by structure; `chosen` is the name of the selected one
+    fits     fits by structure; `chosen` is the name of the selected one
     refused  structures that could not be fitted or were not needed, with the reason
-    wrong_sign  True if a mode or the rigid-body motion has a sign at an encoder that no structure allows
+    wrong_sign  True if a mode or the rigid-body motion has a sign at an encoder that is impossible in any structure
     """
 
     fits: Mapping[str, PlantFit]
@@ -980,8 +982,8 @@ def fit_axis(
 def simplest(fits: Mapping[str, PlantFit]) -> str:
     """Return the structure with the fewest parameters among those that predict unused lines best.
 
-    A structure whose total mass the lines do not determine is left out if another one determines its own: it moves
-    masses to and fro that a tuning needs.
+    A structure whose total mass is not determined by the lines is excluded if another structure determines it, since a
+    tuning needs the mass.
     """
     known = {name: fit for name, fit in fits.items() if _knows_mass(fit)} or fits
     best = min(fit.agreement.unused for fit in known.values())
@@ -991,7 +993,7 @@ def simplest(fits: Mapping[str, PlantFit]) -> str:
 
 
 def _knows_mass(fit: PlantFit) -> bool:
-    """Return True if no standard error of the masses that make up the rigid mass exceeds half of the rigid mass."""
+    """Return True if the standard error of each mass in the rigid-body mass is at most half of the rigid-body mass."""
     whole = float(fit.plant.rigid_mass())
     masses = [e for e in fit.estimates if e.name in ("mass", "mass_motor", "mass_load")]
     return all(estimate.error <= UNKNOWN * whole for estimate in masses)

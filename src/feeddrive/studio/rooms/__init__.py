@@ -1,4 +1,4 @@
-"""The rooms of the page, in the order of the workflow."""
+"""The tabs of the page, in the order of the workflow."""
 
 from feeddrive.studio.desk import Room
 from feeddrive.studio.rooms.bring import Bring

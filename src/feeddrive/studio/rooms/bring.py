@@ -111,7 +111,7 @@ class Bring(Room):
     def look(self, asked: Asked) -> None:
         """Read uploaded files, and open the first one unless the columns of another file are being assigned.
 
-        `sample_time`, s: of logs without a clock, which were refused before.
+        `sample_time` is the sample time, s, of logs without a clock that were refused before.
         """
         names = asked.texts("names")
         if not names:
@@ -210,7 +210,7 @@ class Bring(Room):
 
     @act
     def choose_axis(self, asked: Asked) -> None:
-        """Show the columns of another axis of a log. What was assigned to the columns of each axis is kept."""
+        """Show the columns of another axis of a log. The roles assigned for each axis are kept."""
         file = self._known(asked)
         axis = asked.choice("axis", file.guesses)
         self._put_guess(file, file.guesses[axis])
@@ -262,7 +262,7 @@ class Bring(Room):
         self._put_guess(file, replace(guess, mapping=mapping, needs=needs))
 
     def _unit(self, file: Understood, column: str) -> str:
-        """Return the unit of the numbers of a column: as the user entered it, or as file or name state it."""
+        """Return the unit of a column, as entered by the user or else as stated in the file or the column name."""
         assert file.guess is not None
         named = [other.unit for other in file.guess.mapping.values() if other.name == column]
         named += [need.signal for need in file.guess.needs.values() if need.column == column]
@@ -390,7 +390,7 @@ class Bring(Room):
         self._read_on()
 
     def _read_on(self) -> bool:
-        """Start to read the files that wait, as soon as no job runs; return True if it was started."""
+        """Start reading the waiting files unless a job is running; return True if reading was started."""
         if not self.unread or not self.desk.is_free:
             return False
         paths = self._reading = dict(self.unread)
@@ -418,7 +418,7 @@ class Bring(Room):
         return file is not None and file.kind in (LOG, RESPONSES) and file.name not in self._used
 
     def _take_turn(self, name: str) -> None:
-        """Open a file that was read, or let it wait until those before it are done."""
+        """Open a file that was read, or queue it until those before it are done."""
         content = self.files[name]
         if name == self.open or (not self.queue and not self._assigning):
             self._open(name)
@@ -570,7 +570,7 @@ class Bring(Room):
 
 
 def _signal(unit: str) -> tuple[str, float]:
-    """Return the signal of `feeddrive force` that a unit stands for, and the size of the unit in it: mA is 0.001 A.
+    """Return the signal of `feeddrive force` that corresponds to a unit, and the conversion factor: 0.001 for mA to A.
 
     The signal is empty for a unit of another quantity, and for one of a force or a torque.
     """
@@ -585,7 +585,7 @@ def _signal(unit: str) -> tuple[str, float]:
 
 
 def _sketch(content: Understood, name: str, role: str, column: Column | None) -> dict[str, Any]:
-    """Return the course of a column as whole numbers from 0 to 100, and its ends in the unit in which it is read."""
+    """Return the curve of a column as whole numbers from 0 to 100, and its minimum and maximum in the assigned unit."""
     if name not in content.columns:
         return {"course": [], "low": "", "high": ""}
     values = content.columns[name][1]
