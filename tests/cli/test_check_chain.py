@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import json
 import random
+import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -215,6 +216,25 @@ def test_a_machine_file_of_another_axis_is_named(run: Run) -> None:
     assert code == 1
     # the guard is no part of the linear law, whose matrices are the same
     assert ("guard.velocity_limit" in said, "other matrices" in said) == (True, False), said
+    # three of its five parameters are named, and twelve digits of a digest
+    assert "2 more parameters" in said
+    assert re.search(r"SHA-256 [0-9a-f]{12}\.\.\.", said)
+
+
+@pytest.mark.parametrize(("factor", "same"), [(1.0 + 0.7e-9, True), (1.0 + 1.4e-9, False)])
+def test_matrices_are_the_same_up_to_rounding(run: Run, factor: float, same: bool) -> None:
+    """Other versions of numpy round otherwise, by some 1e-15: a change of 1e-9 of the largest number is another one."""
+    document = json.loads(Path(CERTIFICATE).read_text(encoding="utf-8"))
+    row = [abs(float.fromhex(x)) for x in document["control"]["D"][0]]
+    renewed(lambda d: scaled(d, ("control", "D", 0, row.index(max(row))), factor))
+    code, said = run(words())
+    assert (code, "other matrices" in said) == ((0, False) if same else (1, True)), said
+
+
+def test_a_certificate_without_velocity_is_of_five_hundredths(run: Run) -> None:
+    """Those of earlier versions did not state it, and the text of their plants does."""
+    renewed(lambda d: d.pop("velocity"))
+    assert run(words())[0] == 0
 
 
 def test_single_precision_needs_its_own_certificate(run: Run) -> None:
