@@ -230,11 +230,17 @@ def _same(one: StateSpace | Lifted, other: StateSpace | Lifted) -> bool:
 def _of_export(directory: Path, name: str, digest: str, document: Mapping[str, Any] | None) -> Iterator[Link]:
     """Yield the links of an export: its files, its machine file, and axis and arithmetic of the certificate."""
     manifest = targets.read_manifest(directory)
-    altered = altered_files(directory)
+    # before the rest: a damaged machine file, or another prefix, makes no export that could be compared
+    inside = digest_of(read_whole(directory / targets.MACHINE_FILE, targets.MOST_BYTES))
+    try:
+        altered = altered_files(directory)
+    except FeeddriveError as error:
+        altered = [f"nothing could be written again from {targets.MACHINE_FILE} and {targets.FILE}: {error}"]
+    if inside != manifest.digest:
+        altered.insert(0, f"{targets.MACHINE_FILE} (not the one whose digest {targets.FILE} names)")
     finding = ", ".join(altered) or "every file is what this feeddrive writes again from the machine file inside"
     yield Link(f"{directory.name}: files", not altered, finding)
     files = f"{directory.name}, {name}"
-    inside = digest_of(read_whole(directory / targets.MACHINE_FILE, targets.MOST_BYTES))
     if manifest.digest != digest or inside != digest:
         other = manifest.digest if manifest.digest != digest else inside
         yield Link(files, False, _another(f"the machine file {manifest.source}", other, digest))
