@@ -52,7 +52,7 @@ def row(model: Held, r: float, T: float = 1e-3) -> dict[str, object]:
 
 def proven(control: Held, model: Held, r: float) -> bool:
     try:
-        check.proven(check.polynomials(check.system(control, "control")), row(model, r), 1e-3)
+        check.proven(check.polynomials(check.system(control, "control")), row(model, r), 1e-3, check.Work())
     except check.RefusedError:
         return False
     return True
@@ -96,11 +96,11 @@ def test_a_peak_between_two_lines_of_a_grid_is_found() -> None:
         assert near[0] > 0.9
         assert np.max(np.abs(np.linalg.eigvals(A - 0.05 * B @ C))) < 1.0
         if near[1] > 0.51:
-            check.proven(control, row(held(A, B, C, np.zeros((1, 1))), 0.5), T)
+            check.proven(control, row(held(A, B, C, np.zeros((1, 1))), 0.5), T, check.Work())
         elif near[1] < 0.49:
             refused += 1
             with pytest.raises(check.RefusedError) as caught:
-                check.proven(control, row(held(A, B, C, np.zeros((1, 1))), 0.5), T)
+                check.proven(control, row(held(A, B, C, np.zeros((1, 1))), 0.5), T, check.Work())
             assert caught.value.frequency == pytest.approx(100.5, abs=1e-3)
     assert 0 < refused < 13
 
@@ -322,7 +322,7 @@ def test_a_disc_for_each_encoder_is_as_sharp() -> None:
     wide = {**plant, "reserve": 1.001 * plant["reserve"] / float(check.KEPT)}
     answers = check.polynomials(check.system(found.document["control"], "control"))
     with pytest.raises(check.RefusedError):
-        check.proven(answers, wide, loop.sample_time)
+        check.proven(answers, wide, loop.sample_time, check.Work())
 
 
 def measured(loop: fd.Loop, noise: float) -> list[fd.Loop | fd.FRF]:

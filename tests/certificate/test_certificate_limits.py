@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -175,9 +177,9 @@ def test_a_peak_is_covered_down_to_the_rounding_of_its_angle() -> None:
     """A decay of 1e-8 needs intervals of 1e-8 rad, thirty times halved; one of 1e-15 is lost in rounding."""
     T = 1e-3
     bands = check.Bands([{"from_Hz": 0.0, "to_Hz": 500.0, "r": [1.0]}], 1, T)
-    assert check.separated_with_images(slow_pole(1e-8), bands, 1.0) > 1
+    assert check.separated_with_images(slow_pole(1e-8), bands, 1.0, check.Work()) > 1
     with pytest.raises(check.RefusedError, match="cannot be shown"):
-        check.separated_with_images(slow_pole(1e-15), bands, 1.0)
+        check.separated_with_images(slow_pole(1e-15), bands, 1.0, check.Work())
 
 
 def test_an_interval_is_never_tried_where_the_bound_of_its_inverse_does_not_hold() -> None:
@@ -185,3 +187,70 @@ def test_an_interval_is_never_tried_where_the_bound_of_its_inverse_does_not_hold
     loop = slow_pole(1e-2)
     assert check.Stretch(loop, 0.0, 0.5e-2).fits
     assert not check.Stretch(loop, 0.0, 1.2e-2).fits
+
+
+def dense(states: int, spread: float) -> dict[str, Any]:
+    """A certificate whose control has a dense matrix with numbers of 2^-spread to 2^spread."""
+    draw = np.random.default_rng(states)
+    document = json.loads(fd.certificate.certify_loop(fd.read_machine("emps").loop("x")).text())
+    control, readings = document["control"], len(document["control"]["readings"])
+    sizes = {"A": (states, states), "B": (states, readings), "C": (1, states), "D": (1, readings)}
+    for name, size in sizes.items():
+        values = draw.normal(size=size) * 2.0 ** draw.uniform(-spread, spread, size)
+        control[name] = [[float(x).hex() for x in row] for row in values]
+    control["states"] = [f"s{k}" for k in range(states)]
+    return {**document, "sha256": check.digest(document)}
+
+
+@pytest.mark.parametrize(("spread", "begins"), [(50.0, True), (80.0, False)])
+def test_a_proof_that_would_take_minutes_is_refused_before_it_begins(
+    monkeypatch: pytest.MonkeyPatch, spread: float, begins: bool
+) -> None:
+    def begun(*_: Any) -> None:
+        raise ArithmeticError("the proof has begun")
+
+    document = dense(60, spread)
+    monkeypatch.setattr(check, "polynomials", begun)
+    assert len(json.dumps(document)) > 90_000
+    if begins:
+        with pytest.raises(ArithmeticError, match="the proof has begun"):
+            check.verified(document)
+        return
+    with pytest.raises(check.RefusedError, match=r"the polynomial of the control takes \d\.\de\+10 steps"):
+        check.verified(document)
+
+
+def spent(document: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> float:
+    """The steps that a check counts."""
+    kept = list[check.Work]()
+
+    class Counted(check.Work):
+        def __init__(self) -> None:
+            super().__init__()
+            kept.append(self)
+
+    with monkeypatch.context() as patch, suppress(check.RefusedError):
+        patch.setattr(check, "Work", Counted)
+        check.verified(document)
+    return check.WORK - kept[0].left
+
+
+def test_the_counted_steps_follow_the_work(loop: fd.Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    small, large = (spent(dense(states, 0.0), monkeypatch) for states in (8, 16))
+    # n multiplications of n^3 products, the numbers of which grow with n: between n^3 and n^5
+    assert 8.0 < large / small < 32.0
+    # what is bundled takes less than a thousandth of what a check may take
+    plain = fd.certificate.certify_loop(loop)
+    assert 0.0 < spent(dict(plain.document), monkeypatch) < 1e-3 * check.WORK
+
+
+def test_a_bisection_ends_when_its_steps_are_used_up(loop: fd.Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    document = dict(fd.certificate.certify_loop(loop).document)
+    needed = spent(document, monkeypatch)
+    for share, proves in ((0.9, False), (1.1, True)):
+        monkeypatch.setattr(check.Work, "__init__", lambda self, most=share * needed: setattr(self, "left", most))
+        if proves:
+            assert len(check.verified(document)) == 1
+        else:
+            with pytest.raises(check.RefusedError, match="cannot be shown near"):
+                check.verified(document)

@@ -88,7 +88,7 @@ def test_the_loop_gain_is_that_of_the_analysis(loop: fd.Loop, found: Certificate
 def test_checker_and_certificate_agree_on_every_image(found: Certificate) -> None:
     """Exactly lifted and solved with bounds, against numpy; at frequencies on both sides of each image's turn."""
     document = found.document
-    control = check.prepared(document["control"])
+    control = check.prepared(document["control"], check.Work())
     model = check.system(document["plants"][0]["model"], "model")
     assert isinstance(control, list)
     lifted = check.lifted(control, model)

@@ -208,6 +208,12 @@ def certificate(change: str) -> list[str]:
     return ["check", "proven/certificate.json"]
 
 
+def chain(axis: str) -> list[str]:
+    """A certificate of the machine beside a machine file of that name."""
+    certificate('"confidence": 0.95')
+    return ["check", "proven/certificate.json", "--machine", axis]
+
+
 def proof(*words: str, edited: bool = False) -> list[str]:
     if shutil.which("gcc") is None:
         pytest.skip("NOT TESTED: the proof of an export needs gcc: apt-get install gcc libc6-dev")
@@ -306,6 +312,7 @@ QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.CURVE_IS_OPEN: lambda: speeds(*FAST),
     Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),
     Judgment.NOT_PROVEN: lambda: certificate('"confidence": 0.97'),
+    Judgment.NOT_TOGETHER: lambda: chain("emps"),
     Judgment.CLAIM_FAILS: lambda: claimed(1.2),
     Judgment.DONE: lambda: ["force", "V", "--column", "u", "--at-full", "30:Nm"],
 }
@@ -341,6 +348,7 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.EXPORTED: exported,
     Judgment.NOT_DECIDED: undecided,
     Judgment.PROVEN: lambda: certificate('"confidence": 0.95'),
+    Judgment.TOGETHER: lambda: chain("machine.toml"),
     Judgment.EQUAL: proof,
     Judgment.NOT_EQUAL: lambda: proof("--flag", "-fsingle-precision-constant"),
     Judgment.CHANGED: lambda: proof(edited=True),

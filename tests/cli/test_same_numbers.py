@@ -27,6 +27,7 @@ from feeddrive.cli.commands import app
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import read_machine
 from feeddrive.files.mapping import Mapping
+from feeddrive.files.origins import with_origins
 from feeddrive.language import tree
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
@@ -140,7 +141,7 @@ def by_mapping(log: Path) -> str:
     """The machine file by a `Mapping` in Python."""
     text = machine_text(identify(log, channels=MAPPING), None, "x")
     assert text is not None
-    return text
+    return with_origins(text, (log,))
 
 
 @pytest.mark.parametrize("surface", SURFACES)

@@ -179,6 +179,12 @@ snap = 1e4
 resolution_mdeg = 0.01
 """
 
+MADE_FROM = f"""
+[[made_from]]
+file = "x_axis.csv"
+sha256 = "{64 * "0"}"
+"""
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -201,6 +207,7 @@ SAMPLES = [
     Sample("channels", "channels", CHANNELS),
     Sample("drive", "drive", DRIVE),
     Sample("limits", "limits", LIMITS),
+    Sample("machine", "made_from", f"{MACHINES[0].read_text(encoding='utf-8')}\n{MADE_FROM}"),
     sample("rules", RULES),
 ]
 

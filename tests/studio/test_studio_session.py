@@ -242,7 +242,10 @@ def test_pages_do_not_see_each_other(bench: Bench, tmp_path: Path) -> None:
 def test_the_file_has_the_moved_number_and_all_else_as_it_was(session: Session, tmp_path: Path) -> None:
     asked(session, "tune.move", name="law.Kv", value=88.0)
     text = asked(session, "tune.file")["file"]
-    before = session.desk.needed.machine.file.text.splitlines()
+    machine = session.desk.needed.machine
+    before = machine.file.text.splitlines()
+    text, _, origins = text.partition("\n[[made_from]]\n")
+    assert f'file = "{Path(machine.file.name).name}"' in origins
     changed = [(old, new) for old, new in zip(before, text.splitlines(), strict=True) if old != new]
     assert len(changed) == 1
     assert "88" in changed[0][1]

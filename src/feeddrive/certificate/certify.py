@@ -57,9 +57,10 @@ BETWEEN = (
     "the list; they may be correlated."
 )
 NOT_CHECKED = [
-    "the texts for readers: claim, theorem, assumed, machine, law, parameters, units, readings, states, the "
-    "plants' names and source, dead_time_s, sample_time_ms",
-    "that the matrices are those of this control with these numbers: feeddrive traced it",
+    "the texts for readers: claim, theorem, assumed, machine, made_from, law, parameters, units, readings, states, the "
+    "plants' names and source, dead_time_s, sample_time_ms, velocity",
+    "that the matrices are those of this control with these numbers: feeddrive traced it, and `feeddrive check` with "
+    "--machine traces it again",
 ]
 OUTSIDE = [
     "saturation: force limit, current limit, anti-windup in action",
@@ -158,6 +159,7 @@ def certify_loop(
     confidence: float = 0.95,
     velocity: float = 0.05,
     machine: Mapping[str, str] | None = None,
+    made_from: Sequence[Mapping[str, str]] = (),
 ) -> Certificate:
     """Prove robust stability of a deployed controller for a list of plants with a disc |dP/P| <= r(f) around each.
 
@@ -179,7 +181,8 @@ def certify_loop(
     arithmetic   arithmetic of the coefficients: float64, float32, or fixedN with N binary places
     confidence   joint probability that the true responses at all measured lines lie in their discs
     velocity     velocity of the axes at which friction is linearized, m/s
-    machine      the machine to name in the certificate: name, file, sha256
+    machine      the machine to name in the certificate: name, file, axis, sha256
+    made_from    name and digest of each other file to name in it, such as the measured responses
 
     Raises NotCertifiedError, with the frequency and amount of the violation, if the proof fails; ParameterError for
     wrong arguments and for a multirate law with two encoders measured separately; NotIdentifiableError for a response
@@ -219,6 +222,8 @@ def certify_loop(
         "outside": OUTSIDE,
         "not_checked": NOT_CHECKED,
         "machine": dict(machine or {}),
+        "made_from": [dict(origin) for origin in made_from],
+        "velocity": velocity,
         "sample_time_s": T.hex(),
         "sample_time_ms": 1e3 * T,
         "arithmetic": arithmetic,

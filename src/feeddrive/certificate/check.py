@@ -27,6 +27,9 @@ approximated by x0 + t x1, t = θ - θ0, with a bound on the remainder that incl
 
 An interval on which the bound is too weak is bisected.  The bound also implies that no pole lies on the unit circle,
 for the matrices before rounding, after rounding and everywhere in between; so rounding moves no pole across the circle.
+
+The work is bounded: it is estimated from the sizes of the matrices and their numbers, a certificate that would take
+more than `WORK` steps is refused before the proof begins, and the bisection ends when the rest of them is used up.
 """
 
 import bisect
@@ -55,6 +58,9 @@ OTHER = "it is no certificate; give the certificate.json that `feeddrive certify
 # less than 1: at the reserve itself both sides are equal somewhere, which no bisection ends at
 KEPT = Fraction(999, 1000)  # fraction of a claimed reserve that must be proven
 NODES, DEPTH = 20_000, 160  # intervals of u before the check gives up
+# a step is an operation on digits of 30 bits, 1 to 3 ns: a minute at most; a law with a period of 16 samples takes 1/8
+WORK = 2e10
+EACH = 40.0  # steps of an operation in Python, whatever the size of its numbers
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
 HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
@@ -141,6 +147,67 @@ def polynomials(system: System) -> Polynomials:
     for i, j in entries:
         above[i, j] = [(x << (a * k)) + ((D[i][j] * det[k]) >> d) for k, x in enumerate(above[i, j])]
     return det, above
+
+
+def digits(bits: float) -> float:
+    """Return the number of 30-bit digits of an integer."""
+    return bits / 30.0 + 1.0
+
+
+def bits_of(values: Sequence[Poly]) -> int:
+    """Return the number of bits of the largest integer."""
+    return max([abs(x).bit_length() for line in values for x in line], default=1)
+
+
+def work_of_polynomials(system: System) -> float:
+    """Estimate the steps of `polynomials`: after k of n multiplications the integers are k times as long."""
+    (A, _), (B, _), (C, _) = (whole(system[name]) for name in "ABC")
+    n, bits, filled = len(A), bits_of(A), sum(1 for line in A for x in line if x)
+    outer = len(C) * len(B[0]) * n * n if n else 0
+    lengths = [digits(k * (bits + 6)) for k in range(1, n + 1)]
+    return sum(
+        filled * n * (EACH + digits(bits) * long) + outer * (EACH + digits(bits_of(C)) * long) for long in lengths
+    )
+
+
+def work_of_routh(n: int, bits: int) -> float:
+    """Estimate the steps of `stable` for degree n: an entry of row k is a determinant of k coefficients."""
+    # its exact division takes longest: Python divides in the square of the number of digits
+    return sum((n - k + 1) / 2.0 * (3.0 * EACH + digits(k * (bits + n)) ** 2) for k in range(1, n + 1))
+
+
+def work_of_interval(n: int, bits: int, parts: int, bands: int) -> float:
+    """Estimate the steps of `separated` for one interval: `parts` polynomials of degree n are bisected."""
+    return parts * n * n * (EACH + digits(2 * bits + n * 20)) + EACH * bands
+
+
+def work_of_lifting(samples: Sequence[System], plant: System) -> float:
+    """Estimate the steps of `lifted`: sample k of N multiplies integers of k times the length."""
+    n, N = len(samples[0]["A"]) + len(plant["A"]), len(samples)
+    bits = 2 * max(whole(matrix)[1] for entry in (*samples, plant) for matrix in (entry[name] for name in "ABCD")) + 60
+    return sum(n * n * (n + k) * (EACH + digits(bits) * digits(k * bits)) for k in range(1, N + 1))
+
+
+def work_of_stretch(n: int, N: int, bands: int) -> float:
+    """Estimate the steps of `separated_with_images` for one interval: an inverse of n states, and N images."""
+    return EACH * (4.0 * n**3 + N * (8.0 * n * n + 6.0 * N * n + 4.0 * N * N + bands))
+
+
+class Work:
+    """The steps that a check may still take."""
+
+    def __init__(self, most: float = WORK) -> None:
+        self.left = most
+
+    def spend(self, steps: float) -> bool:
+        """Return True if the steps can still be taken, which are then counted."""
+        self.left -= steps
+        return self.left >= 0.0
+
+    def need(self, steps: float, what: str) -> None:
+        """Raise RefusedError if the steps cannot be taken any more."""
+        left = self.left
+        need(self.spend(steps), f"{what} takes {steps:.2g} steps, and {max(left, 0.0):.2g} of {WORK:.2g} are left")
 
 
 def times(p: Poly, q: Poly) -> Poly:
@@ -234,16 +301,19 @@ class Bands:
         return self.most(u, u)
 
 
-def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction) -> int:
+def separated(F: Poly, N: list[Poly], bands: Bands, reserve: Fraction, work: Work) -> int:
     """Raise RefusedError unless |F| > reserve Σ ri |Ni| for all u in 0..1; return the number of intervals used."""
     n, nodes = len(F) - 1, 0
+    each = work_of_interval(n, bits_of([F, *N]), 1 + len(N), len(bands.radii))
     waiting = [(0, 0, [squared(p, n) for p in (F, *N)])]
     while waiting:
         i, depth, parts = waiting.pop()
         nodes += 1
         low, high = i / 2**depth, (i + 1) / 2**depth
         f = math.asin(math.sqrt(low)) / (math.pi * bands.T)
-        need(nodes <= NODES and depth <= DEPTH, f"|1 + L| > r|L| cannot be shown near {f:.6g} Hz", f)
+        need(
+            nodes <= NODES and depth <= DEPTH and work.spend(each), f"|1 + L| > r|L| cannot be shown near {f:.6g} Hz", f
+        )
         r = [Fraction(x) * reserve for x in bands.most(low, high)]
         # (Σ ri |Ni|)² <= Σ ri² |Ni|²/mi for any mi > 0 of sum 1 (Cauchy and Schwarz); it is sharp for mi as ri |Ni|
         size = [float(x) * ratio(p[0] + p[-1], parts[0][0] + parts[0][-1]) for x, p in zip(r, parts[1:], strict=True)]
@@ -466,8 +536,9 @@ def widest(bands: Bands, low: float, high: float) -> float:
     return bands.most(u[0] if low > 0.0 else 0.0, 1.0 if low <= 0.5 / bands.T <= high else u[1])[0]
 
 
-def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
+def separated_with_images(loop: Lifted, bands: Bands, factor: float, work: Work) -> int:
     """Raise RefusedError unless factor r Σl |Hl| < 1 at all frequencies; return the number of intervals."""
+    each = work_of_stretch(len(loop.A), len(loop.C), len(bands.radii))
     N, T, nodes, waiting = len(loop.C), bands.T, 0, [(0, 0)]
     per = 1.0 / (2.0 * math.pi * N * T)  # Hz
     while waiting:
@@ -478,7 +549,9 @@ def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
         stretch = Stretch(loop, (2 * i + 1) * h, wide)
         hertz = [(stretch.center + 2.0 * math.pi * k) * per for k in range(N)]
         near = f"near {hertz[0]:.6g} Hz and its images"
-        need(nodes <= NODES and depth <= ANGLE_DEPTH, f"r Σ|H| < 1 cannot be shown {near}", hertz[0])
+        need(
+            nodes <= NODES and depth <= ANGLE_DEPTH and work.spend(each), f"r Σ|H| < 1 cannot be shown {near}", hertz[0]
+        )
         fits = stretch.fits
         for k, f in enumerate(hertz if fits else []):
             r = widest(bands, f - wide * per, f + wide * per) * factor * (1.0 + 1e-12)
@@ -494,18 +567,22 @@ def separated_with_images(loop: Lifted, bands: Bands, factor: float) -> int:
 
 
 def proven_over_period(
-    samples: Sequence[System], plant: System, bands: Bands, factor: float, f: float
+    samples: Sequence[System], plant: System, bands: Bands, factor: float, f: float, work: Work
 ) -> tuple[int, int, float]:
     """Raise RefusedError unless the loop is stable and factor r Σl |Hl| < 1 at all frequencies.
 
     Returns the number of closed-loop poles, the number of intervals, and r Σl |Hl| at f.
     """
     need(len(bands.radii[0]) == 1, "with two rates there must be one disc for all readings")
+    work.need(work_of_lifting(samples, plant), "the loop over a period")
     loop = lifted(samples, plant)
     n = len(loop.A)
     silent = {"A": loop.A, "B": [[0.0]] * n, "C": [[0.0] * n], "D": [[0.0]]}  # only the poles matter
-    need(stable(polynomials(silent)[0]), "the nominal loop is not stable")
-    return n, separated_with_images(loop, bands, factor), bands.at(f)[0] * image_sum(loop, f, bands.T)
+    work.need(work_of_polynomials(silent), "the polynomial of the loop over a period")
+    F = polynomials(silent)[0]
+    work.need(work_of_routh(n, bits_of([F])), "the Routh array of the loop over a period")
+    need(stable(F), "the nominal loop is not stable")
+    return n, separated_with_images(loop, bands, factor, work), bands.at(f)[0] * image_sum(loop, f, bands.T)
 
 
 def parse(content: bytes) -> dict[str, Any]:
@@ -541,15 +618,20 @@ def represented(x: float, arithmetic: str) -> bool:
     return not arithmetic.startswith("fixed") or (Fraction(x) * 2 ** int(arithmetic[5:])).denominator == 1
 
 
-def prepared(control: Any) -> Polynomials | list[Any]:
+def prepared(control: Any, work: Work) -> Polynomials | list[Any]:
     """Return the controller of a certificate as polynomials or, if multirate, as a list of one system per sample."""
     samples = [system(entry, "control") for entry in control.get("samples", [control])]
     need(all(len(sample["C"]) == 1 for sample in samples), "the control must have one output, the force")
     need(len({(len(sample["A"]), len(sample["D"][0])) for sample in samples}) == 1, "its samples do not fit each other")
-    return samples if "samples" in control else polynomials(samples[0])
+    if "samples" in control:
+        return samples
+    work.need(work_of_polynomials(samples[0]), "the polynomial of the control")
+    return polynomials(samples[0])
 
 
-def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly, Numerators, Bands, int, int]:
+def proven(
+    control: Polynomials | list[Any], plant: Any, T: float, work: Work
+) -> tuple[Poly, Numerators, Bands, int, int]:
     """Prove stability and margin for a plant.
 
     Returns the plant's det(z - A), numerators and bands, the number of closed-loop poles and the number of intervals.
@@ -563,9 +645,10 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
     # with a reserve hardly above 1 the discs as stated must hold, too
     factor = max(Fraction(1), Fraction(reserve or 1) * KEPT)
     f = plain(plant["reserve_at_Hz"], "reserve_at_Hz", 0.0, 0.5 / T * (1.0 + 1e-9))
+    work.need(work_of_polynomials(model), "the polynomial of the plant")
     Dp, Np = polynomials(model)
     if isinstance(control, list):
-        poles, nodes, there = proven_over_period(control, model, bands, float(factor), f)
+        poles, nodes, there = proven_over_period(control, model, bands, float(factor), f, work)
     else:
         parts = [times(control[1][0, i], Np[i, 0]) for i in range(readings)]
         loop = [sum(terms) for terms in zip(*parts, strict=True)]
@@ -574,15 +657,16 @@ def proven(control: Polynomials | list[Any], plant: Any, T: float) -> tuple[Poly
         # a common power of two is dropped: it would be squared and slow down every product
         spare = min((x & -x).bit_length() for p in (closed, *split) for x in p if x) - 1
         F, *N = [[x >> spare for x in p] for p in (closed, *split)]
+        work.need(work_of_routh(len(F) - 1, bits_of([F])), "the Routh array of the loop")
         need(stable(F), "the nominal loop is not stable")
-        poles, nodes = len(F) - 1, separated(F, N, bands, factor)
+        poles, nodes = len(F) - 1, separated(F, N, bands, factor, work)
         denominator, *numerators = at((F, *N), f, T)
         there = sum(r * abs(x / denominator) for r, x in zip(bands.at(f), numerators, strict=True))
     need(reserve is None or abs(reserve * there - 1.0) < 2e-3, f"its reserve is not {reserve} at {f:.6g} Hz", f)
     return Dp, Np, bands, poles, nodes
 
 
-def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float) -> int:
+def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float, work: Work) -> int:
     """Raise RefusedError unless all measured lines G lie in the discs around the model P; return their number.
 
     The condition is |G - P| + sure √variance <= r|P|.
@@ -590,6 +674,9 @@ def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: f
     rows, discs = row(plant["lines"], None, "lines"), len(bands.radii[0])
     need(not rows or len(rows) == len(Np) or all(Np[i, 0] == Np[0, 0] for i in range(len(Np))), "lines are missing")
     need(len(rows) <= discs, "lines of two readings need a disc each")
+    n = len(Dp)
+    each = 2.0 * n * (4.0 * EACH + 2.0 * n + digits(bits_of([Dp, *Np.values()])))  # a power of z has 60 bits
+    work.need(each * sum(len(row(lines, None, "lines")) for lines in rows), "the comparison with the measured lines")
     for i, lines in enumerate(rows):
         for line in row(lines, None, "lines"):
             f, re, im, variance = row(line, 4, "a line")
@@ -614,7 +701,8 @@ def verified(document: Mapping[str, Any]) -> list[str]:
         need(represented(exact(x, name), arithmetic), f"{name} is not a number of {arithmetic}")
     outside = " ".join(document["outside"])
     need("saturation" in outside and "friction" in outside, "it does not list saturation and friction as outside")
-    control, plants, sentences = prepared(document["control"]), row(document["plants"], None, "plants"), []
+    work = Work()
+    control, plants, sentences = prepared(document["control"], work), row(document["plants"], None, "plants"), []
     need(0 < len(plants) <= 100, "there is no plant, or more than a hundred")
     # no finite disc holds a normal error with certainty
     confidence = plain(document["confidence"], "confidence", 0.0, 1.0 - 1e-12)
@@ -623,8 +711,8 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     for plant in plants:
         name = str(plant["name"])[:60]
         try:
-            Dp, Np, bands, degree, nodes = proven(control, plant, T)
-            lines = inside(plant, Dp, Np, bands, sure, T)
+            Dp, Np, bands, degree, nodes = proven(control, plant, T, work)
+            lines = inside(plant, Dp, Np, bands, sure, T, work)
         except RefusedError as error:
             raise RefusedError(f"'{name}': {error}", error.frequency) from None
         room = "" if plant["reserve"] is None else f"; the discs could be {plant['reserve']:.4g} times as wide"

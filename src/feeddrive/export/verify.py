@@ -14,6 +14,7 @@ from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, MACHINE_FILE, Answers, Design, Trial, read_design, trial
 from feeddrive.export.targets import Manifest, Proof
 from feeddrive.files.atomic_io import files_of, read_whole
+from feeddrive.files.origins import digest_of
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
@@ -35,6 +36,7 @@ class Verified(Result):
     altered      files of the export that are missing, changed, or symbolic links
     other_files  files in the directory that are not part of the export; they are neither read nor run
     written_by   version of feeddrive that wrote the export
+    digest, export_digest  SHA-256 digests of the machine file and of `export.json`
     """
 
     name: str
@@ -42,6 +44,7 @@ class Verified(Result):
     precision: str
     machine: str
     digest: str
+    export_digest: str
     program: str
     how: str
     samples: int
@@ -72,12 +75,18 @@ class Verified(Result):
         wide = max(len(row[0]) for row in table.rows)
         return "\n".join([table.title, *(f"  {row[0]:<{wide}}  {row[1]}" for row in table.rows)])
 
+    def record(self) -> str:
+        """Return the text of a file with the verification result; its last line is the SHA-256 of the lines above."""
+        text = self.sentences() + "\n"
+        return f"{text}SHA-256 {digest_of(text)}\n"
+
     def table(self) -> Table:
         """Return the verification result as a table."""
         worst = joined(", ", (f"{name} {Quantity(value):3}" for name, value in self.worst.items()))
         rows: list[list[str | int]] = [
             ["export", f"{self.name}, target {self.target}, {self.precision} precision"],
-            ["machine file", f"{self.machine}, SHA-256 {self.digest[:16]}..."],
+            ["machine file", f"{self.machine}, SHA-256 {self.digest}"],
+            [targets.FILE, f"SHA-256 {self.export_digest}"],
             ["files as written", "yes" if not self.altered else "no: " + ", ".join(self.altered)],
             *([["files besides", ", ".join(self.other_files)]] if self.other_files else []),
             ["written by", self.written_by],
@@ -129,7 +138,12 @@ def verify_export(
         _write_fresh(fresh, directory, manifest, design)
         altered = _altered(directory, manifest, fresh)
         result = _proven(fresh, design, manifest, altered, proof, samples, seed, flags, command)
-        return replace(result, other_files=[name for name in files_of(directory) if not (fresh / name).exists()])
+        digest = digest_of(read_whole(directory / targets.FILE, targets.MOST_BYTES))
+        return replace(
+            result,
+            export_digest=digest,
+            other_files=[name for name in files_of(directory) if not (fresh / name).exists()],
+        )
 
 
 def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Design) -> None:
@@ -141,31 +155,50 @@ def _write_fresh(fresh: Path, directory: Path, manifest: Manifest, design: Desig
         ) from None
 
 
-def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
-    """Return the files that differ from a fresh export. Raise FileError if one of them would be compiled or run.
+def altered_files(directory: Path) -> list[str]:
+    """Return the files of an export that differ from a fresh export of its machine file, with the difference.
+
+    `export.json` is among them. Raises FileError for a directory that is not an export, and ParameterError for the
+    export of an axis.
+    """
+    manifest = targets.read_manifest(directory)
+    design = _design(directory, manifest)
+    with tempfile.TemporaryDirectory(prefix="feeddrive-") as folder:
+        fresh = Path(folder) / "export"
+        _write_fresh(fresh, directory, manifest, design)
+        findings = [f"{name} ({how})" for name, how in _differences(directory, manifest, fresh).items()]
+        # its list of digests follows the files: another one is another finding only where no file differs
+        if not findings and (directory / targets.FILE).read_bytes() != (fresh / targets.FILE).read_bytes():
+            findings.append(f"{targets.FILE} (edited)")
+    return findings
+
+
+def _differences(directory: Path, manifest: Manifest, fresh: Path) -> dict[str, str]:
+    """Return how files differ from a fresh export, by name; `export.json` is not compared.
 
     The comparison is with a fresh export of the machine file, since the digests in `export.json` can be edited along
     with a file.
     """
-    changed, findings, run = set(targets.changed_files(directory, manifest)), list[str](), list[str]()
-    wanted = {name: (fresh / name).read_bytes() for name in files_of(fresh) if name != targets.FILE}
-    for name in files_of(directory):
+    changed, differing = set(targets.changed_files(directory, manifest)), dict[str, str]()
+    for name in files_of(fresh):
         file = directory / name
         if name == targets.FILE:
             continue
-        if name not in wanted:
-            continue
         if file.is_symlink():
-            findings.append(f"{name} (a symbolic link)")
-        elif read_whole(file, targets.MOST_BYTES) != wanted.pop(name):
-            findings.append(f"{name} ({'edited' if name in changed else 'not what this feeddrive writes'})")
-        else:
-            continue
-        # edited notes and wiring are reported, but what would be compiled or run is refused
-        if not name.endswith(_NOT_RUN):
-            run.append(findings[-1])
-    findings += [f"{name} (missing)" for name in wanted if not (directory / name).exists()]
-    run += [f"{name} (missing)" for name in wanted if not (directory / name).exists() and not name.endswith(_NOT_RUN)]
+            differing[name] = "a symbolic link"
+        elif not file.exists():
+            differing[name] = "missing"
+        elif read_whole(file, targets.MOST_BYTES) != (fresh / name).read_bytes():
+            differing[name] = "edited" if name in changed else "not what this feeddrive writes"
+    return differing
+
+
+def _altered(directory: Path, manifest: Manifest, fresh: Path) -> list[str]:
+    """Return the files that differ from a fresh export. Raise FileError if one of them would be compiled or run."""
+    differing = _differences(directory, manifest, fresh)
+    findings = [f"{name} ({how})" for name, how in differing.items()]
+    # edited notes and wiring are reported, but what would be compiled or run is refused
+    run = [f"{name} ({how})" for name, how in differing.items() if not name.endswith(_NOT_RUN)]
     here = f"feeddrive {__version__}"
     if run:
         other = "" if manifest.version == here else f", and this is {here}: verify it there, or export again here"
@@ -255,6 +288,7 @@ def _compared(
         precision=design.layout.precision,
         machine=design.machine.name,
         digest=design.digest,
+        export_digest="",
         program=answers.program,
         how=answers.how,
         samples=len(outputs),

@@ -16,6 +16,9 @@ kind = "structure_mode"
 axis = "x"
 [geometry]                    # geometric errors at the tool point: squareness, scales and straightness
 squareness_xy_urad = 20
+[[made_from]]                 # written by a command: name and SHA-256 digest of each file that it was made from
+file = "x_axis.csv"
+sha256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 """
 
 from collections.abc import Mapping
@@ -26,6 +29,7 @@ from typing import Any, TypeAlias
 
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.families import Coupling
+from feeddrive.files.origins import Origin
 from feeddrive.files.section import Section, named, read_section, text, to_toml
 from feeddrive.files.toml_file import Key, TomlFile, parse_toml, quoted, read_toml, with_values
 from feeddrive.language.block import Number, parameter, part
@@ -62,6 +66,7 @@ class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine 
         "interactions of the axes: structure modes that they share, a cut, a recorded force", default=()
     )
     geometry: Geometry | None = part("squareness, scales and straightness of the axes", default=None)
+    made_from: tuple[Origin, ...] = part("files that this file was made from, with their digests", default=())
 
     def check(self) -> None:
         """Raise ParameterError for a name that is not one line of plain text."""
@@ -96,6 +101,7 @@ class MachineFile(Result):
     couplings: tuple[Coupling, ...] = ()
     limits: Mapping[str, AxisLimits] = field(default_factory=dict[str, AxisLimits])
     geometry: Geometry | None = None
+    made_from: tuple[Origin, ...] = ()
 
     @property
     def quoted(self) -> tuple[str, ...]:
@@ -209,7 +215,17 @@ def _machine(file: TomlFile) -> MachineFile:
     _check_together(section, loops)
     limits = {name: axis.limits for name, axis in section.axis.items() if axis.limits is not None}
     name = section.name or Path(file.name).stem
-    return MachineFile(name, section.source, section.remark, loops, file, section.couplings, limits, section.geometry)
+    return MachineFile(
+        name,
+        section.source,
+        section.remark,
+        loops,
+        file,
+        section.couplings,
+        limits,
+        section.geometry,
+        section.made_from,
+    )
 
 
 def machine_toml(

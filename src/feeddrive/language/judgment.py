@@ -63,6 +63,8 @@ class Judgment(Enum):
     NOT_DECIDED = "export", "whether the loop is stable was not decided", 1
     PROVEN = "check", "PROVEN", 0
     NOT_PROVEN = "check", "REFUSED", 1
+    TOGETHER = "check --machine", "The files belong together", 0
+    NOT_TOGETHER = "check --machine", "These files do not belong together", 1
     EQUAL = "verify", "EQUAL, bit for bit", 0
     NOT_EQUAL = "verify", "NOT EQUAL", 1
     CHANGED = "verify", "CHANGED SINCE THE EXPORT", 1

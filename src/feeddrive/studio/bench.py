@@ -14,6 +14,7 @@ from feeddrive.blocks.load.step_force import StepForce
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.files.frf import FrfLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Units
@@ -180,7 +181,7 @@ class Bench:
         """Return the content of the machine file with changed controller parameters; everything else is unchanged."""
         self.needed_loop()
         assert self.machine is not None
-        return machine_text(self.machine, self.axis, self.by_hand.control(values))
+        return with_origins(machine_text(self.machine, self.axis, self.by_hand.control(values)), (self.machine,))
 
 
 def bench_of(

@@ -9,6 +9,7 @@ from pathlib import Path
 from feeddrive.export.design import weight
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.origins import with_origins
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
@@ -97,6 +98,9 @@ def adjust(request: AdjustRequest, progress: Progress) -> Outcome[MachineFile]:
     loops = {**machine.loops, axis: replace(loop, control=tree.vary(edited, values))}
     changed = loops[axis].control
     text = machine_text(machine, axis, changed)
+    # a file that is changed in place stays made from what it was: its own older text is gone
+    if request.out is None or request.out.resolve() != Path(machine.file.name).resolve():
+        text = with_origins(text, (machine,))
     rows: list[Sequence[Cell]] = [(f"filters.{i}", loop.control.filters[i].kind, "removed", "") for i in removed]
     rows += [
         (f"filters.{len(edited.filters) - len(added) + i}", "added", filter_.kind, "")

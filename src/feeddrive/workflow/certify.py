@@ -6,7 +6,6 @@ accepts it.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,6 +20,7 @@ from feeddrive.certificate.certify import PlantLike, certify_loop, point_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
 from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.origins import digest_of, origins
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -93,7 +93,11 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         arithmetic="float32" if request.float32 else request.arithmetic,
         confidence=request.confidence,
         velocity=request.velocity,
-        machine=None if machine is None else source(machine),
+        machine=None if machine is None else source(machine, loop.name),
+        made_from=[
+            {"file": origin.file, "sha256": origin.sha256}
+            for origin in origins((request.measured, request.motor, *request.at))
+        ],
     )
     files: dict[str, Path] = {}
     known = {
@@ -140,7 +144,7 @@ def certified(
                 file = Path(folder) / "machine.toml"
                 file.write_text(text, encoding="utf-8")
                 machine = read_machine(file)
-            control, of_file = machine.loop(axis).control, source(machine)
+            control, of_file = machine.loop(axis).control, source(machine, axis)
         certificate = certify_loop(
             control, point_plants(points), sample_time=float(points[0].sample_time), machine=of_file
         )
@@ -150,10 +154,10 @@ def certified(
     return certificate, certificate.sentence()
 
 
-def source(machine: MachineFile) -> dict[str, str]:
-    """Return the facts about a machine file that the certificate records: names of machine and file, and SHA-256."""
-    digest = hashlib.sha256(machine.file.text.encode()).hexdigest()
-    return {"name": machine.name, "file": Path(machine.file.name).name, "sha256": digest}
+def source(machine: MachineFile, axis: str) -> dict[str, str]:
+    """Return the facts about a machine file that the certificate records: names, axis and SHA-256 digest."""
+    file = machine.file
+    return {"name": machine.name, "file": Path(file.name).name, "axis": axis, "sha256": digest_of(file.text)}
 
 
 def _plants(request: CertifyRequest, loop: Loop) -> dict[str, PlantLike]:

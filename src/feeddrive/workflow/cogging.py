@@ -18,6 +18,7 @@ from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.files.columns import ROLES, Column, is_time
 from feeddrive.files.drive import Drive
 from feeddrive.files.machine import MachineFile
+from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import OpenedFile, read_arrays
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
@@ -102,6 +103,9 @@ def cogging(request: CoggingRequest, progress: Progress) -> Outcome[CoggingFit]:
     table = _at_table(seen, drive)
     why = kept_away(fit, table)
     text = None if why or table is None else machine_text(fit, table, drive.machine, drive.axis)
+    # without a machine file the text is a section to be pasted
+    if text is not None and drive.machine is not None:
+        text = with_origins(text, (*request.logs, *request.backward, drive.machine))
     judged_by = units_first(seen.doubts) or advice(fit)
     judgment, verdict = judged_by
     files: dict[str, Path] = {}

@@ -22,6 +22,7 @@ from feeddrive.comparison.compare import (
 from feeddrive.comparison.report import comparison_report, write_comparison
 from feeddrive.evaluation.lineup import Lineup
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
@@ -117,7 +118,7 @@ def taken(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with the control of the chosen law."""
     from feeddrive.workflow.tune_files import machine_text
 
-    return machine_text(machine, axis, control)
+    return with_origins(machine_text(machine, axis, control), (machine,))
 
 
 _SENTENCES = re.compile(r"\. (?=[A-Z])")  # between sentences, not a decimal point in code

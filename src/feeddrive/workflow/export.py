@@ -111,7 +111,7 @@ def verify(request: VerifyRequest, progress: Progress) -> Outcome[Verified]:
     text = verified.sentences()
     files: dict[str, Path] = {}
     if request.out is not None:
-        write_whole(request.out, text + "\n")
+        write_whole(request.out, verified.record())
         files["Certificate"] = request.out
     judgment = Judgment.NOT_EQUAL if verified.differing else Judgment.EQUAL if verified.holds else Judgment.CHANGED
     return Outcome(verified, text.splitlines(), files=files, judgment=judgment)

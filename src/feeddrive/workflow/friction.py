@@ -15,6 +15,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.files.drive import Drive
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineFile
+from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
@@ -85,6 +86,8 @@ def friction(request: FrictionRequest, progress: Progress) -> Outcome[FrictionCu
     compared, parameters = tables(curve)
     why = kept_away(curve, drive.loop)
     text = None if why else machine_text(curve, drive.machine, drive.axis)
+    # without a machine file the text is a section to be pasted
+    text = text if text is None or drive.machine is None else with_origins(text, (*request.logs, drive.machine))
     files: dict[str, Path] = {}
     known = {
         "Logs": drive_logs.log_names(request.logs),

@@ -24,6 +24,7 @@ from feeddrive.files.log import Log, clipped
 from feeddrive.files.machine import MachineFile, machine_toml, read_machine
 from feeddrive.files.mapping import axes_in
 from feeddrive.files.odrive import read_odrive
+from feeddrive.files.origins import with_origins
 from feeddrive.files.preview import Preview
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
@@ -202,6 +203,7 @@ def _identify_motion(
     # an axis of a log with several keeps its name
     named = request.axis or (None if runs[0].read is None else runs[0].read.axis or None)
     text = None if why else machine_text(model, machine, axis_name(loop, named), names)
+    text = None if text is None else with_origins(text, (*request.sources, machine))
     files: dict[str, Path] = {}
     rows = (Text(f"{log.log.position.size}, {Quantity(log.log.sample_time, 's'):6} apart") for log in alone)
     known = {

@@ -20,6 +20,7 @@ from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.log import LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
+from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import TomlEdit
@@ -74,6 +75,7 @@ def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], p
     reason = told_by(fit, turns=turns)
     drive = not request.measured_input
     text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, drive, turns=turns)
+    text = None if text is None else with_origins(text, (request.log, request.motor, request.load, machine))
     judged_by = units_first(doubts) or advice(result, turns=turns)
     remarks = [*_silent(chosen), *fit.remarks]
     return _outcome(request, result, remarks, _facts(path, chosen, request), judged_by, text, reason, progress)
@@ -101,7 +103,7 @@ def identify_commissioned(request: IdentifyRequest, file: Commissioning, progres
     )
     fit, path = axis.result.fit, Path(called(request.log))
     reason = told_by(fit, turns=True) or (f"the file {NO_CLOCK}" if axis.loop is None else "")
-    text = None if reason else axis.text()
+    text = None if reason else with_origins(axis.text(), (request.log,))
     frf = axis.plant
     known = {
         "File": str(path),

@@ -15,6 +15,7 @@ from feeddrive.figures.figure import Figure
 from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import axis_name
 from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -365,6 +366,7 @@ def _tuned(
         "In Python": request.python("tune"),
     }
     text = None if base is None or not tuned.holds else machine_text(base, name, tuned.control)
+    text = None if text is None else with_origins(text, (base, request.source, *request.at, *request.motor))
     progress.step("certificate")
     # a control that violates a limit is not proposed, so it needs no proof
     certificate, facts["Certificate"] = certified(tuned.control, points, text, name) if tuned.holds else (None, "")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.figures.of_loops import ROPE_SNAP
+from feeddrive.files.origins import with_origins
 from feeddrive.files.run_files import summary_text
 from feeddrive.files.section import to_toml
 from feeddrive.language.errors import FeeddriveError, UnstableError, sentence
@@ -143,7 +144,7 @@ def _machine(best: Robust) -> str | None:
     base = next(best.study.bases())
     if not best.tuned.holds or not best.better:
         return None
-    return machine_text(base.job.machine, base.axis, best.tuned.control)
+    return with_origins(machine_text(base.job.machine, base.axis, best.tuned.control), (base.job.machine,))
 
 
 def _remarks(laws: Laws) -> list[str]:
