@@ -1,6 +1,6 @@
 // One more filter: of which kind, and at which frequency; the server knows the kinds, and a frequency if none is given.
 
-import { button, make } from "../parts";
+import { button, make, renew } from "../parts";
 
 export class FilterAdder {
   readonly element: HTMLElement;
@@ -27,7 +27,7 @@ export class FilterAdder {
 
   list(kinds: string[]): void {
     const now = this.kind.value || "notch";
-    this.kind.replaceChildren(...kinds.map((each) => make("option", { value: each }, each.replaceAll("_", " "))));
+    renew(this.kind, kinds, () => kinds.map((each) => make("option", { value: each }, each.replaceAll("_", " "))));
     this.kind.value = kinds.includes(now) ? now : (kinds[0] ?? "");
   }
 

@@ -1,6 +1,6 @@
 // The numbers of the control: a slider and a field each, by block; the page knows no law, all comes from declarations.
 
-import { button } from "../parts";
+import { button, renew } from "../parts";
 import type { Knob } from "../wire";
 
 export type Moved = (name: string, value: number | string, first: boolean) => void;
@@ -11,7 +11,6 @@ export class Numbers {
   private readonly rows = new Map<string, { knob: Knob; slider: HTMLInputElement; field: HTMLInputElement }>();
 
   private last: Record<string, number> = {};
-  private listed = ""; // the knobs that stand there
 
   constructor(
     private readonly section: HTMLElement,
@@ -21,11 +20,12 @@ export class Numbers {
 
   // The same knobs once more, as after a lost connection, leave the fields alone: somebody may be writing into one.
   list(knobs: Knob[]): void {
-    const listed = JSON.stringify(knobs);
-    if (listed === this.listed) return;
-    this.listed = listed;
+    renew(this.section, knobs, () => this.groups(knobs));
+  }
+
+  private groups(knobs: Knob[]): HTMLElement[] {
     this.rows.clear();
-    this.section.replaceChildren();
+    const groups: HTMLElement[] = [];
     let group: HTMLFieldSetElement | null = null;
     let where = "";
     for (const knob of knobs) {
@@ -44,10 +44,11 @@ export class Numbers {
               "aria-label": `Remove ${legend.textContent}`,
             }),
           );
-        this.section.append(group);
+        groups.push(group);
       }
       group.append(this.row(knob));
     }
+    return groups;
   }
 
   // The numbers of now; without any those that were shown last, as after one that was refused.
