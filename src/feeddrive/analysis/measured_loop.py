@@ -105,8 +105,9 @@ def measured_loop(
     load, motor   X2/u and X1/u, from the commanded force to the readings; omit `motor` for a single encoder
     disturbance   X2/d and X1/d, from a force on the table, such as that of a hammer, to the readings; they are needed
                   for the compliance only
-    delay         computation delay, s, if the responses were measured from the acting force instead of its command
-    frequency     frequencies in Hz, for responses that are arrays or models of python-control
+    delay         computation delay, s, if the responses were measured from the actual force rather than the commanded
+                  one
+    frequency     frequencies in Hz, for responses that are arrays or python-control models
 
     The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated, its upper bound
     (|C1| σ(X1/u) + |C2| σ(X2/u))² is used: confidence intervals are then conservative.

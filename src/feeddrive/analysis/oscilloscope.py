@@ -136,7 +136,7 @@ class LiveSource(Protocol):
         ...
 
     def state(self) -> str:
-        """Return the status as a sentence: rows are received or were skipped, or the source is waiting."""
+        """Return the status as a sentence: rows are being received, rows were skipped, or the source is waiting."""
         ...
 
     def close(self) -> None:

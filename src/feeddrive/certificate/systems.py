@@ -432,7 +432,9 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Return the lines below half the sample rate; an unknown variance is computed from the coherence, else it is 0."""
+    """Return the lines below half the sample rate; an unknown variance is computed from the coherence, otherwise it is
+    0.
+    """
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

@@ -93,13 +93,14 @@ class Filtered(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A controller or drive of a manufacturer: its rows, its filters, and the format of its files.
+    """A manufacturer's controller or drive: its parameters (`rows`), its filters, and the format of its files.
 
     notes    header lines of its file, such as which loop the gains belong to, or how to switch off the integrator
     rotary   True if it supports rotary motors only
-    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` gives reasons for others
+    held     kinds of controller elements (`drive_quantities.Item`) that it represents completely; `outside` gives, for
+             each other kind, the reason and the consequence
     filters  function that returns the lines for a filter, called with the filter and its index among the filters
-    always   parts that it cannot represent in any design
+    always   elements that it cannot represent, whatever the design
     """
 
     key: str

@@ -216,7 +216,7 @@ def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
 
 
 def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> Slope:
-    """Return the logarithm of the largest compliance in a band, times `weight`, with its derivatives."""
+    """Return the logarithm of the largest compliance in a band, weighted by `weight`, with its derivatives."""
     size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
     k = int(np.argmax(size))
     slope = (loop.compliance_slope[k] / loop.compliance[k]).real
@@ -391,10 +391,11 @@ def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Return the slacks, with each local minimum corrected for the smallest |w| between the neighboring lines.
+    """Return the slacks, with each local minimum corrected for the smallest |w| between the neighboring frequency
+    lines.
 
-    w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a circle in the
-    complex plane, and the point of this circle that is closest to 0 may lie far from any line.
+    w is interpolated through three frequency lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a
+    circle in the complex plane, and the point of this circle that is closest to 0 may lie far from any of these lines.
     """
     out = slack.copy()
     low = (slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:]) & (slack[1:-1] < _NEAR)

@@ -270,7 +270,9 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
 
 
 def unit_at_the_end(name: str, role: str) -> str:
-    """Return the unit suffix of a column name, as in `x_cmd_mm`, if it is valid for the role, else an empty string."""
+    """Return the unit suffix of a column name, as in `x_cmd_mm`, if it is valid for the role, otherwise an empty
+    string.
+    """
     for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
             units.factor(name[start:], ROLES[role])

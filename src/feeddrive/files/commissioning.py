@@ -126,7 +126,7 @@ class Commissioning:
 
     @property
     def plant(self) -> str | None:
-        """The name of the plant response to use: preferably one with a coherence, then the latest, then the longest."""
+        """The name of the plant response to use: preferably with coherence data, then the latest, then the longest."""
 
         def rank(name: str) -> tuple[bool, str, int]:
             frf = self.responses[name]

@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return a status message as long as the stream is empty, else an empty string."""
+        """Return a status message as long as the stream is empty, otherwise an empty string."""
         ...
 
 
@@ -90,7 +90,7 @@ class GrowingFile:
         return self._head
 
     def waits(self) -> str:
-        """Return a message if the file does not exist, else an empty string."""
+        """Return a message if the file does not exist, otherwise an empty string."""
         return "waits for the file: it is not there" if self._missing else ""
 
     def read(self) -> Grown:
@@ -200,7 +200,7 @@ class PipeFollower:
         return self._pipe.first
 
     def waits(self) -> str:
-        """Return a message while no bytes have been received, else an empty string."""
+        """Return a message while no bytes have been received, otherwise an empty string."""
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:

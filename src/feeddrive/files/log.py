@@ -70,7 +70,7 @@ class Log(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence for each channel that is constant, clipped, or recorded more slowly than the clock."""
+        """A sentence for each channel that is constant, clipped, or recorded at a lower rate than the log."""
         return remarks(self.channels)
 
     def table(self) -> Table:
@@ -147,7 +147,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
-    """Return a remark if the signal reaches its extreme value at full slope and stays there, else "".
+    """Return a remark if the signal reaches its extreme value at full slope and stays there, otherwise "".
 
     times  number of occurrences required for a remark; one is enough for a position, since no axis can stop within
            one sample
@@ -174,7 +174,7 @@ def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal changes only at every m-th sample, as if written by a slower task, else ""."""
+    """Return a remark if the signal changes only at every m-th sample, as if written by a slower task, otherwise ""."""
     changes = np.flatnonzero(np.diff(values))
     # a few changes lie on a common grid by chance
     if changes.size < 20:

@@ -561,7 +561,9 @@ class ProgramSection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the section class for a table: recorded setpoints if it has a key `recorded`, else part program."""
+        """Return the section class for a table: recorded setpoints if it has the key `recorded`, otherwise a part
+        program.
+        """
         return RecordedSection if "recorded" in table.values else PartProgramSection
 
 

@@ -172,7 +172,9 @@ def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
 
 
 def _unit_of(column: Column, stated: Mapping[str, str], si: str) -> str:
-    """Return the unit of a column, or of the file, if it measures the quantity of an SI unit; else an empty string."""
+    """Return the unit of a column, or of the file, if it measures the quantity of an SI unit; otherwise an empty
+    string.
+    """
     for unit in (column.unit, "" if column.factor is not None else stated.get(column.name, "")):
         try:
             if unit:

@@ -313,8 +313,8 @@ _FINE = 32
 class CoggingRun:
     """A run in one direction: position in turns (or in periods of the cogging) and motor force, shape (n,).
 
-    direction is +1 for a run towards larger positions, else -1; by default it follows from the positions.
-    Outliers of the force (`regression.strays`) are left out; `remarks` lists them.
+    direction is +1 for a run towards larger positions, otherwise -1; by default it follows from the positions. Outliers
+    of the force (`regression.strays`) are left out; `remarks` lists them.
     """
 
     turns: np.ndarray

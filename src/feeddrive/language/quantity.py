@@ -121,7 +121,8 @@ class Units:
         """Return the name of the display unit for an SI unit, and the conversion factor from SI.
 
         shown  the customary unit of this quantity; empty for the usual display unit of its SI unit
-        stays  True if the unit is the same for a rotary axis, because the quantity does not belong to the axis
+        stays  True if the unit is the same for a rotary axis, because the quantity does not describe the motion of the
+               axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _usual(unit))
         size = _factor(unit, wanted)

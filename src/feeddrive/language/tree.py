@@ -113,7 +113,7 @@ def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
 
 
 def select(condition: Any, a: Tree, b: Tree) -> Tree:
-    """Select between two states: every leaf of `a` where the condition is true, else that of `b`."""
+    """Select between two states: every leaf of `a` where the condition is true, otherwise that of `b`."""
     left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
     return rebuild(a, (_either(condition, x, y) for x, y in zip(left, right, strict=True)))
 

@@ -263,6 +263,6 @@ def rounded(value: float, digits: int) -> float:
 
 
 def decimal(value: float) -> float:
-    """Round to twelve digits if that removes only a rounding error, else return `value`: 50 · 1e-6 gives 5e-05."""
+    """Round to twelve digits if that removes only a rounding error, otherwise return `value`: 50 · 1e-6 gives 5e-05."""
     near = rounded(value, 12)
     return near if abs(near - value) <= 4 * math.ulp(value) else value

@@ -187,7 +187,7 @@ class Axis(Block):
 
     def encoders(self) -> int:
         """Return the number of distinct positions that the controller reads: 1 if there is one body or one encoder,
-        else 2.
+        otherwise 2.
         """
         shape = self.plant.mechanics()
         return 1 if self.one_encoder() or shape.motor == shape.load else 2

@@ -196,7 +196,7 @@ class FRF(Result):
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """Return the variance if known, else that computed from the coherence for this number of averages (see
+        """Return the variance if known, otherwise that computed from the coherence for this number of averages (see
         `variance_of`), or None if neither is known.
         """
         if self.variance is None and self.coherence is not None:

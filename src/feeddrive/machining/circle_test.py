@@ -794,7 +794,7 @@ class Cause(NamedTuple):
     unit    SI unit
     effect  the largest radial deviation that it produces on one of the circles, m
     share   fraction of G: its peak-to-peak deviation over the total one, on the circle where this is largest
-    note    the causes from which it cannot be separated, and the test to run; else empty
+    note    the causes from which it cannot be separated, and the test to run; otherwise empty
     """
 
     name: str

@@ -125,8 +125,8 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     ends  fraction of each element that is excluded at each of its ends, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
-    least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
-    the arc.  Raises ParameterError for more than two axes and for `ends` out of range.
+    least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, otherwise about the
+    center of the arc.  Raises ParameterError for more than two axes and for `ends` out of range.
     """
     if not contour.signed:
         raise ParameterError(f"elements are those of a plane path, not of {', '.join(contour.axes)}: choose two axes")
@@ -187,7 +187,7 @@ def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, floa
     """Return the radius of an arc of the path, the roundness of the positions on it, and their error of radius.
 
     The error is the radius of the positions minus the radius of the arc: the radius of a fitted circle for at least
-    half a turn, else the mean distance from the center of the arc.
+    half a turn, otherwise the mean distance from the center of the arc.
     """
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:

@@ -248,7 +248,7 @@ class ToothPassage:
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
         """Prepare the Chebyshev points; with a fraction `share` = 0.6 of them |µ| is accurate to 1 %, enough for a
-        start value.
+        starting value.
         """
         # Deferred: commands that only read files do not need it.
         from scipy.linalg import schur

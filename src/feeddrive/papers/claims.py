@@ -185,7 +185,7 @@ PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
 
 
 class Reproduced:
-    """The claims and the page of an experiment, without the data of its pictures."""
+    """The result of an experiment in a form that can be pickled: its claims, and its report as HTML."""
 
     def __init__(self, experiment: Experiment) -> None:
         self.name = experiment.name

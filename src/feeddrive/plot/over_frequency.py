@@ -495,7 +495,7 @@ def _decibel(ratio: float) -> float:
 
 
 def _floor(least: float, units: Units) -> float | None:
-    """Return the lower limit of a gain panel: -60 dB if the curves fall below it, else None."""
+    """Return the lower limit of a gain panel: -60 dB if the curves fall below it, otherwise None."""
     # |S| falls without limit towards 0 Hz and |T| towards Nyquist, which would compress the peaks.
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 

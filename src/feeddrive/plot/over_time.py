@@ -125,7 +125,7 @@ comparison = figure_of(comparison_chart)
 
 
 def motion_chart(runs: Runs, points: int = POINTS) -> Chart:
-    """Plot velocity and acceleration of the table, actual and set."""
+    """Plot the actual and commanded velocity and acceleration of the table."""
     chosen = style.named(runs)
     first = next(iter(chosen.values()))
     velocities, accelerations = list[Curve](), list[Curve]()

@@ -148,8 +148,8 @@ def place_view(
 
 
 def place_chart(contour: ContourError, place: Worst) -> Chart:
-    """Plot the commanded path and the tool's path around a place, in µm relative to the tool and with equal scales, in
-    the plane of the two axes that move most.
+    """Plot the commanded path and the tool's path around a location, in µm relative to the tool position and with equal
+    scales, in the plane of the two axes that move most.
     """
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)

@@ -76,7 +76,8 @@ class Bench:
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with the reference controller, from the machine file; None without a machine file."""
+        """The loop of the axis with the reference controller, from the machine file; None if there is no machine file.
+        """
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -85,7 +86,7 @@ class Bench:
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """Return the loop. Raise ParameterError with a remedy for measured responses without a machine."""
+        """Return the loop. Raise ParameterError with a remedy for measured responses if there is no machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
@@ -94,7 +95,7 @@ class Bench:
 
     @cached_property
     def duty(self) -> Duty:
-        """The duty used to compare laws on this axis. Raises ParameterError without a machine."""
+        """The duty with which laws are compared on this axis. Raises ParameterError if there is no machine."""
         return duty_of(self.needed_loop(), None, None)
 
     @cached_property
@@ -108,7 +109,7 @@ class Bench:
     def run(self, control: Control, name: str) -> Run:
         """Simulate the move and the force pulse of `work` with a controller, with friction, quantization and limits.
 
-        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
+        Raises DivergedError if the axis leaves its bounds, ParameterError if there is no machine.
         """
         reference, load, duration = self.work
         loop = replace(self.needed_loop(), control=control)
@@ -118,21 +119,22 @@ class Bench:
     def snap(self, control: Control, name: str) -> Run:
         """Simulate the rope-snap test with a controller: a force acts on the table at rest until `duty.begin`.
 
-        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
+        Raises DivergedError if the axis leaves its bounds, ParameterError if there is no machine.
         """
         duty, loop = self.duty, replace(self.needed_loop(), control=control)
         duration = duty.begin + duty.rest
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """Return the linearized loop from set position to table position. Raises ParameterError without a machine."""
+        """Return the linearized loop from set position to table position. Raises ParameterError if there is no machine.
+        """
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property
     def mechanics(self) -> StateSpace:
         """The linearized axis without control, from the command to both readings.
 
-        Raises ParameterError without a machine.
+        Raises ParameterError if there is no machine.
         """
         return linearize(self.needed_loop(), ["cut"], READINGS)
 
@@ -143,7 +145,7 @@ class Bench:
         return self._overlays[place]
 
     def friction_shown(self, units: Units) -> Chart | None:
-        """Return the chart of modelled and measured friction versus velocity; None without a machine."""
+        """Return the chart of modelled and measured friction versus velocity; None if there is no machine."""
         if self.loop is None:
             return None
         if units not in self._frictions:
@@ -260,5 +262,5 @@ def bench_of_responses(
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """Return the path or the bundled name of a machine, as it is written in commands."""
+    """Return the path of a machine file or the name of a bundled machine, as it is written in commands."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

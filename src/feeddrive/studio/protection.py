@@ -233,7 +233,7 @@ class Protected:
         await send({"type": "http.response.body", "body": ENTER.format(reason=reason).encode()})
 
     def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """Return True if a request opens a page, or comes from a page of this server."""
+        """Return True if a request only reads (GET or HEAD), or comes from a page of this server."""
         if scope.get("method") in ("GET", "HEAD"):
             return True
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")

@@ -139,7 +139,7 @@ def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Encode a band; if it has more points than a picture can show, each interval is reduced to its envelope."""
+    """Encode a band; if it has more points than a plot can resolve, each interval is reduced to its envelope."""
     x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)

@@ -99,7 +99,7 @@ def sentences(
     correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
     """Return sentences on the yield, the bound that is violated most often, and the factors that have the largest
-    influence on the figure of this bound.
+    influence on the figure that this bound limits.
     """
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"

@@ -112,7 +112,9 @@ class Judged:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """True for variants that satisfy the whole specification; without a specification, for all with figures."""
+        """True for variants that satisfy the whole specification; if there is no specification, for all variants whose
+        figures were computed.
+        """
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
@@ -226,7 +228,7 @@ class BoundYield:
 class Yield:
     """The yield of the drawn machines.
 
-    inside  machines that satisfy the whole specification; without a specification, all that have figures
+    inside  machines that satisfy the whole specification; if there is no specification, all that have figures
     bad     number of machines without figures: they satisfy no bound
     bounds  one entry per bound, in the order of the study file
     choices the share inside the specification, by the column and value of each choice (law, machine, position)
@@ -345,7 +347,7 @@ def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
 
 
 INSIDE = "inside"
-"""An output in addition to the figures: 1 for a machine inside the specification, else 0."""
+"""An output in addition to the figures: 1 for a machine inside the specification, otherwise 0."""
 _LEAST_POINTS = 32
 _RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers to process
 
@@ -377,7 +379,7 @@ class SobolIndices:
 class RankCorrelation:
     """Spearman's rank correlation of an output with a varied number, -1 to 1, and its interval at the level `LEVEL`.
 
-    If the effect is monotone, its square is the share of the variance of the ranks that the number explains.
+    If the effect is monotone, its square is the fraction of the variance of the ranks that the number explains.
     """
 
     output: str

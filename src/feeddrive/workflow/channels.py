@@ -438,7 +438,7 @@ class Mapped:
     named           roles named by the user: by an option, in a roles file, or on the page
     preview         peak figures of the motion; None without a position
     second          contradictions of clock and scales by a second source: a logged velocity or current
-    axis            the axis of the columns if the log has several axes; else empty
+    axis            the axis of the columns if the log has several axes; otherwise empty
     """
 
     log: Log

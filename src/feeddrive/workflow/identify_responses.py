@@ -87,7 +87,7 @@ def is_commissioned(request: IdentifyRequest) -> bool:
 
 
 def identify_commissioned(request: IdentifyRequest, file: Commissioning, progress: Progress) -> Outcome[Any]:
-    """Fit the axis of a commissioning file; write its machine file with the present law if requested."""
+    """Fit the axis of a commissioning file; write its machine file with the existing law if requested."""
     axis = drive_axis(
         file,
         progress,

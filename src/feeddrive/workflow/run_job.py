@@ -116,7 +116,8 @@ def _tripped(job: Job, row: Entry) -> bool:
 
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run a bundled example: a ball-screw axis under its present controller and three better ones, or a milling cut."""
+    """Run a bundled example: a ball-screw axis under its existing controller and three better ones, or a milling cut.
+    """
     # a demo ends with the report to open
     return replace(run.run(RunRequest(DEMOS[request.what], out=request.out), progress), then="")
 

@@ -204,7 +204,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Compare the present control, all tuning rules and the new control by their worst figures over all points."""
+    """Compare the existing control, all tuning rules and the new control by their worst figures over all points."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"

@@ -115,8 +115,8 @@ def first_control(law: str | None, loop: Loop | None, points: Sequence[Operating
     """Return the initial control of a search, and the name of the tuning rule that provided it.
 
     The initial control is the present one, one with another law, or a P-PI with robust margins; the name is empty
-    unless a tuning rule provided a missing control. If the present law is requested by name and has no integral action,
-    it is replaced by an initial design with integral action, if the law can have it.
+    unless a tuning rule provided a missing control. If the existing law is requested by name and has no integral
+    action, it is replaced by an initial design with integral action, if the law can have it.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -388,7 +388,9 @@ def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]
 
 
 def _fewer(frf: FRF) -> FRF:
-    """Return the response on fewer lines, evenly spaced in ln f, so that a modal fit takes a second or two."""
+    """Return the response at fewer frequency lines, evenly spaced in ln f, so that a modal fit takes a few seconds at
+    most.
+    """
     x = np.log(frf.frequency)
     kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
     variance = None if frf.variance is None else frf.variance[kept]

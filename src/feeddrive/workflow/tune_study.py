@@ -49,7 +49,7 @@ class Laws:
         return next(iter(self.tuned.values()))
 
     def table(self) -> Table:
-        """Tabulate the laws, with the present control in the last row."""
+        """Tabulate the laws, with the existing control in the last row."""
         rows = [
             [name, *_cells(robust.after), "no" if robust.unsettled else "yes"] for name, robust in self.tuned.items()
         ]

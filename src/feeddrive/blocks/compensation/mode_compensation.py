@@ -119,7 +119,7 @@ class ModeCompensation(Compensation):
         )
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute the exact hold of each mode over a sample and over the lead time."""
+        """Compute the zero-order-hold discretization of each mode over a sample and over the lead time."""
         made = self.observer.prepare(T)
         lead = self._lead(made, T)
         samples, leads, modes = [], [], []

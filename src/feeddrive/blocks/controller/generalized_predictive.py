@@ -191,7 +191,7 @@ def _series(B: Row, A: Row, count: int) -> list[Any]:
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:
-    """Return `row[place]` if `place` is in 0 .. count - 1, else 0.0."""
+    """Return `row[place]` if `place` is in 0 .. count - 1, otherwise 0.0."""
     return row[place] if 0 <= place < count else 0.0
 
 

@@ -76,7 +76,7 @@ class SuperTwisting(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return one variant, in the zone form with slow start values.
+        """Return one variant, in the zone form with slow starting values.
 
         L, and thus the width of the zone, is chosen for disturbances that change by 50 m/s² per millisecond, and is
         larger if the reading noise requires it.
@@ -178,7 +178,7 @@ class SuperTwisting(Law):
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule: inside the zone, the loop around m x'' = F without dead time is stable."""
+        """Yield the validity rule: inside the zone, the loop with the plant m x'' = F and no dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),

@@ -119,7 +119,7 @@ class MillingCut(Coupling):
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """Return the tooth period τ in s, the longest among the sections that cut."""
+        """Return the tooth period τ in s, the longest over the sections in which the tool cuts."""
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:

@@ -95,7 +95,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(forces, slips), -total, False
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
-        """Return F_i at v = 0, its slope versus v, its two bounds, α_i s, and sgn(v) if it slips (else 0)."""
+        """Return F_i at v = 0, its slope versus v, its two bounds, α_i s, and sgn(v) if it slips (otherwise 0)."""
         level = self.level(velocity)
         most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h

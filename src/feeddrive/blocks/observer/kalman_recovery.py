@@ -58,7 +58,7 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute hold and gain in normalized units, with position noise 1 and random-walk force steps w = ∛ρ."""
+        """Compute the discretized model and Kalman gain in normalized units: position noise 1, force steps w = ∛ρ."""
         # 1/√12: the standard deviation of a rounding to counts
         noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)

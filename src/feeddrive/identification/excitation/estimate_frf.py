@@ -373,7 +373,8 @@ def estimate_frf(
 
     method   "periodic" (multisines in steady state), "impact" (blows of a hammer), "local_polynomial" (chirp, step,
              PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if the excitation
-             is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
+             is periodic in the record, impact if the input consists of short pulses from rest, otherwise local
+             polynomials
     band     lowest and highest frequency, Hz
     period   period in samples; default: detected in the reference, or in the input if there is none
     skip     number of periods dropped at the start; default: determined by a test

@@ -296,9 +296,10 @@ class Identified(Result):
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
     remarks     remarks on parameters that could not be identified, with the reasons
-    started     description of the law of `loop` if it is a safe start law instead of the law of the log; else empty
+    started     description of the law of `loop` if it is a safe start law instead of the law of the log; otherwise
+                empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
-    contradicted  evidence from a second source against clock or scales of the log, and the correction; else empty
+    contradicted  evidence from a second source against clock or scales of the log, and the correction; otherwise empty
     """
 
     log: MotionLog
@@ -386,7 +387,8 @@ class Identified(Result):
 
     @property
     def mass(self) -> Estimate:
-        """The mass for a machine file: that of the closed loop if it was fitted, else that of the inverse dynamics.
+        """The mass for a machine file: that of the closed loop if it was fitted, otherwise that of the inverse
+        dynamics.
 
         Its error includes half of the difference between the two masses, since effects that both models lack, such as
         the elasticity of the axis, change them differently.

@@ -48,7 +48,7 @@ class Refinement(Result):
     start       initial values by name
     by_delay    tried dead time in samples -> RMS of the position residual, m
     replay      replay of the fitted loop
-    count       resolution of the readings, m, if the fit accounts for quantization; else 0
+    count       resolution of the readings, m, if the fit accounts for quantization; otherwise 0
     """
 
     name: str

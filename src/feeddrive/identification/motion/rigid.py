@@ -396,7 +396,7 @@ def _twice(values: np.ndarray, T: float) -> np.ndarray:
 
 
 def place_names(periods: Sequence[float]) -> list[str]:
-    """Return the names of the parameters of a force along the travel."""
+    """Return the names of the parameters of a position-dependent force."""
     names = []
     for period in periods:
         names += ["slope"] if np.isinf(period) else ["sine", "cosine"]
@@ -708,10 +708,10 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
     """Return a mask of the rows that excludes those in which an unknown force acts for a short time.
 
     The residual of such a row exceeds `_PULSE` robust standard deviations, 1.4826 · median |r - median r|. Its
-    neighbors, into which the low pass spreads the force, are excluded, too. The fit is repeated without these rows
-    until no more are found. All rows are kept if more than `_MOST_PULSES` of them would be excluded, since this is then
-    the usual residual, or if a parameter depends on the excluded rows (see `_needs`), such as the ramps of an elastic
-    axis.
+    neighbors, into which the low-pass filter spreads the force, are excluded, too. The fit is repeated without these
+    rows until no more are found. All rows are kept if more than `_MOST_PULSES` of them would be excluded, since this is
+    then the usual residual, or if a parameter depends on the excluded rows (see `_needs`), such as the ramps of an
+    elastic axis.
     """
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
@@ -1110,10 +1110,10 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray, 
 
 
 def _rough(residual: np.ndarray) -> float:
-    """Return twice the largest decrease of a residual on the way from its minimum to longer or shorter delays.
+    """Return twice the largest decrease of a residual going from its minimum toward longer or shorter delays.
 
     Around the true delay a residual increases on both sides. If quantization enters the force through a velocity gain,
-    the residual is as ragged as the force, and its minimum is no evidence about clocks.
+    the residual is as ragged as the force, and its minimum says nothing about the offset of the clocks.
     """
     best = int(np.argmin(residual))
     sides = residual[best:], residual[best::-1]

@@ -1,4 +1,4 @@
-"""Modal fit of one or several frequency responses without start values: frequencies, damping ratios, residues."""
+"""Modal fit of one or several frequency responses without starting values: frequencies, damping ratios, residues."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

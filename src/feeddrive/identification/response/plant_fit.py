@@ -498,8 +498,8 @@ def fit_plant(
     travel_per_unit    m per unit of their output (lead/2π for rad).  Without these, the result is in the units of the
                        responses
 
-    The cost is that of `refine`: residuals weighted by the variances where these are known, else complex logarithmic
-    ratios.
+    The cost is that of `refine`: residuals weighted by the variances where these are known, otherwise complex
+    logarithmic ratios.
     Raises ParameterError for different units, an unknown name and too few lines.
     Not suitable for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
     """

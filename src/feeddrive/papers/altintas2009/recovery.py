@@ -229,8 +229,8 @@ def compensated(
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """Return x - x_s - x_r at the tool in m, where x_s is the deflection of the tool side due to the reaction of the
-    drive force.
+    """Return the error x - x_s - x_r at the tool in m, where x_r = 0 is the set position, and x_s the deflection of the
+    tool side, on which the load force acts with the opposite sign.
     """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))

@@ -318,8 +318,8 @@ class Schedule:
         return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-        """Return a part in time intervals of constant snap: two ramps of seven phases and a plateau for each
-        stretch.
+        """Return one part of the motion as time intervals of constant snap: two ramps of seven phases and a plateau for
+        each stretch.
         """
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
