@@ -52,7 +52,7 @@ class MeasuredLoop(Result):
         """Assess the stability of the closed loop by the Nyquist criterion.
 
         unstable_poles  number of unstable poles of the open loop
-        integrators     number of integrators of axis and law together; None: from the slope of L
+        integrators     number of integrators of the axis and the law together; None: from the slope of L
         """
         return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
 
@@ -150,7 +150,7 @@ def measured_loop(
 def _responses(
     control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequency responses of the controller alone, from the readings of motor and load to the force."""
+    """Return the frequency responses of the controller alone, from the motor and the load reading to the force."""
     law = control.law
     if T is None:
         raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")

@@ -192,8 +192,7 @@ class Sensor(Block, ABC):
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """Return the new state and the position reading (m), from the true position (m) and velocity (m/s) at t = kT.
-        """
+        """Return the new state and the reading (m), from the true position (m) and velocity (m/s) at t = kT."""
 
 
 class Law(Block, Retuned, ABC):
@@ -201,8 +200,8 @@ class Law(Block, Retuned, ABC):
 
     feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
-    encoders 2 if the law always needs separate measurements of motor and load position, otherwise 1 tunables parameters
-    to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
+    encoders 2 if the law always needs separate measurements of the motor and the load position, otherwise 1 tunables
+    parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
     title    name of the law in a comparison; if empty, its kind is used
     steps_live  True if the force jumps at a live change in steady state, as in the original that the law reproduces
     """
@@ -491,11 +490,11 @@ class Coupling(Block, ABC):
         """Return the names of the axes on which the coupling acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Return the modes that are integrated with these axes in one exact hold; by default none."""
+        """Return the modes that are discretized together with these axes; by default none."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Return the springs between tables (default: none); with springs the axes are integrated in one exact hold."""
+        """Return the springs between tables (default: none); with springs the axes are discretized together."""
         return ()
 
     def follows(self) -> dict[str, str]:

@@ -667,7 +667,8 @@ def proven(
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float, work: Work) -> int:
-    """Raise RefusedError unless all measured lines G lie in the discs around the model P; return their number.
+    """Raise RefusedError unless all measured frequency lines G lie in the discs around the model P; return their
+    number.
 
     The condition is |G - P| + sure √variance <= r|P|.
     """

@@ -38,7 +38,7 @@ _TAKEN = frozenset(
 
 
 class Body:
-    """The C statements that compute some nodes of a graph, in the order of the law's source.
+    """The C statements that compute the given nodes of a graph, in the order of the law's source.
 
     `leaves` maps nodes whose values already exist to their C text.  `makers` gives the block that computes a node, and
     `titles` the heading above the lines of a block.

@@ -65,7 +65,7 @@ class Row(NamedTuple):
     most: float | None = None
 
     def of(self, train: DriveTrain) -> tuple[str, str, str]:
-        """Return name, unit and measure on a drive train."""
+        """Return the name, unit and measure on a drive train."""
         usual = (self.name, self.unit, self.measure)
         if train.turns:
             return self.turning or usual
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number in a manufacturer's file, with its path in the machine file and its value in SI."""
+    """A number in a manufacturer's file, with its path in the machine file and its value in SI units."""
 
     name: str
     text: str
@@ -874,7 +874,7 @@ def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
 
 
 def _si(cascade: Cascade, path: str) -> str:
-    """Return the value from the machine file, in SI."""
+    """Return the value from the machine file, in SI units."""
     values = {
         "control.law.Kv": ("Kv", "1/s"),
         "control.law.velocity_feedforward": ("velocity_feedforward", ""),

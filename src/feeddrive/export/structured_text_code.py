@@ -1,5 +1,4 @@
-"""Structured Text: declarations, expressions, statements generated from a graph, and functions missing in IEC 61131-3.
-"""
+"""Structured Text: declarations, expressions, statements generated from a graph, functions missing in IEC 61131-3."""
 
 from __future__ import annotations
 

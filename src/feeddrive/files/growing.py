@@ -217,7 +217,7 @@ class GrowingTable:
     time_unit    unit of a time column that states none; None: s
 
     Invalid lines are skipped and counted.  An `overrun` line of halsampler marks a gap; the sample numbers in its
-    output serve as the clock.
+    output serve as the time base.
     """
 
     def __init__(

@@ -17,7 +17,7 @@ kind = "step_force"
 kind = "linear_move"               # axes without one are at rest; [others.y.load] is a force on the table
 [[law]]                            # rows of the comparison; the existing control is always the first
 name = "twice the gain"
-set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
+set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI units; or a whole [law.control], [law.axis.y.control]
 """
 
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ class ControlOfAxis(Section):
 
 
 class LawSection(Section):
-    """A row of the comparison: a name, and the control that it compares with the present one."""
+    """A row of the comparison: a name, and the control that it compares with the existing one."""
 
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("set",), ("control", "axis"))
     needs: ClassVar[str] = (
@@ -130,7 +130,7 @@ class Job(Result):
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
-        """Tabulate the laws, one per row, starting with the present one."""
+        """Tabulate the laws, one per row, starting with the existing one."""
         work = self.reference.kind if self.reference is not None else "-"
         work = self.program.description if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work

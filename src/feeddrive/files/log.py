@@ -1,7 +1,7 @@
 """A measured log: channels over time on one clock, with remarks on irregular channels.
 
-`read_log.py` reads one from a file.  A channel that is constant, clipped or slower than the clock is accepted with a
-remark.
+`read_log.py` reads one from a file.  A channel that is constant, clipped or recorded at a lower rate than the log is
+accepted with a remark.
 """
 
 from collections.abc import Mapping
@@ -74,7 +74,7 @@ class Log(Result):
         return remarks(self.channels)
 
     def table(self) -> Table:
-        """Tabulate minimum, maximum and RMS value of every channel."""
+        """Tabulate the minimum, maximum and RMS value of every channel."""
         rows: list[list[Cell]] = []
         for channel, values in self.channels.items():
             unit = self.units.get(channel, "")

@@ -337,8 +337,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
 
 
 def _resolution(loop: Loop) -> float | None:
-    """Return the position resolution (m) of the load encoder, otherwise of the motor encoder; None if neither has one.
-    """
+    """Return the position resolution (m) of the load encoder, or if it has none of the motor encoder, or None."""
     # The load encoder first, since it measures the planned position itself.
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
         resolution = getattr(encoder, "resolution", None)

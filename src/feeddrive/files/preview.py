@@ -46,7 +46,7 @@ class Preview(Result):
     """Peak figures of a log, and its signals for a picture.
 
     length        the user's unit of lengths or angles: mm, in, deg
-    sizes         travel, speed and acceleration in SI, by the names in `plausibility.RANGES`, where available
+    sizes         travel, speed and acceleration in SI units, by the names in `plausibility.RANGES`, where available
     signal        unit of the force, or of the drive signal that replaces it
     acting        largest absolute value of this force or signal, in `signal`
     force         the user's unit of force: N, kN, Nm; empty for a drive signal
@@ -167,7 +167,7 @@ def preview_of(
 
 
 def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
-    """Return the user's unit of a length or angle: that of the column, else that of the file, else mm or rad."""
+    """Return the user's unit of a length or angle: that of the column, if none that of the file, or mm or rad."""
     return _unit_of(column, lengths, si) or ("mm" if si == "m" else "rad")
 
 

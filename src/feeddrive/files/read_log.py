@@ -459,7 +459,7 @@ def _stamps(
 
 
 def _clock_of(columns: Columns) -> str:
-    """Return a hint on how to provide the clock of a file without one, as part of an error message."""
+    """Return a hint on how to provide the time of a file that has none, as part of an error message."""
     if columns.format == "halsampler":
         numbers = (
             "" if COUNTER not in columns.values else "the numbers of the samples are there, but not their period: "

@@ -234,7 +234,7 @@ class _Check:
         return []
 
     def encoders(self) -> list[RoleDoubt | None]:
-        """Compare the encoders of motor and table, and return the doubts."""
+        """Compare the encoders of the motor and the table, and return the doubts."""
         for motor, table in _ENCODERS:
             if motor not in self.channels or table not in self.channels:
                 continue

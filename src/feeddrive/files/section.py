@@ -106,7 +106,7 @@ def named(
 
 
 def numbers(meaning: str, *, default: Any = MISSING, example: str = "") -> Any:
-    """Declare a dict of numbers in SI by path; `example` is the hint shown for a value of another type."""
+    """Declare a dict of numbers in SI units by path; `example` is the hint shown for a value of another type."""
     declaration = Declaration(role="numbers", unit="", meaning=meaning, example=example)
     return dataclasses.field(default=default, metadata={"declaration": declaration})
 

@@ -116,7 +116,7 @@ class CoggingFit(Result):
 
 
 def _balanced(order: CoggingOrder) -> tuple[float, float]:
-    """Return amplitude and phase of the cogging; if all runs have the same direction, they include friction."""
+    """Return the amplitude and phase of the cogging; if all runs have the same direction, they include friction."""
     return (order.even.value, order.even_phase) if order.even is not None else (order.amplitude, order.phase)
 
 

@@ -169,7 +169,7 @@ def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> st
 
 
 def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield path, dotted field name, and value of every leaf."""
+    """Yield the path, dotted field name, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
             yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
@@ -252,7 +252,7 @@ def _require(block: Any) -> None:
 
 
 def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
-    """Yield path and block of every block in a tree, outermost first."""
+    """Yield the path and block of every block in a tree, outermost first."""
     if isinstance(tree, Block):
         yield path, tree
     for field, child in _children(tree) if isinstance(tree, (Block, tuple)) else ():

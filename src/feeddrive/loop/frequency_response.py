@@ -147,7 +147,8 @@ class FRF(Result):
 
     @property
     def phase_deg(self) -> np.ndarray:
-        """The phase in degrees, unwrapped along the lines that rise above the noise, starting at the first of them.
+        """The phase in degrees, unwrapped along the frequency lines that rise above the noise, starting at the first of
+        them.
 
         A multiple of 360° is added to every other line to bring it closest to the phase interpolated between these
         lines, so that noise does not add up to thousands of degrees.
@@ -159,7 +160,8 @@ class FRF(Result):
         return np.degrees(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi)))
 
     def _clear_lines(self) -> np.ndarray:
-        """Return a mask of the lines that rise above the noise, by variance, coherence or else by their neighbors.
+        """Return a mask of the frequency lines that rise above the noise, by their variance, by their coherence, or if
+        neither is known by their neighbors.
 
         Without variance and coherence a line is clear if the steps of the phase around it agree: |mean exp(i Δφ)| over
         `_PHASE_LINES` lines is above `_PHASE_AGREES`; it is 1 for a smooth phase and about 1/3 for noise.

@@ -385,7 +385,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
+    """Return the position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))

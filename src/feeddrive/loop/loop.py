@@ -109,7 +109,7 @@ class Loop(Block):
         axis: Hold
 
     class State(NamedTuple):
-        """The states of controller and axis."""
+        """The states of the controller and the axis."""
 
         control: Any
         axis: Any

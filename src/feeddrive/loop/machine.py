@@ -22,7 +22,7 @@ from feeddrive.loop.loop import SETPOINT, Loop, Signals, inputs_of, reported
 
 
 class ControlInputs(NamedTuple):
-    """The inputs of a controller in a sample: setpoint, the readings of motor and load in m, and enable."""
+    """The inputs of a controller in a sample: setpoint, the readings of the motor and the load in m, and enable."""
 
     setpoint: Setpoint
     motor: Number

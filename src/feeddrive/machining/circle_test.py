@@ -790,7 +790,7 @@ class Cause(NamedTuple):
     """A cause of radial deviations.
 
     name    name, such as "backlash x"
-    value, error  fitted value and standard error, in SI; the error is inf if the cause cannot be separated
+    value, error  fitted value and standard error, in SI units; the error is inf if the cause cannot be separated
     unit    SI unit
     effect  the largest radial deviation that it produces on one of the circles, m
     share   fraction of G: its peak-to-peak deviation over the total one, on the circle where this is largest

@@ -477,7 +477,7 @@ class ContourError(Result):
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:
-    """Return the distance of a point from the polyline through positions, m."""
+    """Return the distance, in m, of a point from the polyline through positions."""
     if len(position) < 2:
         return float(np.min(size(position - point)))
     step, from_begin = np.diff(position, axis=0), point - position[:-1]
@@ -629,7 +629,7 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Return position, velocity and acceleration of the references of all axes at each time, s."""
+    """Return the position, velocity and acceleration of the references of all axes at each time (s)."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")

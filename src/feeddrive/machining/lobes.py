@@ -167,8 +167,8 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
            feed, or a pair of them for feed and normal
 
     The solution is exact where H is constant; elsewhere it is not a bound: in down milling at low radial immersion it
-    is too high by up to a factor of two, and it has no flip lobes.  A measured response needs no model; its lines are
-    interpolated linearly.
+    is too high by up to a factor of two, and it has no flip lobes.  A measured response needs no model; its frequency
+    lines are interpolated linearly.
     Raises ParameterError for a response that is not in m/N.
     Source: Altintas & Budak 1995, Analytical Prediction of Stability Lobes in Milling, CIRP Annals 44.
     """
@@ -439,8 +439,7 @@ def _over(deepest: float) -> str:
 
 
 def kind_of(multiplier: complex) -> str:
-    """Return the kind of bifurcation from µ: "flip" for negative real µ, "fold" for positive real µ, otherwise "hopf".
-    """
+    """Return the type of bifurcation: "flip" for negative real µ, "fold" for positive real µ, otherwise "hopf"."""
     if abs(multiplier.imag) > 1e-6 * abs(multiplier):
         return "hopf"
     return "flip" if multiplier.real < 0.0 else "fold"

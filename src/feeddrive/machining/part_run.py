@@ -255,7 +255,8 @@ _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """The figures of one axis under a part program, in SI; `line` and `time` are those of the largest following error.
+    """The figures of one axis under a part program, in SI units; `line` and `time` are those of the largest following
+    error.
 
     following_rms, following_peak  RMS and peak of the following error over all samples, m
     glitch, glitches               the largest contour error in the 50 ms after a reversal, m; the number of reversals
@@ -327,7 +328,7 @@ class PartRun(Result):
         return max(shares, default=None)
 
     def numbers(self) -> dict[str, float | None]:
-        """Return all figures by name, in SI."""
+        """Return all figures by name, in SI units."""
         figures: dict[str, float | None] = {
             "contour_error_rms_m": self.contour.rms,
             "contour_error_95_percent_m": self.contour.within(),

@@ -105,7 +105,7 @@ class Claim:
 
     @property
     def shown(self) -> Quantity:
-        """The computed figure as a quantity in SI, displayed in `unit`."""
+        """The computed figure as a quantity in SI units, displayed in `unit`."""
         return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:

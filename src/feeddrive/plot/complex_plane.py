@@ -215,7 +215,7 @@ def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
 
 
 def _lightest(s: np.ndarray) -> str:
-    """Return damping ratio and frequency of the least damped oscillatory pole as text; s in Hz."""
+    """Return the damping ratio and frequency of the least damped oscillatory pole as text; s in Hz."""
     swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"

@@ -102,8 +102,8 @@ def doubtful(
 
 
 def _stretches(frf: FRF) -> list[tuple[float, float]]:
-    """Return the first and last frequency in Hz of each interval of lines with low coherence, extended halfway to the
-    next line.
+    """Return the first and last frequency in Hz of each interval of frequency lines with low coherence, extended
+    halfway to the next line.
     """
     if frf.coherence is None:
         return []
@@ -200,7 +200,7 @@ excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
-    """A measured response, its model on the measured lines, and its model as a curve; None if absent."""
+    """A measured response, its model on the measured frequency lines, and its model as a curve; None if absent."""
 
     name: str
     measured: FRF | None
@@ -546,8 +546,8 @@ stiffness = figure_of(stiffness_chart)
 
 
 def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
-    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest line of each band where
-    lines are dense.
+    """Plot the amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest line of each band
+    where lines are dense.
     """
     chosen = style.named(spectra)
     first = next(iter(chosen.values()))

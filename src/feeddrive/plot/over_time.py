@@ -232,7 +232,7 @@ def guess_chart(guess: Guess) -> Chart:
 
 
 def preview_chart(preview: Preview) -> Chart:
-    """Plot position, speed and force over time, each in the user's unit, with the peaks of speed and force marked."""
+    """Plot the position, speed and force over time, in the user's units, with the peaks of speed and force marked."""
     panels = list[Panel]()
     for unit, group in groupby(preview.traces, key=lambda trace: trace.unit):
         traces = list(group)
@@ -509,8 +509,8 @@ def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
-    """Return a range with round ends around some values, or the previous range if the values fit into it and fill a
-    good part of it.
+    """Return a range that contains the given values and ends at round numbers, or the previous range if the values fit
+    into it and fill a good part of it.
     """
     if not y.size:
         return before or (-1.0, 1.0)

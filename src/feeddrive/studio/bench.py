@@ -76,8 +76,7 @@ class Bench:
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with the reference controller, from the machine file; None if there is no machine file.
-        """
+        """The loop of the axis with the reference controller, from the machine file; None without such a file."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -126,8 +125,7 @@ class Bench:
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """Return the linearized loop from set position to table position. Raises ParameterError if there is no machine.
-        """
+        """Return the linear loop from the set position to the table. Raises ParameterError if there is no machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property

@@ -239,7 +239,7 @@ class Protected:
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str]:
-        """Return HTTP status and reason of a refusal; status 0 if the request is permitted."""
+        """Return the HTTP status and reason of a refusal; status 0 if the request is permitted."""
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"

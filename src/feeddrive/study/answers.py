@@ -400,7 +400,7 @@ class Answers(Result):
 
     sample        rows of randomly drawn machines, for distributions
     worst         the worst variants by figure
-    bad           numbers of the first variants without figures, with the reasons
+    bad           numbers of the first variants whose figures could not be computed, with the reasons
     sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
     correlations  rank correlations between the outputs and the varied numbers
     stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured

@@ -332,7 +332,7 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """True if the new controller has at least as many good newly drawn machines as the present one."""
+        """True if the new controller has at least as many good newly drawn machines as the existing one."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:

@@ -237,7 +237,7 @@ def check_rows(root: TomlTable, jobs: Mapping[tuple[Any, ...], Job], row: str, c
 
 @dataclass(frozen=True)
 class Bound:
-    """The bounds on a figure of a good machine, in SI; None if there is no bound on that side."""
+    """The bounds on a figure of a good machine, in SI units; None if there is no bound on that side."""
 
     figure: Figure
     least: float | None

@@ -660,7 +660,9 @@ def _nothing_known(path: OpenedFile, guess: Guess) -> LogError:
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Return, by role, the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
+    """Return, for each role, the reason why a likely column is not used: a missing factor, or cells that are not
+    numbers.
+    """
     reasons = {
         role: asked_for(need, role) if need.signal in RELATIVE else f"'{need.column}' needs a factor, {need.what}"
         for role, need in guess.needs.items()
@@ -946,7 +948,9 @@ def converted(role: str, column: Column, stated_unit: str, values: DriveValues) 
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
-    """Tabulate the frequency responses of a file and, for a commissioning file, the data of axis and controllers."""
+    """Tabulate the frequency responses of a file and, for a commissioning file, the data of the axis and the
+    controllers.
+    """
     commissioning = read_commissioning(file)
     responses = read_frfs(file) if commissioning is None else commissioning.responses
     rows = [

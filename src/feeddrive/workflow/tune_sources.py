@@ -44,7 +44,7 @@ _APART = 0.25  # relative difference of motor and load beyond which one encoder 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses of load and motor encoder at one operating point, and those to a hammer blow on the table.
+    """The responses of the load and the motor encoder at one operating point, and those to a hammer blow on the table.
 
     `motor` is a file or the name of a response; `none` if there is only one encoder.
     """
@@ -67,7 +67,7 @@ class Sources:
     source, at   the axis to tune, and the same axis at other positions and loads
     axis         axis name in machine files with several axes
     motor        responses of the motor encoder: files or names; `none` if there is only one encoder
-    disturbance, disturbance_motor  responses of load and motor to a force on the table
+    disturbance, disturbance_motor  responses of the load and the motor to a force on the table
     unit, sample_time, delay        properties of the responses that their files do not state
     """
 
@@ -223,7 +223,9 @@ def point_of(
 def _roles(
     measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
 ) -> tuple[FRF, FRF | None]:
-    """Return the responses of load and motor from one or two files; None for the motor if there is only one encoder."""
+    """Return the responses of the load and the motor from one or two files; None for the motor if there is only one
+    encoder.
+    """
     by_output = {frf.output: key for key, frf in responses.items()}
     names = {**by_output, **{key: key for key in responses}}
     if measurement.motor is None and len(responses) > 1:

@@ -75,7 +75,7 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return two variants: with an integral, and without one.
+        """Return two variants: with and without an integral.
 
         The first has the gains of the existing cascade if it has an integral, otherwise gains derived from `axis.rate`.
         The second is tried only with a disturbance observer, which then provides the integral action.

@@ -187,7 +187,7 @@ class SuperTwisting(Law):
             )
 
     def _stable(self, slower: Number, T: Number) -> Any:
-        """Return True if the loop around m x'' = F (F held) is stable with λ and 1/h multiplied by `slower`.
+        """Return True if the loop with the plant m x'' = F (F held) is stable with λ and 1/h multiplied by `slower`.
 
         In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
         D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)]; for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].

@@ -482,7 +482,8 @@ class Preparation:
 
     cutoff       cutoff frequency of the Butterworth low-pass filter on the position, Hz
     decimation   decimation factor in samples; None: one row per 10 ms
-    delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
+    delay        samples from a logged force to the resulting acceleration: 1/2 for the zero-order hold, plus the dead
+                 time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
                  "twice": the central difference of the central difference
     skip         samples left out at each end, where the filters lack the continuation of the motion;
@@ -560,7 +561,7 @@ class Prepared:
         return self.reduced(delayed(force, delay))
 
     def differenced(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return velocity and acceleration of another position, filtered like that of the log, at each sample."""
+        """Return the velocity and acceleration of another position, filtered like that of the log, at each sample."""
         return _differenced(position, self.cutoff, self.sample_time, self.how)
 
 

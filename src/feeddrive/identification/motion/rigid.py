@@ -88,7 +88,8 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
-    dead_time   samples from the logged force to its effect, without the hold; its error is 0 if it was not fitted
+    dead_time   samples from the logged force to its effect, without the half sample of the zero-order hold; its error
+                is 0 if it was not fitted
     how         the preparation of the rows, with the delay of the fit
     instruments True if the set motion was used as instruments: the values are then free of the errors caused by
                 quantization and by the reaction of the control to disturbances
@@ -262,7 +263,7 @@ def identify_rigid(
     how        filters and delays; the delay is then fixed.  Default: `Preparation()`, with the dead time as another
                unknown, since a wrong one would bias viscous friction
     folds      number of stretches in the cross-validation, each predicted by a fit of the others
-    dead_time  initial value of the dead time, in samples without the hold; default: 0
+    dead_time  initial value of the dead time in samples, without the half sample of the zero-order hold; default: 0
 
     Without `how` the log is fitted twice, in rows of 10 ms and of 5 ms. The finer rows are used if the others do not
     determine the mass to within 5 % and the finer ones are more precise. Errors include the disagreement of the two
@@ -944,7 +945,7 @@ _DRIFT = 2  # times that, and samples, by which the delays of the two halves of 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayFit(Result):
-    """The dead time in samples, without the half sample of the hold, with its standard error.
+    """The dead time in samples, without the half sample of the zero-order hold, with its standard error.
 
     delays, residual  tried delays in samples, and the relative residual of the inverse dynamics with each, both of
                       shape (m,)
@@ -1040,7 +1041,7 @@ def find_delay(
 
 
 def _dead_time(solved: _Solved) -> tuple[float, float]:
-    """Return the dead time in samples, without the hold, and its standard error, which is 0 if the delay was fixed."""
+    """Return the dead time in samples, without that of the zero-order hold, and its standard error (0 if fixed)."""
     late = solved.delay - motion_log.HOLD
     if not solved.free:
         return late, 0.0

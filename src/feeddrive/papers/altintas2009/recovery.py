@@ -441,8 +441,8 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """Check that the bandwidth of the recovery is independent of law and gains, and that the bandwidth of the law's own
-    estimate equals the adaptation rate.
+    """Check that the bandwidth of the recovery is independent of the law and its gains, and that the bandwidth of the
+    law's own estimate equals the adaptation rate.
     """
     pulse = np.zeros(10_001)
     # 2 ms: a spectrum without zeros below 500 Hz

@@ -806,7 +806,7 @@ class Crossings:
     """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
     allow.
 
-    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     def __init__(self, limits: np.ndarray) -> None:

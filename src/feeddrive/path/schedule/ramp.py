@@ -228,7 +228,7 @@ class Path(NamedTuple):
     begin   u at the start of each of n pieces, and at the end of the last, m, shape (n + 1,)
     most    bounds of the first .. fourth derivative of each axis with respect to u, shape (n, N, 4)
     caps    speed limits of each piece, shape (n, 2)
-    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     begin: Floats
