@@ -330,8 +330,7 @@ def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
 
 
 def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
-    """Return index i and position (0 to 1) of the first upward zero crossing, from level[i] < 0 to level[i + 1] >= 0.
-    """
+    """Return the index and position (0 to 1) of the first upward zero crossing, level[i] < 0 to level[i + 1] >= 0."""
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if not rises.size:
         return None

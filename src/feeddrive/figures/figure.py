@@ -60,7 +60,8 @@ class Limitable:
     """The declaration of a figure that a tuning can keep within a limit.
 
     option, meaning, entered  the command-line option, its help text, and the unit of its value
-    places    function of (loop, limit, noise of both readings in m) that yields the points near the limit
+    places    function of (loop, limit, noise of both readings in m) that yields a `Place` for each frequency near the
+              limit
     where     function that returns the critical frequency of a loop in Hz, if there is one
     usual     the default limit
     above, below  range of admissible limits; a limit is relaxed by scaling its distance from `origin`

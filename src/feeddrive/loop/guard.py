@@ -279,8 +279,7 @@ class Guard(Block):
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
-        """Return the state, forces and trip code after the law has run; `last` is the command (N) of the last sample.
-        """
+        """Return the state, forces and trip code after the law has run; `last` is the last command in N."""
         # a NaN fails the comparison
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual_command = ops.both(verdict.usual, sound)

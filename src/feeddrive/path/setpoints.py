@@ -178,8 +178,7 @@ class Sampler:
         self._begin, self._first = 0.0, 0
 
     def sample(self, part: Part) -> np.ndarray:
-        """Return the position to snap of each axis at the sampling instants within a part, m to m/s⁴, shape (n, N, 5).
-        """
+        """Return the position to snap of each axis at the samples within a part, m to m/s⁴, shape (n, N, 5)."""
         return np.concatenate(list(self.slices(part)))
 
     def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:

@@ -148,7 +148,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
-    """Return the judgment on the first estimate whose coherence is poor on most lines, or None if there is none."""
+    """Return the judgment on the first estimate whose coherence is poor at the majority of frequency lines, or None."""
     for estimate in estimates:
         assert estimate.frf.coherence is not None
         poor = float(np.mean(estimate.frf.coherence <= TRUSTED))

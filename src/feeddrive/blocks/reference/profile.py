@@ -94,8 +94,7 @@ class Profile:
         return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
 
     def at(self, t: np.ndarray) -> Derivatives:
-        """Return the position and its derivatives at times t in 0 .. duration, integrated from the start of each piece.
-        """
+        """Return the position and its derivatives at times t in 0 .. duration, integrated piece by piece."""
         # a sort costs more than the check, and times are nearly always ascending
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]
