@@ -48,7 +48,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return location and value of the minimum of y(x), shape (n,), refined by a parabola unless it is at an end."""
+    """Return the location and value of the minimum of y(x), shape (n,), refined by a parabola except at an end."""
     k = int(np.argmin(y))
     if k in (0, y.size - 1):
         return float(x[k]), float(y[k])

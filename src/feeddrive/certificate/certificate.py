@@ -398,7 +398,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """Tabulate radii, margins and poles, one row per plant, smallest margin first."""
+        """Tabulate the radii, margins and poles, one row per plant, smallest margin first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

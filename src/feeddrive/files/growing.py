@@ -316,7 +316,7 @@ class GrowingTable:
         return True
 
     def _set(self, layout: CsvLayout, numbered: bool) -> None:
-        """Set layout, clock and channels; with `numbered` the first column holds sample numbers."""
+        """Set the layout, clock and channels; with `numbered` the first column holds sample numbers."""
         names = list(layout.names)
         counter = 0 if numbered else None
         if numbered:

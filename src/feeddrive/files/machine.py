@@ -115,7 +115,7 @@ class MachineFile(Result):
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
     def table(self) -> Table:
-        """Tabulate plant and control, one row per axis."""
+        """Tabulate the plant and control, one row per axis."""
         rows = [
             [
                 name,

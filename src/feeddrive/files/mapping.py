@@ -158,7 +158,7 @@ class Guess(Result):
         return tuple(rows)
 
     def table(self) -> Table:
-        """Tabulate role, channel, unit, reason and option of all columns, those without a role last."""
+        """Tabulate the role, channel, unit, reason and option of all columns, those without a role last."""
         rows = [
             [
                 "-" if not row.role else f"{row.role} ?" if row.asks else row.role,

@@ -311,7 +311,7 @@ class SpindleOfLines:
             yield move
 
     def at(self, line: int) -> tuple[float | None, int | None]:
-        """Return spindle speed and tool at a line; None for a value that differed between executions of the line."""
+        """Return the spindle speed and tool at a line; None for a value that differs between executions of the line."""
         return self._found.get(line, (0.0, 0))
 
 

@@ -63,7 +63,7 @@ def _path(tree: Any, prefix: str, name: str) -> str:
 
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Return dotted name and value of every leaf, in a fixed order; None is not a leaf."""
+    """Return the dotted name and value of every leaf, in a fixed order; None is not a leaf."""
     leaves_: list[tuple[str, Any]] = []
     _collect(tree, prefix, leaves_)
     return iter(leaves_)
@@ -281,7 +281,7 @@ def blocks(tree: Any) -> Iterator[Block]:
 
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Return dotted name and values of every table in a tree."""
+    """Return the dotted name and values of every table in a tree."""
     rows: list[tuple[str, np.ndarray]] = []
     _collect_tables(tree, prefix, rows)
     return iter(rows)

@@ -98,7 +98,7 @@ class Figures(NamedTuple):
 
 
 def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return center and radius (m) of the least-squares circle, by Gauss-Newton steps from the center of gravity.
+    """Return the center and radius (m) of the least-squares circle, by Gauss-Newton steps from the center of gravity.
 
     It minimizes Σ (|p - c| - R)².
     """

@@ -384,7 +384,7 @@ class RandomReadings:
 def stepped(
     law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
 ) -> tuple[list[Any], np.ndarray]:
-    """Return states and forces of a law that starts at the first reading, both from the second sample onward."""
+    """Return the states and forces of a law that starts at the first reading, both from the second sample onward."""
     prepared = law.prepare(T)
     state = law.start(prepared, setpoints[0], readings[0])
     states, forces = [], []

@@ -416,7 +416,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return program line and feed at given times, s, from the start of a part."""
+    """Return the program line and feed at given times, s, from the start of a part."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)

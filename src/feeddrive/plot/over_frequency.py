@@ -133,7 +133,7 @@ _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd di
 
 
 def frequency_estimate_chart(estimate: FrequencyEstimate, model: FRF | None = None) -> Chart:
-    """Plot magnitude and phase with 95 % bands, noise and distortion, and coherence; `model` is drawn as a line."""
+    """Plot the magnitude and phase with 95 % bands, noise and distortion, and coherence; `model` is drawn as a line."""
     return estimates_chart([estimate], model=model)
 
 
@@ -209,8 +209,8 @@ class Overlay(NamedTuple):
 
 
 def response_fit_chart(agreement: Agreement, units: Units = DRAWN) -> Chart:
-    """Plot magnitude, phase, distance and coherence, with the measurement as dots and the model as a line, both with
-    95 % bands.
+    """Plot the magnitude, phase, distance and coherence, with the measurement as dots and the model as a line, both
+    with 95 % bands.
 
     The distance is |model/measured - 1| in dB; the thin line is the radius of the measurement's 95 % disc.
     """
@@ -225,7 +225,7 @@ response_fit = figure_of(response_fit_chart)
 
 
 def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[Curve] = ()) -> Chart:
-    """Plot measured and modelled responses together: magnitude, phase, distance, and coherence.
+    """Plot the measured and modelled responses together: magnitude, phase, distance, and coherence.
 
     more  additional curves in the magnitude panel, in displayed units
     """
@@ -395,7 +395,7 @@ def _velocity(unit: str) -> str:
 
 
 def fitted_chart(fit: PlantFit | ModalFit) -> Chart:
-    """Plot measured and fitted responses."""
+    """Plot the measured and fitted responses."""
     return response_fit_chart(fit.agreement)
 
 
@@ -580,8 +580,8 @@ spectrum = figure_of(spectrum_chart)
 
 
 def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return center frequency, largest amplitude and last cumulative RMS of each band that contains lines; the line at
-    0 Hz is excluded.
+    """Return the center frequency, largest amplitude and last cumulative RMS of each band that contains lines; the line
+    at 0 Hz is excluded.
     """
     frequency = spectrum.frequency[1:]
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)

@@ -38,7 +38,7 @@ Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
 def run_chart(run: Run) -> Chart:
-    """Plot following error, force and velocity of a run."""
+    """Plot the following error, force and velocity of a run."""
     velocities = [Curve(*envelope(run.time, 1e3 * set_velocity(run)), "set", NEUTRAL, DASHED, size=0.7)]
     # Optional in an FMU.
     if "velocity_load" in run.signals:
@@ -263,7 +263,7 @@ _SHOWN = {
 
 
 def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
-    """Plot measured and predicted position, following error and force, with the residuals below."""
+    """Plot the measured and predicted position, following error and force, with the residuals below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
     residuals = [name for name in signals if name != "following_error"]
     rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
@@ -293,7 +293,7 @@ replay = figure_of(replay_chart)
 
 
 def refinement_chart(refinement: Refinement) -> Chart:
-    """Plot predicted and measured columns."""
+    """Plot the predicted and measured columns."""
     return replay_chart(refinement.replay)
 
 
@@ -305,7 +305,7 @@ _MS = 1e3
 
 
 def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
-    """Plot following error and force over a common time axis."""
+    """Plot the following error and force over a common time axis."""
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):

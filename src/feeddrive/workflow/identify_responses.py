@@ -59,7 +59,7 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
 
 
 def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
-    """Fit masses, springs and modes to the responses of a file; write report and machine file if requested."""
+    """Fit masses, springs and modes to the responses of a file; write a report and a machine file if requested."""
     path = Path(called(request.log))
     model = request.model or ("modal" if request.modes else "auto")
     chosen = _chosen(path, responses, request, model)

@@ -164,7 +164,9 @@ def _active_limits(tuned: Tuned) -> Remarks:
 
 
 def tables(tuned: Tuned, story: Story) -> list[Table]:
-    """Tabulate old and new parameters, figures at each point, tuning rules, the cascade loop by loop, and the proof."""
+    """Tabulate the old and new parameters, the figures at each point, the tuning rules, the cascade loop by loop, and
+    the proof.
+    """
     rows: list[Sequence[Cell]] = []
     for name, value in tuned.tunables.items():
         started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit

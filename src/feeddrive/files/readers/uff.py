@@ -110,7 +110,7 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def _end(dataset: Mapping[str, Any], end: str) -> str:
-    """Return node and direction of the input or output of a dataset, such as 12+Z."""
+    """Return the node and direction of the input or output of a dataset, such as 12+Z."""
     direction = int(dataset.get(f"{end}_dir", 0))
     sign = "-" if direction < 0 else "+"
     return f"{int(dataset.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")

@@ -95,7 +95,9 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """Return begin and end of a pulse extended by half its length on each side, as its ends are hidden in the noise."""
+    """Return the start and end of a pulse extended by half its length on each side, as its ends are hidden in the
+    noise.
+    """
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 

@@ -574,7 +574,9 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, stated: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return loop and output-error fit, with the friction model of the machine file unless plain friction is better."""
+    """Return the loop and output-error fit, with the friction model of the machine file unless plain friction is
+    better.
+    """
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
     if fit is None:
         return loop, None
@@ -645,7 +647,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return loop and fit with the friction model of the machine file, or with plain friction if clearly better."""
+    """Return the loop and fit with the friction model of the machine file, or with plain friction if clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None

@@ -623,7 +623,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocity and acceleration of low-pass filtered positions."""
+    """Return the velocity and acceleration of low-pass filtered positions."""
     position = zero_phase(values, cutoff, T)
     velocity = central_difference(position, T)
     acceleration = central_difference(velocity, T)

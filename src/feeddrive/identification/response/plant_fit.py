@@ -154,7 +154,7 @@ class Task:
         return TracedPlant(self.plant, names, lines, fixed)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
-        """Return initial value, scale and bounds of each parameter."""
+        """Return the initial value, scale and bounds of each parameter."""
         leaves = dict(tree.leaves(self.plant))
         low, high = (2.0 * np.pi * f for f in self.band)
         mass = float(self.plant.rigid_mass())
@@ -275,7 +275,7 @@ def finished(
 def _covariance(
     task: Task, names: Sequence[str], refined: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the parameters; those fixed during the fit count as unknown."""
+    """Return the robust and the plain covariance of the parameters; those fixed during the fit count as unknown."""
     every = [*names, *gone]
     at = np.concatenate([refined.values, [*gone.values()]])
     both = covariances_at(

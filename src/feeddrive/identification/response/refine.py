@@ -324,7 +324,7 @@ def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
 
 
 def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return parameter values and their derivatives with respect to the internal parameters."""
+    """Return the parameter values and their derivatives with respect to the internal parameters."""
     values = np.array(
         [np.exp(v) if unknown.positive else v * unknown.scale for unknown, v in zip(unknowns, u, strict=True)]
     )
@@ -441,7 +441,7 @@ def covariances_at(
     logarithmic: bool,
     model_error: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariances of all parameters at given values, without a fit.
+    """Return the robust and the plain covariance of all parameters at given values, without a fit.
 
     The parameters may include some that were fixed in the fit because they are not identifiable: counting them as
     unknown increases the errors of the others.
@@ -464,7 +464,7 @@ def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the values; `scale` converts from the internal parameters.
+    """Return the robust and the plain covariance of the values; `scale` converts from the internal parameters.
 
     The covariance of an estimate with Σ ψ(r) ∂r = 0, ψ = ρ'(r)/2, is mean ψ² / (mean ψ')² (JᵀJ)⁻¹ (Huber 1981).
     A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust

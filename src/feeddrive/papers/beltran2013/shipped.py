@@ -1,4 +1,4 @@
-"""Rows 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
+"""Claims 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

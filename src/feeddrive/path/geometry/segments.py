@@ -533,7 +533,7 @@ def _length(move: Going, axes: tuple[int, ...]) -> float:
 
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
-    """Return length and shape of an arc, as in `Pieces`."""
+    """Return the length and shape of an arc, as in `Pieces`."""
     shape = np.zeros((len(columns), 8))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])

@@ -263,7 +263,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 @kernel
 def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
-    """Return duration and snap of one of the seven phases of a ramp up."""
+    """Return the duration and snap of one of the seven phases of a ramp up."""
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap
