@@ -105,7 +105,7 @@ class Stiffness(Result):
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
     """Return the inverse of a closed-loop compliance in m/N, modeled or measured; `static` in N/m if it is known.
 
-    Raises ParameterError if there are no lines or the compliance is zero on one of them.
+    Raises ParameterError if there are no frequency lines or the compliance is zero at one of them.
     """
     compliance = as_frf(compliance, frequency)
     magnitude = compliance.magnitude

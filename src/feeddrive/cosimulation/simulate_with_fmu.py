@@ -172,8 +172,8 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
     """Return the ports by signal: the variables given in `names`, and variables of the FMU that have the name of a
     signal.
 
-    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
-    `command_unit` is the unit of the drive's command; None without a motor.
+    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI. `command_unit`
+    is the unit of the drive's command; None if there is no motor.
 
     Raises ParameterError for an unknown signal or a unit that does not fit, FmuError for a variable that is
     missing or of the wrong kind.

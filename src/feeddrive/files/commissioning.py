@@ -58,7 +58,7 @@ _ENABLED = re.compile(r"\w*enabled", re.IGNORECASE)
 class SpeedController:
     """A PI speed controller in the file, with the filters of its torque setpoint.
 
-    Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None without integral action
+    Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None if there is no integral action
     filters  enabled filters
     left     features in the file that feeddrive's control law does not support, in words
     stamp    time at which the tool stored the controller, as text

@@ -1,4 +1,4 @@
-"""A measured log: channels over time on one clock, with remarks on irregular channels.
+"""A measured log: channels over a common time base, with remarks on irregular channels.
 
 `read_log.py` reads one from a file.  A channel that is constant, clipped or recorded at a lower rate than the log is
 accepted with a remark.
@@ -131,7 +131,9 @@ _HELD = 0.98  # share of the changes that lie on one grid of every second, third
 
 
 def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """Return a sentence for each channel, of shape (n,), that is constant, clipped or slower than its clock."""
+    """Return a sentence for each channel, of shape (n,), that is constant, clipped or recorded at a lower rate than the
+    log.
+    """
     sentences: list[str] = []
     for name, values in channels.items():
         if values.size < 2:

@@ -621,7 +621,9 @@ class PlannedProgram:
     process: Process | None = None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
-        """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError without x and y."""
+        """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError if the machine lacks x
+        or y.
+        """
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 

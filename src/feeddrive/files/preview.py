@@ -66,7 +66,9 @@ class Preview(Result):
 
     @property
     def per_mass(self) -> float | None:
-        """The acceleration that the largest force would cause without friction, m/s² or rad/s²; None without a mass."""
+        """The acceleration that the largest force would cause without friction, m/s² or rad/s²; None if there is no
+        mass.
+        """
         return None if self.acting is None or not self.mass else self.acting / self.mass
 
     @property

@@ -327,7 +327,7 @@ class Result(ABC):
     def to_pandas(self) -> Any:
         """Return the numbers of this result as a pandas DataFrame, in SI units.
 
-        Raises MissingExtraError without pandas, ParameterError if this type of result has no DataFrame.
+        Raises MissingExtraError if pandas is not installed, ParameterError if this type of result has no DataFrame.
         """
         for load in _load_views:
             load(type(self))

@@ -262,7 +262,7 @@ class FRF(Result):
     def to_control(self) -> Any:
         """Return a python-control FRD over rad/s, with names and sample time, without coherence and variance.
 
-        Raises MissingExtraError without python-control.
+        Raises MissingExtraError if python-control is not installed.
         """
         try:
             import control

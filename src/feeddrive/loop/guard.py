@@ -98,7 +98,7 @@ class Guard(Block):
     )
 
     class Prepared(NamedTuple):
-        """The sample time in s, and the largest motion allowed per sample in m (empty without a velocity limit)."""
+        """The sample time in s, and the largest motion per sample in m (empty if there is no velocity limit)."""
 
         T: Number
         fastest: tuple[Number, ...]

@@ -146,7 +146,7 @@ class StateSpace(Result):
         return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
 
     def to_control(self) -> Any:
-        """Return a python-control StateSpace, with names. Raises MissingExtraError without python-control."""
+        """Return a named python-control StateSpace. Raises MissingExtraError if python-control is not installed."""
         try:
             import control
         except ImportError as error:

@@ -340,7 +340,8 @@ class ContourError(Result):
     vector       vector from the path to the tool, m, shape (n, N)
     along        path length of the nearest point, m, shape (n,)
     at_corner    True where the nearest point is a corner or an end, shape (n,)
-    estimate     contour error estimated from the tracking error to second order, m, shape (n,); None without velocities
+    estimate     contour error estimated from the tracking error to second order, m, shape (n,); None if there are no
+                 velocities
     lag          lag of the tool behind its set position along the path, m, shape (n,)
     line         part program lines, shape (n,), or None
     counted      True for samples that are included in the figures and the worst places, shape (n,)

@@ -277,7 +277,7 @@ class Estimated(NamedTuple):
 
     error, true  RMS of the estimation error, with the lag of the estimate compensated, and RMS of the true
                  disturbance without its mean, N
-    slow         RMS of the error averaged over a turn of the spindle, N; None without a spindle
+    slow         RMS of the error averaged over a turn of the spindle, N; None if there is no spindle
     lag          time by which the estimate lags the true disturbance, s
     disturbance  the estimate, N, shape (n,)
     """
@@ -297,7 +297,8 @@ class PartRun(Result):
                the part (`on_part`) or moves at a feed rate
     axes       figures by axis
     load       load of the motors, and of the spindle if there is a cut
-    cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None without a cut
+    cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None if there is no
+               cut
     estimates  accuracy of the observers, by observer and axis
     disturbances  true disturbance of the axes with observers, by axis, N
     """
@@ -316,7 +317,7 @@ class PartRun(Result):
 
     @property
     def cutting_rms(self) -> float | None:
-        """The RMS of the resultant cutting force on all axes during the cut, N, or None without a cut."""
+        """The RMS of the resultant cutting force on all axes during the cut, N, or None if there is no cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return root_mean_square(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
@@ -420,7 +421,7 @@ def part_run(
     line       program line of each sample, shape (n,); the run may be longer
     counted    True for samples that are included in the contour error, shape (n,); default: all
     cuts       True if cutting is simulated; `load_force` is then the cutting force
-    turn       longest duration of a spindle turn, s; None without a spindle
+    turn       longest duration of a spindle turn, s; None if there is no spindle
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`
 

@@ -120,7 +120,7 @@ class ToolPoint(Result):
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
-    """Return the tool point of parallel modes of tool or workpiece. Raises ParameterError without modes."""
+    """Return the tool point of parallel modes of tool or workpiece. Raises ParameterError if there are no modes."""
     if not modes:
         raise ParameterError("a tool point needs at least one mode")
     n = len(modes)

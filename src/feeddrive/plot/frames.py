@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:
-    """Return a data frame with a named index. Raises MissingExtraError without pandas."""
+    """Return a data frame with a named index. Raises MissingExtraError if pandas is not installed."""
     try:
         import pandas
     except ImportError as error:

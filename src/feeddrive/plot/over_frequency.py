@@ -44,7 +44,7 @@ _FAR = 1e4  # dB or degrees beyond all panels
 def magnitude_band(
     frf: FRF, number: int, units: Units = DRAWN, name: str = "", *, factor: float = 1.0, model: bool = False
 ) -> tuple[Band, ...]:
-    """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty without a variance.
+    """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty if there is no variance.
 
     factor  conversion factor from the unit of the response to the displayed unit
     model   True if the error comes from a few real parameters and may be one-directional: r is then 1.96 √variance
@@ -68,7 +68,9 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 def phase_band(
     frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
-    """Return the band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; empty without a variance."""
+    """Return the band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; empty if there is no
+    variance.
+    """
     radius = _radius(frf, model)
     if radius is None:
         return ()
@@ -117,7 +119,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """Return a panel with the coherences and the lowest value that a tuning accepts; empty without a coherence."""
+    """Return a panel with the coherences and the lowest value that a tuning accepts; empty if there is no coherence."""
     with_coherence = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not with_coherence:
         return ()

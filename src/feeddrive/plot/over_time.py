@@ -225,7 +225,7 @@ log = figure_of(log_chart)
 
 
 def guess_chart(guess: Guess) -> Chart:
-    """Plot the signals of the guessed roles with their peaks. Raises ParameterError without a position."""
+    """Plot the signals of the guessed roles with their peaks. Raises ParameterError if there is no position."""
     if guess.preview is None:
         raise ParameterError(f"{guess.name}: no column is a position, so that there is no motion to show; plot the log")
     return preview_chart(guess.preview)

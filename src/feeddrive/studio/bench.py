@@ -45,11 +45,12 @@ class Bench:
     title         description for the user
     by_hand       the initial controller with its operating points
     sources       source files, as the tuner accepts them
-    machine       machine file of the axis; for measured responses, that of the reference controller; None without one
+    machine       machine file of the axis; for measured responses, that of the reference controller; None if there is
+                  none
     axis          axis name in the machine file
     remarks       remarks on the measured responses
     today         reference controller, shown as `today`; None if it is the initial controller
-    file          machine file as named by the user; empty without one
+    file          machine file as named by the user; empty if there is none
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
     """

@@ -128,7 +128,7 @@ class Door:
     """The access control of the server.
 
     hosts     accepted Host headers, such as `127.0.0.1:8765`
-    password  replaces the token in the address; empty without a password
+    password  replaces the token in the address; empty if there is no password
     port      set if the server listens at all addresses of the machine: any IP address with this port is then
               accepted, but no host name except those in `hosts`
     tokens    one-time tokens that open the page without a password

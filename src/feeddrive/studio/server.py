@@ -426,7 +426,7 @@ def make_app(
     tour     True if every page starts with the guided tour
     live     sources that every page may follow while they are recorded
 
-    Raises MissingExtraError without the extra `studio`.
+    Raises MissingExtraError if the extra `studio` is not installed.
     """
     try:
         from starlette.applications import Starlette
@@ -597,7 +597,7 @@ class _LeftError(Exception):
 
 
 def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve at a bound socket until Ctrl-C. Raises MissingExtraError without the extra `studio`."""
+    """Serve at a bound socket until Ctrl-C. Raises MissingExtraError if the extra `studio` is not installed."""
     try:
         import uvicorn
     except ImportError as error:

@@ -82,7 +82,7 @@ class Varied(Protocol):
 
     @property
     def levels(self) -> np.ndarray | None:
-        """The grid levels as numbers in [0, 1], shape (levels,), or None without a grid."""
+        """The grid levels as numbers in [0, 1], shape (levels,), or None if there is no grid."""
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:

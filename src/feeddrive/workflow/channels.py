@@ -436,7 +436,7 @@ class Mapped:
     contradictions  contradictions between the samples and the roles of the columns
     guessed         roles that were not named by the user: a certain contradiction of one of them stops a command
     named           roles named by the user: by an option, in a roles file, or on the page
-    preview         peak figures of the motion; None without a position
+    preview         peak figures of the motion; None if there is no position
     second          contradictions of clock and scales by a second source: a logged velocity or current
     axis            the axis of the columns if the log has several axes; otherwise empty
     """

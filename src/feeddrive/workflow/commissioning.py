@@ -68,7 +68,7 @@ class DriveAxis:
     current   torque over its setpoint at the frequency lines of the plant; None if the file has none
     band      the band in which the model was fitted; None if it was given by the user
     result    the fitted structures, at the motor in kg m2 (kg for a linear motor)
-    loop      the present loop: the fitted axis and the file's controller; None if no sample time is known
+    loop      the existing loop: the fitted axis and the file's controller; None if no sample time is known
     """
 
     file: Commissioning

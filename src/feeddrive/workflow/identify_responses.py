@@ -532,7 +532,7 @@ class IdentifyRequest(DriveValues):
         return Path("results") / f"identify_{logs_stem(self.sources)}"
 
     def check(self) -> None:
-        """Raise ParameterError without a log, and for mutually exclusive constants."""
+        """Raise ParameterError if there is no log, and for mutually exclusive constants."""
         if not self.logs:
             raise ParameterError("logs: identify needs a log of a motion, or a file of frequency responses")
         super().check()

@@ -114,7 +114,7 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Return the initial control of a search, and the name of the tuning rule that provided it.
 
-    The initial control is the present one, one with another law, or a P-PI with robust margins; the name is empty
+    The initial control is the existing one, one with another law, or a P-PI with robust margins; the name is empty
     unless a tuning rule provided a missing control. If the existing law is requested by name and has no integral
     action, it is replaced by an initial design with integral action, if the law can have it.
     """

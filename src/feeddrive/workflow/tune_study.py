@@ -69,7 +69,7 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """Tune one law (default: the present one), or, with `every`, all laws of the catalog that can control the axis.
+    """Tune one law (default: the existing one), or, with `every`, all laws of the catalog that can control the axis.
 
     Raises UnstableError if none of them satisfies the limits.
     """

@@ -218,7 +218,9 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 without a cut."""
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 if there is no
+    cut.
+    """
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both

@@ -553,7 +553,7 @@ def _as_blocks(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; return None without a law, and for two encoders, as a log contains only one."""
+    """Check the law against the log; return None without a law and for two encoders, as a log has only one."""
     if start is not None:
         return (
             None
@@ -686,7 +686,7 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
-    """Return the caller's preparation with a dead time in samples added; None without one, so that it is fitted."""
+    """Return the caller's preparation with a dead time in samples added; None if there is none: it is then fitted."""
     return None if how is None else replace(how, delay=how.delay + dead_time)
 
 

@@ -65,7 +65,7 @@ class PooledFit(Result):
     estimates  the pooled values; ±1.96 `error` is a 95 % interval, `ols` does not include the scatter
     scatter    standard deviation of each parameter from log to log, beyond the errors of the fits
     chance     probability of a larger disagreement if the true value is the same in all logs
-    apart      parameters that only some logs have, such as a force along the travel; they are not pooled
+    apart      parameters that only some logs have, such as a position-dependent force; they are not pooled
     """
 
     name: str

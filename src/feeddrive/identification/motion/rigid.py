@@ -94,7 +94,7 @@ class RigidFit(Result):
     instruments True if the set motion was used as instruments: the values are then free of the errors caused by
                 quantization and by the reaction of the control to disturbances
     left_out    number of excluded rows by cause (`motion_log.CAUSES`)
-    periods     periods of a force along the travel; infinite for a force proportional to the position
+    periods     periods of a position-dependent force; infinite for a force proportional to the position
     bends       True if the log shows elasticity of the axis: part of the force follows the fourth position derivative
     travel      smallest and largest position in the log
     """
@@ -355,11 +355,11 @@ def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: in
 
 @dataclass(frozen=True)
 class Terms:
-    """The forces besides those of mass and friction: a force along the travel, and the elasticity of the axis.
+    """The forces besides those of mass and friction: a position-dependent force, and the elasticity of the axis.
 
         slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
 
-    periods  the periods of the force along the travel; infinite: proportional to the position
+    periods  the periods of the position-dependent force; infinite: proportional to the position
     bends    True to include the last term. Well below its resonance f, a two-mass axis requires the force
              M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, since the motor is then ahead
     suspected  True if least squares finds elasticity that instruments do not confirm; it may be due to quantization
@@ -405,7 +405,7 @@ def place_names(periods: Sequence[float]) -> list[str]:
 
 
 def place_columns(position: np.ndarray, periods: Sequence[float], middle: float) -> np.ndarray:
-    """Return the columns of a force along the travel, shape (n, p): x - middle, or sin and cos of 2π x / period."""
+    """Return the columns of a position-dependent force, shape (n, p): x - middle, or sin and cos of 2π x / period."""
     columns = []
     for period in periods:
         turned = 2.0 * np.pi * position / period
@@ -421,11 +421,11 @@ def _middle(log: MotionLog) -> tuple[float, float, float]:
 def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> Terms:
     """Return the terms that the log supports by evidence.
 
-    The candidates are the elasticity of the axis, a force proportional to the position, and a force that is periodic
-    along the travel. Its period is one turn of a rotary axis (the weight of an arm); on other axes it is the one that
-    explains most of the residual. A term is accepted if it lowers the information criterion by `_EVIDENCE`, exceeds
-    `_SURE_TERM` robust standard errors, and does not hide the mass (see `_hides`). Elasticity must be confirmed by
-    instruments; if only least squares finds it, it is kept as a term while the others are tested, and then removed.
+    The candidates are the elasticity of the axis, a force proportional to the position, and a force that is periodic in
+    position. Its period is one turn of a rotary axis (the weight of an arm); on other axes it is the one that explains
+    most of the residual. A term is accepted if it lowers the information criterion by `_EVIDENCE`, exceeds `_SURE_TERM`
+    robust standard errors, and does not hide the mass (see `_hides`). Elasticity must be confirmed by instruments; if
+    only least squares finds it, it is kept as a term while the others are tested, and then removed.
     """
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
@@ -485,7 +485,7 @@ def _hides(columns: np.ndarray, wider: np.ndarray) -> bool:
 
 
 def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
-    """Return the period along the travel that explains most of the residual beyond the columns, or 0 if none fits."""
+    """Return the period in position that explains most of the residual beyond the columns, or 0 if none fits."""
     if travel <= 0.0:
         return 0.0
     # between the longest that repeats in the travel and the shortest whose rows still show its shape
@@ -556,7 +556,7 @@ class _Solved:
 
 
 def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
-    """Return instruments in these rows, columns of unit norm, shape (n, q); None without a set position.
+    """Return instruments in these rows, columns of unit norm, shape (n, q); None if there is no set position.
 
     They are the set velocity in each direction, the set acceleration and the set jerk, each after the low passes of
     `FILTERED`, which span the usual responses of a position loop, and indicators of the two directions of motion.
