@@ -162,7 +162,7 @@ def number(value: float, decimals: int | None = None) -> str:
 
 
 def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
-    """Return a quantity in SI at the table, as text with all digits."""
+    """Return a quantity in SI units at the table, as text with all digits."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     unit = QUANTITIES[quantity].table

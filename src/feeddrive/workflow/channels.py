@@ -581,7 +581,8 @@ CONSTANT_OFF = 0.15
 
 
 def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
-    """Return contradictions of clock or scales by a velocity logged with a position, or a current with a force."""
+    """Return contradictions in clock or scales, shown by a velocity logged with a position or a current with a force.
+    """
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
     role = "torque" if values.torque_constant is not None else "force"

@@ -129,7 +129,7 @@ class LineModel(Protocol):
         ...
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> Self:
-        """Return the model on other lines in Hz, one array per response."""
+        """Return the model at other frequencies in Hz, one array per response."""
         ...
 
 

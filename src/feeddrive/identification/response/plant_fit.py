@@ -139,7 +139,7 @@ class Task:
 
     @property
     def band(self) -> tuple[float, float]:
-        """The lowest and the highest line, Hz."""
+        """The lowest and the highest frequency line, Hz."""
         return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
 
     def model(self, names: Sequence[str]) -> TracedPlant:
