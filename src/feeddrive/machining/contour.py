@@ -387,8 +387,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 if there are no samples.
-        """
+        """Return the contour error (m) that is not exceeded on this fraction of the path; 0 if there are no samples."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1

@@ -293,7 +293,7 @@ replay = figure_of(replay_chart)
 
 
 def refinement_chart(refinement: Refinement) -> Chart:
-    """Plot the predicted and measured columns."""
+    """Plot the predicted and measured signals of a refinement."""
     return replay_chart(refinement.replay)
 
 

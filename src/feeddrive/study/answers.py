@@ -298,8 +298,7 @@ def decides_chart(
 
 
 def _outputs(study: Study) -> list[str]:
-    """Return the outputs to show: figures with a bound and `INSIDE`, or, if there are no bounds, the first few figures.
-    """
+    """Return the outputs to show: figures with a bound and `INSIDE`, or, if no bounds exist, the first few figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, statistics.INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 

@@ -581,8 +581,7 @@ CONSTANT_OFF = 0.15
 
 
 def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
-    """Return contradictions in clock or scales, shown by a velocity logged with a position or a current with a force.
-    """
+    """Return contradictions in clock or scales that a velocity logged with a position, or a current, shows."""
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
     role = "torque" if values.torque_constant is not None else "force"
