@@ -199,8 +199,7 @@ class Margins(Result):
 
     @cached_property
     def small_gain_delay(self) -> float | None:
-        """The largest additional dead time τ in s for which |T| |e^(-jωτ) - 1| <= 1 at all frequency lines, where T =
-        L/(1 + L).
+        """The largest additional dead time τ in s for which |T| |e^(-jωτ) - 1| <= 1 at all lines f, with T = L/(1 + L).
 
         It never exceeds the delay margin.  It is None if |T| is nowhere above ½: no dead time then violates the
         condition.

@@ -89,8 +89,8 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Return a table of static and minimum stiffness, and of the stiffness at `frequencies` within the frequency
-        lines.
+        """Return a table of the static and minimum stiffness, and of the stiffness at those `frequencies` that lie
+        within the range of the frequency lines.
         """
         rows = list[list[Cell]]()
         if self.static is not None:
