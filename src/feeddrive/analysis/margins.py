@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
     """Return the normalized coprime factor margin b, with P scaled to 1 at `crossover` in Hz.
 
-        b(P, C) = min over the lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
+        b(P, C) = min over the frequency lines of |1 + PC| / √((1 + |P|²)(1 + |C|²))
 
     A stable closed loop remains stable as long as the normalized coprime factors of P change by less than b.  Its phase
     margin is at least 2 asin b, and its gain margin at least (1 + b)/(1 - b).  For the plant 1/s² no controller exceeds
@@ -48,7 +48,7 @@ def coprime_margin(plant: FRF, controller: FRF, crossover: float) -> float:
 
 
 def least(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Return location and value of the minimum of y(x), shape (n,), refined by a parabola unless it is at an end."""
+    """Return the location and value of the minimum of y(x), shape (n,), refined by a parabola except at an end."""
     k = int(np.argmin(y))
     if k in (0, y.size - 1):
         return float(x[k]), float(y[k])
@@ -132,7 +132,7 @@ def _snapped(values: np.ndarray) -> np.ndarray:
 
 
 def _crossings(a: np.ndarray, b: np.ndarray) -> list[tuple[int, float]]:
-    """Return index i and position (0 to 1) of each zero crossing on the straight line from a[i] to b[i].
+    """Return the index i and position (0 to 1) of each zero crossing on the straight line from a[i] to b[i].
 
     A crossing that stays at zero over several lines counts once.
     """
@@ -199,7 +199,7 @@ class Margins(Result):
 
     @cached_property
     def small_gain_delay(self) -> float | None:
-        """The largest additional dead time τ in s for which |T| |e^(-jωτ) - 1| <= 1 on all lines, where T = L/(1 + L).
+        """The largest additional dead time τ in s for which |T| |e^(-jωτ) - 1| <= 1 at all lines f, with T = L/(1 + L).
 
         It never exceeds the delay margin.  It is None if |T| is nowhere above ½: no dead time then violates the
         condition.
@@ -259,10 +259,10 @@ class Margins(Result):
 def margins(loop_gain: FRF | Loop | Any, frequency: np.ndarray | None = None) -> Margins:
     """Return the margins of a loop gain L(f); the stability limit is 1 + L = 0.
 
-    Between two lines ln |L| and the phase are interpolated linearly over ln f, so a pure power of f is exact; the
-    modulus margin is interpolated by a parabola.  The phases of neighboring lines must differ by less than 180°.  If
-    the lines of a sampled loop extend to Nyquist, the last one is assumed to be real.  For an array or a loop gain of
-    another tool, `frequency` in Hz is required, see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the
+    Between two frequency lines ln |L| and the phase are interpolated linearly over ln f, so a pure power of f is exact;
+    the modulus margin is interpolated by a parabola.  The phases of neighboring lines must differ by less than 180°.
+    If the lines of a sampled loop extend to Nyquist, the last one is assumed to be real.  For an array or a loop gain
+    of another tool, `frequency` in Hz is required, see `as_frf`.  A `Loop` is linearized at 0.05 m/s and opened at the
     drive (`loop_model`); without `frequency` the lines are chosen automatically.
     Raises ParameterError for fewer than two lines.
 
@@ -323,13 +323,13 @@ _HALF_POWER = float(np.sqrt(0.5))  # -3 dB
 def bandwidth_crossing(loop_gain: np.ndarray) -> tuple[int, float] | None:
     """Return where |S| = 1/|1 + L| first rises to √½, as index of the interval and position in it (0 to 1), or None.
 
-    Between two lines ln |S| is interpolated linearly over ln f.
+    Between two frequency lines ln |S| is interpolated linearly over ln f.
     """
     return _first_rise(-np.log(np.abs(1.0 + loop_gain)) - np.log(_HALF_POWER))
 
 
 def _first_rise(level: np.ndarray) -> tuple[int, float] | None:
-    """Return index and position (0 to 1) of the first upward zero crossing, from level[i] < 0 to level[i + 1] >= 0."""
+    """Return the index and position (0 to 1) of the first upward zero crossing, level[i] < 0 to level[i + 1] >= 0."""
     rises = np.flatnonzero((level[:-1] < 0.0) & (level[1:] >= 0.0))
     if not rises.size:
         return None
@@ -391,7 +391,7 @@ _CENTER, _SPREAD = 1, 2  # steps by which a window is narrower than the widest t
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """A linear smoother of the lines of an FRF: a sparse weight matrix of shape (n, n)."""
+    """A linear smoother of the frequency lines of an FRF: a sparse weight matrix of shape (n, n)."""
 
     weights: csr_array
 
@@ -403,7 +403,8 @@ class Smoother:
 
 
 def smoothers(frf: FRF) -> tuple[Smoother, Smoother]:
-    """Return two smoothers of an FRF, (center, spread), which fit local parabolas over ln f in windows of lines.
+    """Return two smoothers of an FRF, (center, spread), which fit local parabolas over ln f in windows of frequency
+    lines.
 
     At each line the window grows from 5 to at most 97 lines until χ² of the residuals exceeds its 99.9 % point. A line
     for which even the smallest window fails is not smoothed. In the widest window that passes, the bias is as large as

@@ -52,7 +52,7 @@ class MeasuredLoop(Result):
         """Assess the stability of the closed loop by the Nyquist criterion.
 
         unstable_poles  number of unstable poles of the open loop
-        integrators     number of integrators of axis and law together; None: from the slope of L
+        integrators     number of integrators of the axis and the law together; None: from the slope of L
         """
         return encirclement(self.loop_gain, unstable_poles=unstable_poles, integrators=integrators)
 
@@ -105,8 +105,9 @@ def measured_loop(
     load, motor   X2/u and X1/u, from the commanded force to the readings; omit `motor` for a single encoder
     disturbance   X2/d and X1/d, from a force on the table, such as that of a hammer, to the readings; they are needed
                   for the compliance only
-    delay         computation delay, s, if the responses were measured from the acting force instead of its command
-    frequency     frequencies in Hz, for responses that are arrays or models of python-control
+    delay         computation delay, s, if the responses were measured from the actual force rather than the commanded
+                  one
+    frequency     frequencies in Hz, for responses that are arrays or python-control models
 
     The variance of L is |C2|² var(X2/u) with one encoder.  With two, whose errors may be correlated, its upper bound
     (|C1| σ(X1/u) + |C2| σ(X2/u))² is used: confidence intervals are then conservative.
@@ -149,7 +150,7 @@ def measured_loop(
 def _responses(
     control: Control, T: float | None, frequency: np.ndarray, velocity: float, *, one_encoder: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequency responses of the controller alone, from the readings of motor and load to the force."""
+    """Return the frequency responses of the controller alone, from the motor and the load reading to the force."""
     law = control.law
     if T is None:
         raise ParameterError(f"the law '{law.kind}' is sampled: give its sample_time in s")

@@ -136,7 +136,7 @@ class LiveSource(Protocol):
         ...
 
     def state(self) -> str:
-        """Return the status as a sentence: rows are received or were skipped, or the source is waiting."""
+        """Return the status as a sentence: rows are being received, rows were skipped, or the source is waiting."""
         ...
 
     def close(self) -> None:
@@ -205,7 +205,7 @@ class Shown:
 
     time, values  as recorded, shapes (n,) and (n, channels)
     channels      units of the columns of values by name, as stated by their source; empty where unknown
-    zero          time origin of the window: the trigger instant, or else the end of the window
+    zero          time origin of the window: the trigger instant, or without a trigger the end of the window
     start, end    limits of the window relative to `zero`
     triggered     True if the window belongs to a trigger
     whole         True if the recording covers the whole window

@@ -152,7 +152,7 @@ class Replay(Result):
         return (self.run[signal] - self.measured[signal])[self.skipped :]
 
     def rms(self, signal: str) -> float:
-        """Return the RMS of the residual in SI."""
+        """Return the RMS of the residual in SI units."""
         return float(np.sqrt(np.mean(self.residual(signal) ** 2)))
 
     def share(self, signal: str) -> float:

@@ -32,7 +32,7 @@ class Spectrum(Result):
         return float(self.cumulative_rms[-1])
 
     def largest(self, count: int = LARGEST) -> list[tuple[float, float]]:
-        """Return frequency and amplitude of the largest peaks above 0 Hz, the largest first."""
+        """Return the frequency and amplitude of the largest peaks above 0 Hz, the largest first."""
         inner = self.amplitude[1:-1]
         peaks = 1 + np.flatnonzero((inner >= self.amplitude[:-2]) & (inner > self.amplitude[2:]))
         chosen = peaks[np.argsort(-self.amplitude[peaks], kind="stable")][:count]

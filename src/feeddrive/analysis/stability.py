@@ -197,7 +197,7 @@ class Encirclement(Result):
 
     @property
     def stable(self) -> bool:
-        """True if the closed loop has no unstable pole; `certain` is True if the lines suffice to decide it."""
+        """True if the closed loop has no unstable pole; `certain` is True if the frequency lines suffice for that."""
         return self.unstable == 0
 
     @property
@@ -243,7 +243,7 @@ def encirclement(
     integrators, -90° for each, to the nearest branch of its measured phase. The exact path there does not matter as
     long as |L| > 1. A sampled L ends at Nyquist, where it is real; the magnitude of any other L must be below 1 at its
     last line and above it. `closing` is the angle of 1 + L from the last line to this end of the curve.
-    Raises ParameterError for fewer than two lines and for an L of exactly -1.
+    Raises ParameterError for fewer than two frequency lines and for an L of exactly -1.
     """
     L = as_frf(loop_gain, frequency)
     if L.frequency.size < 2:

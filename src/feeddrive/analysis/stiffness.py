@@ -67,7 +67,7 @@ class Stiffness(Result):
 
     @property
     def mean(self) -> float:
-        """The geometric mean of the stiffness over the lines, N/m.
+        """The geometric mean of the stiffness over the frequency lines, N/m.
 
         For lines evenly spaced in ln f, it is the mean height of the curve on log-log axes.
         """
@@ -89,7 +89,9 @@ class Stiffness(Result):
         return float(np.exp(np.interp(np.log(frequency), np.log(self.frequency), np.log(self.magnitude))))
 
     def table(self, frequencies: Sequence[float] = NAMED) -> Table:
-        """Return a table of static and minimum stiffness, and of the stiffness at `frequencies` within the lines."""
+        """Return a table of the static and minimum stiffness, and of the stiffness at those `frequencies` that lie
+        within the range of the frequency lines.
+        """
         rows = list[list[Cell]]()
         if self.static is not None:
             rows.append(["static", 0.0, self.static if np.isfinite(self.static) else "infinite"])
@@ -103,7 +105,7 @@ class Stiffness(Result):
 def stiffness(compliance: FRF | Any, static: float | None = None, *, frequency: np.ndarray | None = None) -> Stiffness:
     """Return the inverse of a closed-loop compliance in m/N, modeled or measured; `static` in N/m if it is known.
 
-    Raises ParameterError if there are no lines or the compliance is zero on one of them.
+    Raises ParameterError if there are no frequency lines or the compliance is zero at one of them.
     """
     compliance = as_frf(compliance, frequency)
     magnitude = compliance.magnitude
@@ -133,7 +135,7 @@ def mean_compliance(frequency: np.ndarray, compliance: np.ndarray, band: tuple[f
 
         [∫ |C|² d ln f / ∫ d ln f]^½,   by the trapezoidal rule
 
-    frequency, band in Hz; compliance in m/N, of the closed loop.  At least two lines must lie in the band.
+    frequency, band in Hz; compliance in m/N, of the closed loop.  At least two frequency lines must lie in the band.
     """
     inside = (frequency >= band[0]) & (frequency <= band[1])
     x = np.log(frequency[inside])

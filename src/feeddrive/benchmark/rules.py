@@ -112,8 +112,8 @@ class Rules(Section):
         return replace(plant, seeds=seeds, lesson=self.seed(plant, "learning", own))
 
     def seed(self, plant: Plant, use: str, own: int = 0) -> int:
-        """Return a seed hashed from rules, plant and use, so that no two searches or learning trials share a noise
-        sequence.
+        """Return a seed hashed from the rules, the plant and the use, so that no two searches or learning trials share
+        a noise sequence.
 
         `own` is a user's number; it changes all seeds.
         """

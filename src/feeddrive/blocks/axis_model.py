@@ -1,4 +1,4 @@
-"""The axis model from which every law derives its start values: mass, delay, encoders, friction."""
+"""The axis model from which every law derives its starting values: mass, delay, encoders, friction."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -49,10 +49,10 @@ class AxisModel:
     delay              s from a command to its force: dead time and the lag of the current loop
     sample_time        s
     encoders           number of positions that the controller reads, 1 or 2
-    velocity_encoder   the encoder from which the present controller computes the velocity
+    velocity_encoder   the encoder from which the existing controller computes the velocity
     plant, frictions   the axis's blocks, for a law that models the axis as more than one mass
     reading_noise      m, standard deviation of the velocity encoder's reading, including quantization; 0 if not stated
-    machine_modes      structural modes outside the axis, taken from the present controller
+    machine_modes      structural modes outside the axis, taken from the existing controller
     """
 
     mass: float
@@ -69,7 +69,7 @@ class AxisModel:
 
     @property
     def rate(self) -> float:
-        """The start value in 1/s of every rate: a tenth of 1/(delay + sample time), slow enough for any law."""
+        """The starting value in 1/s of every rate: a tenth of 1/(delay + sample time), slow enough for any law."""
         return _SLOW / (self.delay + self.sample_time)
 
     @property
@@ -96,7 +96,7 @@ class Start(NamedTuple):
 
     name         name of the variant in a comparison
     remark       a note for the report
-    feedforward  feedforward that replaces that of the present controller
+    feedforward  feedforward that replaces that of the existing controller
     only_with    names (`Beside.name`) of compensations; this variant is tried only together with one of them.  If
                  empty, it is tried alone and with every suitable compensation
     """
@@ -114,7 +114,8 @@ class Beside(NamedTuple):
     name   name of the variant in a comparison
     block  the compensation; None if this variant cannot be used on the axis
     remark a note for the report, or the reason why the variant cannot be used
-    tuned  True if its tunables are optimized together with those of the law; else the law keeps its tuning
+    tuned  True if its tunables are optimized together with those of the law; otherwise the tuning of the law is left
+           unchanged
     """
 
     name: str
@@ -124,13 +125,13 @@ class Beside(NamedTuple):
 
 
 def begun(block: type[B], axis: AxisModel, **stated: Any) -> B:
-    """Return a block with start values for an axis.
+    """Return a block with starting values for an axis.
 
     A value in `stated` takes precedence. `mass`, `viscous`, `delay_samples` and `velocity_encoder` are taken from the
     axis, and other fields keep their defaults. A gain without a default starts at mass^a rate^b, with the exponents
     that its unit requires (`POWERS`), divided by 2π if the unit is Hz.
 
-    Raises StructureError for any other field, since the block must then provide a start value in its method `begin`.
+    Raises StructureError for any other field, since the block must then provide a starting value in its method `begin`.
     """
     from_axis = {
         "mass": axis.mass,

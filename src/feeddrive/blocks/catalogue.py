@@ -138,7 +138,7 @@ def module_at(place: str) -> tuple[ModuleType, str]:
 
 
 def fault_of_user_code(error: Exception) -> FeeddriveError | None:
-    """Return a one-sentence error with file and line for an exception in user-defined block code, else None.
+    """Return a one-sentence error with file and line for an exception in user-defined block code, otherwise None.
 
     Only the command line, which shows no traceback, uses this function; Python users get the original exception.
     """
@@ -235,7 +235,7 @@ def imported(family: type[B], place: str) -> type[B]:
 
 
 def required(value: Any, family: type[B], place: str, missing: str = "it is no class") -> type[B]:
-    """Return `value` if it is a concrete block class of a family; else raise ParameterError with the reason."""
+    """Return `value` if it is a concrete block class of a family; otherwise raise ParameterError with the reason."""
     if not isinstance(value, type):
         raise ParameterError(f"'{place}': {missing}")
     if not issubclass(value, family) or inspect.isabstract(value):

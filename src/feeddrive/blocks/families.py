@@ -10,7 +10,7 @@ A block is final: it implements the abstract methods and overrides no other meth
     step(...)    computes one sample: a pure function that maps the old state to the new one
     retune(...)  returns the state after a live change; forces and estimates stay continuous, and equal parameters
                  leave the state bit-identical
-    begin(axis)  returns start values of the parameters for tuning on an axis
+    begin(axis)  returns starting values of the parameters for tuning on an axis
 
 `retune` has no default for a block with a state: the old state is right only where no parameter scales its contents,
 and no general rule keeps every block continuous, since the last output determines only one of several state variables.
@@ -192,7 +192,7 @@ class Sensor(Block, ABC):
 
     @abstractmethod
     def step(self, state: Any, position: Number, velocity: Number, noise: Noise, T: Number) -> tuple[Any, Number]:
-        """Return the new state and the position read in m, from the true position (m) and velocity (m/s) at t = kT."""
+        """Return the new state and the reading (m), from the true position (m) and velocity (m/s) at t = kT."""
 
 
 class Law(Block, Retuned, ABC):
@@ -200,8 +200,8 @@ class Law(Block, Retuned, ABC):
 
     feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
-    encoders 2 if the law always needs separate measurements of motor and load position, else 1
-    tunables parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
+    encoders 2 if the law always needs separate measurements of the motor and the load position, otherwise 1 tunables
+    parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
     title    name of the law in a comparison; if empty, its kind is used
     steps_live  True if the force jumps at a live change in steady state, as in the original that the law reproduces
     """
@@ -227,10 +227,10 @@ class Law(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Self) -> tuple[Start, ...]:
-        """Return one or more variants of the law with start values for a search.
+        """Return one or more variants of the law with starting values for a search.
 
-        `present` is the law of the axis's present controller. By default the start values follow from the units of the
-        parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
+        `present` is the law of the axis's existing controller. By default the starting values follow from the units of
+        the parameters (`begun`). If the tuple is empty, the comparison omits the law. Raises StructureError, with the
         reason, if the law cannot be used on the axis.
         """
         return (Start(cls.title or cls.kind.replace("_", " "), begun(cls, axis), axis.sentence()),)
@@ -306,7 +306,7 @@ class Feedforward(Block, RetunedUnprepared, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return a block with start values for an axis, by default derived from the units of the parameters.
+        """Return a block with starting values for an axis, by default derived from the units of the parameters.
 
         Raises StructureError, with the reason, if the block cannot be used on the axis.
         """
@@ -354,7 +354,7 @@ class Observer(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return an observer with start values for an axis, by default derived from the units of the parameters.
+        """Return an observer with starting values for an axis, by default derived from the units of the parameters.
 
         Raises StructureError, with the reason, if the observer cannot be used on the axis.
         """
@@ -392,7 +392,7 @@ class Compensation(Block, Retuned, ABC):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> tuple[Beside, ...]:
-        """Return one or more variants of the block, by default one with start values derived from the units.
+        """Return one or more variants of the block, by default one with starting values derived from the units.
 
         Raises StructureError, with the reason, if no variant suits the axis.
         """
@@ -490,11 +490,11 @@ class Coupling(Block, ABC):
         """Return the names of the axes on which the coupling acts."""
 
     def modes(self) -> tuple[SharedMode, ...]:
-        """Return the modes that are integrated with these axes in one exact hold; by default none."""
+        """Return the modes that are discretized together with these axes; by default none."""
         return ()
 
     def springs(self) -> tuple[SharedSpring, ...]:
-        """Return the springs between tables (default: none); with springs the axes are integrated in one exact hold."""
+        """Return the springs between tables (default: none); with springs the axes are discretized together."""
         return ()
 
     def follows(self) -> dict[str, str]:

@@ -179,7 +179,7 @@ class PowerState(Enum):
 
     @property
     def status(self) -> int:
-        """The statusword bits of the state, with voltage present."""
+        """The statusword bits of the state, with the voltage-enabled bit set."""
         return self.value[1] | 0x10
 
 

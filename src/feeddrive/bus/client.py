@@ -220,7 +220,7 @@ class DriveClient:
 
     @property
     def is_virtual(self) -> bool:
-        """True for the drive of `feeddrive virtual-drive`, so that no real axis moves."""
+        """True for the drive of `feeddrive virtual-drive`, which moves no real axis."""
         return self.identity.get("name") == cia402.VIRTUAL
 
     @property

@@ -258,11 +258,12 @@ def play_together(
     names: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> list[Played]:
-    """Switch the drives on, play a profile on each in the same cycles, hold the last position, and switch them off.
+    """Switch the drives on, play a profile on each in lockstep, hold the last position, and switch them off.
 
-    The motions are relative to the present positions.  Row k of a log holds the setpoints sent in cycle k and the
-    drive's answer to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the motion
-    like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same cycle.
+    The motions are relative to the positions at the start.  Row k of a log holds the setpoints sent in cycle k and the
+    drive's response to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the
+    motion like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same
+    cycle.
     Raises BusError if a drive cannot be switched on; the reason for any later abort is in `Played.aborted`.
     """
     first, drive = clients[0], clients[0].drive

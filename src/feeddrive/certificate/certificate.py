@@ -203,7 +203,8 @@ _ALIKE = 1.15  # largest ratio of the radii of neighboring lines that become one
 
 
 def deviations(lines: int, confidence: float) -> float:
-    """Return the radius, in multiples of √variance, of discs that jointly contain all lines with a given confidence.
+    """Return the radius, in multiples of √variance, of discs that jointly contain all frequency lines with a given
+    confidence.
 
     For a complex normal error, P(|dG|² > q var) = e^-q. By Bonferroni's inequality q = ln(lines/(1 - confidence))
     covers all lines, however their errors are correlated.
@@ -247,8 +248,9 @@ def measured(
 
     The condition is |G - P| + `sure` √variance <= r|P|.
 
-    Between two lines, r is the larger of their radii.  Below the first line r is the maximum over the first octave;
-    above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than `least`.
+    Between two frequency lines, r is the larger of their radii.  Below the first line r is the maximum over the first
+    octave; above the last line it is the maximum over the last octave, but at least `beyond`.  r is never less than
+    `least`.
     """
     steps: list[list[tuple[float, float]]] = []
     for reading, lines in enumerate(plant.lines):
@@ -362,7 +364,7 @@ class Certificate(Result):
 
     @cached_property
     def loops(self) -> dict[str, LoopResponse]:
-        """The response of controller and plant in a loop, by plant name."""
+        """The response of the controller and the plant in a loop, by plant name."""
         T, control = self.sample_time, self.document["control"]
         readings = control["readings"]
         control_model = control_of(control, T)
@@ -396,7 +398,7 @@ class Certificate(Result):
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 
     def table(self) -> Table:
-        """Tabulate radii, margins and poles, one row per plant, smallest margin first."""
+        """Tabulate the radii, margins and poles, one row per plant, smallest margin first."""
         rows: list[list[str | float | int | None]] = []
         for plant in sorted(self.document["plants"], key=lambda plant: plant["reserve"] or math.inf):
             radii = [x for band in plant["radius"] for x in band["r"]]

@@ -176,7 +176,7 @@ def certify_loop(
                  fitted; or a tuple (axis, response), (load response, motor response) or (axis, load response, motor
                  response). None: the axis of the loop
     radius       for models, r as a number or as points (Hz, r); default 0.2. For measured plants r follows from the
-                 lines and their variances, and `radius` is its minimum; default 0.05
+                 frequency lines and their variances, and `radius` is its minimum; default 0.05
     beyond       minimum of r above the last measured line
     arithmetic   arithmetic of the coefficients: float64, float32, or fixedN with N binary places
     confidence   joint probability that the true responses at all measured lines lie in their discs

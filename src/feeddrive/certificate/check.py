@@ -66,7 +66,7 @@ HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
 class RefusedError(Exception):
-    """The refusal of a certificate: the reason in one line, and the `frequency` in Hz to which it applies, if any."""
+    """The rejection of a certificate: the reason in one line, and the `frequency` in Hz to which it applies, if any."""
 
     def __init__(self, reason: str, frequency: float | None = None) -> None:
         super().__init__(reason)
@@ -439,7 +439,7 @@ def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[A
 
 
 class Stretch:
-    """Bounds on the resolvent (ζ - A)⁻¹ for |θ - θ0| <= h; `fits` is False if h is too wide for a bound."""
+    """Bounds on the resolvent (ζ - A)⁻¹ for |θ - θ0| <= h; `fits` is False if h is too large for a bound to exist."""
 
     def __init__(self, loop: Lifted, center: float, h: float) -> None:
         self.loop, self.center, self.h, self.zeta = loop, center, h, cmath.exp(1j * center)
@@ -667,7 +667,8 @@ def proven(
 
 
 def inside(plant: Any, Dp: Poly, Np: Numerators, bands: Bands, sure: float, T: float, work: Work) -> int:
-    """Raise RefusedError unless all measured lines G lie in the discs around the model P; return their number.
+    """Raise RefusedError unless all measured frequency lines G lie in the discs around the model P; return their
+    number.
 
     The condition is |G - P| + sure √variance <= r|P|.
     """

@@ -169,7 +169,7 @@ _USELESS = 0.5  # largest median relative misfit of a model
 
 
 def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
-    """Fit a sampled plant model to measured lines; return it, its dead time in s and its number of modes.
+    """Fit a sampled plant model to measured frequency lines; return it, its dead time in s and its number of modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
 
@@ -217,7 +217,8 @@ def _modes(values: np.ndarray) -> int:
 def _columns(values: np.ndarray, s: np.ndarray, T: float) -> np.ndarray:
     """Return the basis functions of the fit at s = jω, shape (lines, columns).
 
-    They are the responses of rigid-body motion and modes, first in position, then in velocity, with hold and delay.
+    They are the responses of rigid-body motion and modes, first in position, then in velocity, with the zero-order hold
+    and the delay.
     """
     k = _modes(values)
     omega, ratio = np.exp(values[:k]), np.exp(values[k : 2 * k])
@@ -290,7 +291,9 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
 def _sampled(
     values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
 ) -> StateSpace:
-    """Sample the modes exactly; fit the outputs, as combinations of positions and velocities, to the measured lines."""
+    """Sample the modes exactly; fit the outputs, as combinations of positions and velocities, to the measured frequency
+    lines.
+    """
     k = _modes(values)
     modes = [
         Mode(frequency=float(w / (2.0 * np.pi)), damping_ratio=float(d), mass=1.0, motor=1.0, load=1.0)
@@ -330,7 +333,7 @@ class NominalPlant:
     """A plant at one position and load.
 
     model   sampled model from the command to the readings, including dead time
-    lines   the measured lines, by reading; empty for a plant without measurement
+    lines   the measured frequency lines, by reading; empty for a plant without measurement
     source  the origin of the plant, as a string
     """
 
@@ -394,7 +397,7 @@ def measured_plant(
     readings: Sequence[str],
     velocity: float,
 ) -> NominalPlant:
-    """Return a plant with measured lines; its model is that of a known axis, or is fitted to the lines.
+    """Return a plant with measured frequency lines; its model is that of a known axis, or is fitted to the lines.
 
     `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
     is used for all readings.
@@ -432,7 +435,9 @@ def measured_plant(
 
 
 def _lines(frf: FRF, sample_time: float) -> Lines:
-    """Return the lines below half the sample rate; an unknown variance is computed from the coherence, else it is 0."""
+    """Return the frequency lines below half the sample rate; an unknown variance is computed from the coherence,
+    otherwise it is 0.
+    """
     variance = frf.known_variance()
     variance = np.zeros(frf.frequency.size) if variance is None else variance
     keep = frf.frequency < 0.5 / sample_time

@@ -46,7 +46,7 @@ def offered(name: str) -> Command[Any, Any, Any]:
 
 
 class _Later(TyperCommand):
-    """A command with name and summary only; its module is imported when its options are needed."""
+    """A command with its name and summary only; its module is imported when its options are needed."""
 
     @cached_property
     def real(self) -> Any:

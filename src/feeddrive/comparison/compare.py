@@ -1,4 +1,4 @@
-"""Compare control laws on one axis: the present gains first, then each law tuned under the same rule, with identical
+"""Compare control laws on one axis: the existing gains first, then each law tuned under the same rule, with identical
 motions and loads.
 """
 
@@ -57,7 +57,7 @@ _NAMED = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Result):
-    """The result of a comparison: all competitors, the present control first, and the refused laws.
+    """The result of a comparison: all competitors, the existing control first, and the refused laws.
 
     Margins and stiffness are computed for the axis sliding at `velocity`, in m/s.
     """
@@ -176,8 +176,8 @@ def compare_laws(
     engine             engine that tunes and evaluates the laws and stores finished cases; default: in this process
     progress           reports each step and the number of steps
 
-    The present control comes first and is not changed, whether stable or not.  A law that does not suit the axis
-    is refused with the reason; a law without tunables is evaluated unchanged.
+    The existing control comes first and is not changed, whether stable or not.  A law that does not suit the axis is
+    refused with the reason; a law without tunables is evaluated unchanged.
 
     Raises ParameterError for an unknown axis or law.
     """
@@ -212,7 +212,9 @@ def compare_laws(
 
 
 def standings(comparison: Comparison) -> list[str]:
-    """Return sentences on the laws that are not ranked or not proven, and on the present gains, with the reasons."""
+    """Return sentences on today's gains, and on the laws that are not ranked or whose stability is not proven, with the
+    reasons.
+    """
     laws, today = comparison.competitors, comparison.competitors[0]
     groups = {head: {law.name: law.reason for law in laws if law.kind == kind} for kind, head in _HEADS.items()}
     groups["Nothing to tune, so judged as it is"] = {law.name: Text() for law in laws[1:] if law.tuned is None}
@@ -275,13 +277,13 @@ def noisy(comparison: Comparison) -> list[str]:
 
 
 def best_law(comparison: Comparison) -> str:
-    """Return the ranked law with the least rope-snap error; empty if no law but the present gains is ranked."""
+    """Return the ranked law with the least rope-snap error; empty if no law but the existing gains is ranked."""
     ranked = {law.name: snap for law in comparison.competitors if not law.unplaced and (snap := law.figures.get(_SNAP))}
     return "" if set(ranked) <= {TODAY} else min(ranked, key=lambda name: ranked[name])
 
 
 def advice(comparison: Comparison) -> Advice:
-    """Recommend the law of least rope-snap error; state first where it is worse than P-PI or the present gains."""
+    """Recommend the law of least rope-snap error; state first where it is worse than P-PI or the existing gains."""
     snaps = {law.name: snap for law in comparison.competitors if (snap := law.figures.get(_SNAP))}
     best = best_law(comparison)
     if not best:

@@ -172,8 +172,8 @@ def ports(archive: Archive, names: Mapping[str, str], command_unit: str | None) 
     """Return the ports by signal: the variables given in `names`, and variables of the FMU that have the name of a
     signal.
 
-    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI.
-    `command_unit` is the unit of the drive's command; None without a motor.
+    `names` are the FMU's variables by signal, as "x" or "x:mm"; a variable without a unit counts as SI. `command_unit`
+    is the unit of the drive's command; None if there is no motor.
 
     Raises ParameterError for an unknown signal or a unit that does not fit, FmuError for a variable that is
     missing or of the wrong kind.
@@ -357,7 +357,7 @@ class Instance:
             raise FmuError(f"{self.archive.name}: {what}: the FMU {how}{self._words()}") from None
 
     def begin(self, values: Sequence[tuple[Port, float]], parameters: Mapping[str, float]) -> None:
-        """Set start values, by port in SI and by name in the FMU's units, and initialize the FMU at t = 0.
+        """Set start values, by port in SI units and by name in the FMU's units, and initialize the FMU at t = 0.
 
         Raises FmuError for an unknown name or a value that the FMU refuses.
         """
@@ -381,7 +381,7 @@ class Instance:
         self._call("initialization", self.fmu.exitInitializationMode)
 
     def give(self, values: Sequence[tuple[Port, float]]) -> None:
-        """Set the inputs, in SI."""
+        """Set the inputs, in SI units."""
         if values:
             setter = self.fmu.setFloat64 if self.archive.three else self.fmu.setReal
             self._call(
@@ -392,7 +392,7 @@ class Instance:
             )
 
     def take(self, ports: Sequence[Port]) -> list[float]:
-        """Return the outputs, in SI."""
+        """Return the outputs, in SI units."""
         getter = self.fmu.getFloat64 if self.archive.three else self.fmu.getReal
         values = self._call("outputs", getter, [port.reference for port in ports])
         return [port.factor * value for port, value in zip(ports, values, strict=True)]
@@ -534,7 +534,7 @@ class _DeadTime:
         self.pending = [0.0] * (whole + (self.part > 0.0))
 
     def pieces(self, k: int, command: float) -> list[tuple[float, float, float]]:
-        """Return time, length and acting command of the communication steps of sample k."""
+        """Return the time, length and acting command of the communication steps of sample k."""
         commands = [command, *self.pending]
         self.pending = commands[:-1]
         start = k * self.T
@@ -562,7 +562,7 @@ class Row(NamedTuple):
     run: Run
 
     def figures(self) -> dict[str, float]:
-        """Return the error and force figures in SI, and the code of the first trip (0: none)."""
+        """Return the error and force figures in SI units, and the code of the first trip (0: none)."""
         error, force, trip = self.run["following_error"], self.run["force"], self.run["trip"]
         return {
             "following_error_rms_m": float(np.sqrt(np.mean(error * error))),

@@ -57,9 +57,9 @@ def finished(
     address  address of the scheduler, such as `tcp://10.0.0.5:8786`
     timeout  longest time to wait for a response of the scheduler, s
 
-    Raises MissingExtraError without dask.distributed, ParameterError for an address that does not respond or a cluster
-    with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly kills its worker, and
-    any exception of `progress.check()`.
+    Raises MissingExtraError if dask.distributed is not installed, ParameterError for an address that does not respond
+    or a cluster with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly kills its
+    worker, and any exception of `progress.check()`.
     """
     with _client(address, timeout, progress) as client:
         _refuse_other_versions(client, address)

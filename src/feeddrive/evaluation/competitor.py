@@ -43,7 +43,7 @@ class Plant:
 
     name     name in the benchmark, whose rows are stored; empty in a comparison, whose rows contain runs, which are too
              large for a store
-    loop     the axis with its present control; all laws use its filters, force limit and guard
+    loop     the axis with its existing control; all laws use its filters, force limit and guard
     places   positions of the axis, the nominal one first
     seeds    noise seeds of the runs; the worst figures over all of them count
     lesson   noise seed of the trials in which a law learns
@@ -77,8 +77,8 @@ class Plant:
 class Competitor:
     """A law on one axis: its loop, its figures in SI units, the reason why it is not ranked, and its runs.
 
-    unplaced  empty for a ranked law, else the kind and the reason. "unfit": the loop is unstable or the motion left its
-              bounds; "outside of the rule": the bounds that the law exceeds, as the present gains may
+    unplaced  empty for a ranked law, otherwise the kind and the reason. "unfit": the loop is unstable or the motion
+              left its bounds; "outside of the rule": the bounds that the law exceeds, as the existing gains may
     tuned     result of its search, or its stored design; None for a law that was not tuned and for a recipe
     plant     name of the plant in the benchmark, where `runs` is None and `loop` does not yet have the learned
               parameters or the gains of a recipe; empty in a comparison

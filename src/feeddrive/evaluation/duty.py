@@ -125,7 +125,7 @@ class DutyRuns(NamedTuple):
 
     @property
     def figures(self) -> Mapping[str, float | None]:
-        """The figures of these runs by key, in SI."""
+        """The figures of these runs by key, in SI units."""
         moved = _Statistics(self.move)
         along = (TRACKING_RMS, TRACKING_PEAK, FORCE_RMS, FORCE_PEAK)
         figures: dict[str, float | None] = {figure.key: figure.read(moved) for figure in along}
@@ -157,10 +157,10 @@ class _Statistics:
 def duty_of(loop: Loop, reference: Reference | None = None, force: float | None = None) -> Duty:
     """Return the duty of an axis, from its limits of force and velocity, or with a given reference or force in N.
 
-    Speed: half of the lower limit of guard and motor, at most 1 m/s; 0.2 m/s without a limit.  Acceleration: that of
-    30 % of the force limit, at most 10 m/s²; 2 m/s² without a limit.  The move is long enough to reach both.  Force: a
-    twentieth of the limit, or five times the dry friction if that is larger, so that the axis moves, but at most half
-    of the limit; without a limit, 100 N more than five times the dry friction.
+    Speed: half of the lower limit of the guard and of the motor, at most 1 m/s; 0.2 m/s if there is no limit.
+    Acceleration: that of 30 % of the force limit, at most 10 m/s²; 2 m/s² if there is no limit.  The move is long
+    enough to reach both.  Force: a twentieth of the limit, or five times the dry friction if that is larger, so that
+    the axis moves, but at most half of the limit; if there is no limit, 100 N more than five times the dry friction.
     Raises ParameterError for a force that is not positive.
     """
     mass = float(loop.axis.plant.rigid_mass())

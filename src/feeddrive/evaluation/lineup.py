@@ -1,7 +1,7 @@
-"""The laws for one axis: those that can control it, those that are tuned, and those that are refused with a reason.
+"""The laws for one axis: those that can control it, those that are tuned, and those that are refused, with the reasons.
 
-A comparison and the benchmark differ in where the gains come from, a search or a stored design. `Lineup.trials` gives
-them to the laws, and `judged` evaluates all of them.
+A comparison takes the gains from a search, the benchmark from stored designs. `Lineup.trials` applies the gains to the
+laws, and `judged` evaluates the resulting trials.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

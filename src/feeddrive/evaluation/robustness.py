@@ -119,7 +119,7 @@ class Design:
 
     plant, rules        name of the plant and version of the rules, for a design in the folders of the benchmark
     tunables, started   values after and before the tuning, by dotted name within the controller
-    refused    the reason if no design was found; else empty
+    refused    the reason if no design was found; otherwise empty
     figures    figures by key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
     held       the active constraints, as sentences; `bounds` contains them as values

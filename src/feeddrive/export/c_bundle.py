@@ -320,7 +320,8 @@ int main(void)
 
 
 def compiler(command: str | None = None) -> list[str]:
-    """Return the command that starts the C compiler: the requested one, or else gcc, cc, clang or the package ziglang.
+    """Return the command that starts the C compiler: the requested one, or by default gcc, cc, clang or the package
+    ziglang.
 
     Raises MissingProgramError if there is none.
     """

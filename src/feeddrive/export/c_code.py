@@ -38,7 +38,7 @@ _TAKEN = frozenset(
 
 
 class Body:
-    """The C statements that compute some nodes of a graph, in the order of the law's source.
+    """The C statements that compute the given nodes of a graph, in the order of the law's source.
 
     `leaves` maps nodes whose values already exist to their C text.  `makers` gives the block that computes a node, and
     `titles` the heading above the lines of a block.
@@ -345,7 +345,7 @@ static void restore(uint64_t mode) { (void)mode; }
 
 
 def number(value: float, real: str = "double") -> str:
-    """Return a number as C source: a short decimal if that is exact, else the hexadecimal form with all bits."""
+    """Return a number as C source: a short decimal if that is exact, otherwise the hexadecimal form with all bits."""
     suffix = "f" if real == "float" else ""
     value = float(np.float32(value)) if real == "float" else value
     if value in (float("inf"), float("-inf")):
@@ -851,7 +851,7 @@ _DESIGN = "DESIGN_"  # tables of `configure`, in double precision even if those 
 
 
 def _leaves(layout: Layout, prefixes: Mapping[str, str], tables: str = "") -> dict[int, str]:
-    """Return, by node, the C text of the values that already exist: struct members, tables and the sample time."""
+    """Return the C expression of each node whose value already exists: struct members, tables and the sample time."""
     routine = layout.routine
     members: Mapping[str, Sequence[Variable]] = {
         "parameter": routine.parameters,

@@ -316,7 +316,7 @@ def _too_large(value: float) -> bool:
 
 
 def _design_name(layout: Layout, field: Field) -> str:
-    """Return the name of a design number in messages: its dotted name if it is a parameter, else its field name."""
+    """Return the name of a design number in messages: the dotted name of a parameter, otherwise the field name."""
     kind, place = layout.leaves.get(field.node, ("", 0))
     return layout.routine.parameters[place].path if kind == "parameter" else f"the design number {field.name}"
 

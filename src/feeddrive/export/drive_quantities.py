@@ -124,7 +124,9 @@ def read_cascade(loop: Loop) -> Cascade:
 
 
 def at_shaft(cascade: Cascade, train: DriveTrain, quantity: str, unit: str) -> float | None:
-    """Return a quantity in `unit` (of `language.units`), at the shaft if the motor is rotary; None if it is absent."""
+    """Return a quantity in `unit` (one of `language.units`), referred to the shaft if the motor is rotary; None if
+    absent.
+    """
     own = {"lead": train.lead, "gear": train.gear if train.lead is not None else None}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     if value is None:

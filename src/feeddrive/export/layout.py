@@ -76,9 +76,9 @@ class Layout:
         return read
 
     def order(self, roots: Iterable[int], *, moving: bool) -> list[int]:
-        """Return the operations on which `roots` depend, in the order of the law.
+        """Return the operations on which `roots` depend, in the order in which the law evaluates them.
 
-        With `moving` they are those that change from sample to sample, otherwise those that do not.
+        If `moving` is True, only operations whose results change from sample to sample; otherwise only the others.
         """
         return [
             index

@@ -142,7 +142,7 @@ def controller_comp(routine: Routine, title: str, made_by: str) -> str:
 
 
 def _input_expression(name: str) -> str:
-    """Return the C expression for an input of the law, in SI."""
+    """Return the C expression for an input of the law, in SI units."""
     return "on ? 1.0 : 0.0" if name == "enable" else f"{pin(_INPUTS[name][0], '', '', '').c} / scale"
 
 

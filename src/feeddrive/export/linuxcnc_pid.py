@@ -354,7 +354,7 @@ def _after(run: Run | None, move: JerkLimitedMove) -> float | None:
 
 
 def _margins(*loops: Loop) -> list[Figure]:
-    """Return crossover and margins of each loop, opened at the actuator and linearized while the axis is sliding."""
+    """Return the crossover and margins of each loop, opened at the actuator and linearized for a sliding axis."""
     figures = []
     for loop in loops:
         frequency = np.geomspace(1.0, 0.5 / loop.sample_time, LINES)

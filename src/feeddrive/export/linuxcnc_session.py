@@ -297,7 +297,8 @@ def answers(
     period: int | None = None,
     patience: float = 60.0,
 ) -> HalRun:
-    """Run an exported controller on inputs in SI, shape (n, inputs), in the order of the routine; return its outputs.
+    """Run an exported controller on inputs in SI units, shape (n, inputs), in the order of the routine; return its
+    outputs.
 
     directory    output directory of `write_linuxcnc`;  folder: an empty working folder
     units_per_m  factor on lengths; with 1 the component receives exactly the numbers of `inputs`

@@ -65,7 +65,7 @@ class Row(NamedTuple):
     most: float | None = None
 
     def of(self, train: DriveTrain) -> tuple[str, str, str]:
-        """Return name, unit and measure on a drive train."""
+        """Return the name, unit and measure on a drive train."""
         usual = (self.name, self.unit, self.measure)
         if train.turns:
             return self.turning or usual
@@ -73,7 +73,7 @@ class Row(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A number in a manufacturer's file, with its path in the machine file and its value in SI."""
+    """A number in a manufacturer's file, with its path in the machine file and its value in SI units."""
 
     name: str
     text: str
@@ -93,13 +93,14 @@ class Filtered(NamedTuple):
 
 @dataclass(frozen=True)
 class Maker:
-    """A controller or drive of a manufacturer: its rows, its filters, and the format of its files.
+    """A manufacturer's controller or drive: its parameters (`rows`), its filters, and the format of its files.
 
     notes    header lines of its file, such as which loop the gains belong to, or how to switch off the integrator
     rotary   True if it supports rotary motors only
-    held     kinds of items (`drive_quantities.Item`) that it represents completely; `outside` gives reasons for others
+    held     kinds of controller elements (`drive_quantities.Item`) that it represents completely; `outside` gives, for
+             each other kind, the reason and the consequence
     filters  function that returns the lines for a filter, called with the filter and its index among the filters
-    always   parts that it cannot represent in any design
+    always   elements that it cannot represent, whatever the design
     """
 
     key: str
@@ -161,7 +162,7 @@ def number(value: float, decimals: int | None = None) -> str:
 
 
 def in_si(cascade: Cascade, train: DriveTrain, quantity: str) -> str:
-    """Return a quantity in SI at the table, as text with all digits."""
+    """Return a quantity in SI units at the table, as text with all digits."""
     own = {"lead": train.lead, "gear": train.gear}
     value = own[quantity] if quantity in own else cascade.values[quantity]
     unit = QUANTITIES[quantity].table
@@ -873,7 +874,7 @@ def _gains(cascade: Cascade, name: str, pid: object) -> Iterator[Line]:
 
 
 def _si(cascade: Cascade, path: str) -> str:
-    """Return the value from the machine file, in SI."""
+    """Return the value from the machine file, in SI units."""
     values = {
         "control.law.Kv": ("Kv", "1/s"),
         "control.law.velocity_feedforward": ("velocity_feedforward", ""),

@@ -1,4 +1,4 @@
-"""Structured Text: declarations, expressions, statements from a graph, and functions that IEC 61131-3 lacks."""
+"""Structured Text: declarations, expressions, statements generated from a graph, functions missing in IEC 61131-3."""
 
 from __future__ import annotations
 
@@ -480,7 +480,7 @@ class Section:
                 self.statements.texts[index] = "switched_on"
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
-        """Return the statements for some nodes, under headings that name the blocks that compute them."""
+        """Return the statements for the given nodes, under headings that name the blocks that compute them."""
         nodes = list(nodes)
         self.statements.done = []
         statements = self.statements.compute(nodes, nodes)

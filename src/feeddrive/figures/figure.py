@@ -60,7 +60,8 @@ class Limitable:
     """The declaration of a figure that a tuning can keep within a limit.
 
     option, meaning, entered  the command-line option, its help text, and the unit of its value
-    places    function of (loop, limit, noise of both readings in m) that yields the places near the limit
+    places    function of (loop, limit, noise of both readings in m) that yields a `Place` for each frequency near the
+              limit
     where     function that returns the critical frequency of a loop in Hz, if there is one
     usual     the default limit
     above, below  range of admissible limits; a limit is relaxed by scaling its distance from `origin`
@@ -189,7 +190,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of a figure in SI: a lower limit if a larger value is better, otherwise an upper limit."""
+    """A limit of a figure in SI units: a lower limit if a larger value is better, otherwise an upper limit."""
 
     figure: Figure
     bound: float

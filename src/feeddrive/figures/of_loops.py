@@ -95,7 +95,7 @@ class LinearLoop:
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness on the lines over which its minimum is taken."""
+        """The dynamic stiffness at the frequency lines over which its minimum is taken."""
         return self._stiffness_on_lines
 
     @cached_property

@@ -17,7 +17,7 @@ from feeddrive.language import tree
 from feeddrive.loop.loop import Loop
 
 Values: TypeAlias = Mapping[str, float | None]
-"""Figures of a law in SI by key; None where the law has no such figure."""
+"""Figures of a law in SI units by key; None where the law has no such figure."""
 TIE = 0.005  # least relative difference of figures that are ranked differently
 
 CRITERIA = (
@@ -81,7 +81,7 @@ def _below(figure: Figure, nyquist: float) -> bool:
 
 
 def effort_of(loop: Loop) -> dict[str, float | None]:
-    """Return, by key, the figure for the computing effort: the number of operations per sample."""
+    """Return the figure for the computing effort by its key: the number of operations per sample."""
     return {of_loops.EFFORT.key: of_loops.EFFORT.read(LinearLoop(loop))}
 
 

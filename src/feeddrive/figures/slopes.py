@@ -51,7 +51,7 @@ class JudgedLoop(Protocol):
 
     @property
     def stiffness(self) -> Stiffness:
-        """The dynamic stiffness on the lines over which its minimum is taken."""
+        """The dynamic stiffness at the frequency lines over which its minimum is taken."""
         ...
 
     @property
@@ -131,7 +131,7 @@ class SlopedLoop(Protocol):
         ...
 
     def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return frequency lines, compliance and its derivatives, extended far below the first line of the loop."""
+        """Return the frequency lines, compliance and its derivatives, extended far below the first line of the loop."""
         ...
 
     def readings(self, noise: tuple[float, float]) -> Sequence[Reading]:
@@ -177,7 +177,7 @@ def rope_snap_slope(loop: SlopedLoop, _: Band) -> Slope:
 
 
 def mean_compliance_slope(loop: SlopedLoop, band: Band) -> Slope:
-    """Return the logarithm of `mean_compliance` over the lines within a band, with its derivatives."""
+    """Return the logarithm of `mean_compliance` over the frequency lines within a band, with its derivatives."""
     f = loop.frequency
     width = np.where(_inside(f, band), trapezoid_weights(np.log(f)), 0.0)
     return _mean_square(loop.compliance, loop.compliance_slope, width / np.sum(width))
@@ -216,7 +216,7 @@ def _inside(frequency: np.ndarray, band: Band) -> np.ndarray:
 
 
 def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> Slope:
-    """Return the logarithm of the largest compliance in a band, times `weight`, with its derivatives."""
+    """Return the logarithm of the largest compliance in a band, weighted by `weight`, with its derivatives."""
     size = np.where(_inside(loop.frequency, band), weight * np.abs(loop.compliance), 0.0)
     k = int(np.argmax(size))
     slope = (loop.compliance_slope[k] / loop.compliance[k]).real
@@ -224,7 +224,7 @@ def largest(loop: SlopedLoop, band: Band, weight: np.ndarray | float = 1.0) -> S
 
 
 def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
-    """Return ½ ln Σ w |y|², with weights w on the lines, and its derivatives."""
+    """Return ½ ln Σ w |y|², with weights w at the frequency lines, and its derivatives."""
     total = float(np.sum(weight * np.abs(y) ** 2))
     slope = np.real(dy.T @ (weight * np.conj(y))) / total
     # Gauss-Newton: the second derivatives of y are left out, so the first term cannot become indefinite
@@ -234,7 +234,7 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
 
 
 def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines at which |S| is near the limit of Ms, the largest |S|."""
+    """Yield the frequency lines at which |S| is near the limit of Ms, the largest |S|."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -246,7 +246,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines that nearly violate the small-gain condition for an added dead time of `limit` samples."""
+    """Yield the frequency lines that nearly violate the small-gain condition for `limit` samples of added dead time."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     late = np.pi * f * limit * loop.sample_time
@@ -262,12 +262,12 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
 
 
 def compliance_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the lines at which the compliance is near its limit."""
+    """Yield the frequency lines at which the compliance is near its limit."""
     return places_below(loop, limit)
 
 
 def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.0) -> Iterator[Place]:
-    """Yield the lines at which the compliance, times `weight`, is near an upper limit."""
+    """Yield the frequency lines at which the compliance, times `weight`, is near an upper limit."""
     f = loop.frequency
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / (weight * size)))
@@ -357,8 +357,8 @@ def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float
 
         d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u
 
-    The sum is over the readings, with controller response C and noise σ, and over the lines, with weight w; S is the
-    sensitivity.
+    The sum is over the readings, with controller response C and noise σ, and over the frequency lines, with weight w; S
+    is the sensitivity.
     """
     value = force_noise_of(loop, noise)
     S = 1.0 / (1.0 + loop.gain)
@@ -384,17 +384,20 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
 
 
 def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
-    """Return the indices of lines at which a limit is violated or nearly so; without slopes, only the worst line."""
+    """Return the indices of frequency lines at which a limit is violated or nearly so; without slopes, only the worst
+    line.
+    """
     # without slopes nothing is searched: only the critical line is of interest
     near = np.flatnonzero(slack < _NEAR)
     return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Return the slacks, with each local minimum corrected for the smallest |w| between the neighboring lines.
+    """Return the slacks, with each local minimum corrected for the smallest |w| between the neighboring frequency
+    lines.
 
-    w is interpolated through three lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a circle in the
-    complex plane, and the point of this circle that is closest to 0 may lie far from any line.
+    w is interpolated through three frequency lines by (w0 + b u)/(1 + c u), u = ln f - ln f0. A resonance traces a
+    circle in the complex plane, and the point of this circle that is closest to 0 may lie far from any of these lines.
     """
     out = slack.copy()
     low = (slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:]) & (slack[1:-1] < _NEAR)
@@ -426,7 +429,7 @@ def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:
 def _tilts(x: np.ndarray, level: np.ndarray, turn: np.ndarray, k: int) -> tuple[float, float]:
     """Return d ln|L|/d ln f and dφ/d ln f at line k; φ is the phase of L.
 
-    Both are fitted over an interval, because the difference between two lines would be mostly noise.
+    Both are fitted over an interval, because the difference between two frequency lines would be mostly noise.
     """
     low, high = (int(end) for end in np.searchsorted(x, (x[k] - _STRETCH, x[k + 1] + _STRETCH)))
     # at least the two lines of the crossing, where lines are sparse

@@ -63,7 +63,7 @@ class Column:
         value = number · factor, in `unit`
 
     A factor without a unit converts to the SI unit of the role.  Without a factor and a unit, the numbers are in the
-    unit stated in the file, or in SI if the file states none.
+    unit stated in the file, or in SI units if the file states none.
 
     Column(name="qm", unit="mm"), Column(name="iq", factor=35.15), Column(name="y", unit="mm", factor=-1.0)
     """
@@ -230,8 +230,8 @@ def unit_of(text: str) -> str | None:
 def factor_of(path: str, role: str, column: Column, unit: str) -> float:
     """Return the conversion factor from the unit of a column to that of its role.
 
-    The unit is that of `column`, else that of the file, else the suffix of the column's name, where `_in` means input
-    and not inch.
+    The unit is that of `column`; if it has none, that of the file; otherwise the suffix of the column's name, where
+    `_in` means input and not inch.
     """
     stated = column.scale(role)
     if stated is not None or role in OWN_UNIT:
@@ -270,7 +270,9 @@ def check_sign(path: str, column: Column, unit: str, si: str) -> None:
 
 
 def unit_at_the_end(name: str, role: str) -> str:
-    """Return the unit suffix of a column name, as in `x_cmd_mm`, if it is valid for the role, else an empty string."""
+    """Return the unit suffix of a column name, as in `x_cmd_mm`, if it is valid for the role, otherwise an empty
+    string.
+    """
     for start in [k + 1 for k, letter in enumerate(name) if letter == "_"]:
         try:
             units.factor(name[start:], ROLES[role])

@@ -58,7 +58,7 @@ _ENABLED = re.compile(r"\w*enabled", re.IGNORECASE)
 class SpeedController:
     """A PI speed controller in the file, with the filters of its torque setpoint.
 
-    Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None without integral action
+    Kp, Tn   gain, N m s/rad (N s/m for a linear motor), and integral time, s; Tn is None if there is no integral action
     filters  enabled filters
     left     features in the file that feeddrive's control law does not support, in words
     stamp    time at which the tool stored the controller, as text
@@ -126,7 +126,7 @@ class Commissioning:
 
     @property
     def plant(self) -> str | None:
-        """The name of the plant response to use: preferably one with a coherence, then the latest, then the longest."""
+        """The name of the plant response to use: preferably with coherence data, then the latest, then the longest."""
 
         def rank(name: str) -> tuple[bool, str, int]:
             frf = self.responses[name]

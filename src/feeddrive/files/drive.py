@@ -120,5 +120,5 @@ def drive_with(
 
 
 def axis_name(loop: Loop | None, axis: str | None) -> str:
-    """Return the axis name: that of the machine file's loop, else `axis`, else x."""
+    """Return the axis name: that of the machine file's loop if there is one, otherwise `axis` if given, otherwise x."""
     return axis or "x" if loop is None else loop.name

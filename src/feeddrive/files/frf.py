@@ -253,7 +253,8 @@ def read_frf(
     columns        names for the columns of a file without headers, or to replace its headers:
                    ["f_Hz", "re", "im", "coherence"], ["f_Hz", "magnitude_dB", "phase_deg"]
     input, output  names of its input and output; default: as in the file
-    unit           output over input in SI, such as m/N, if the file does not state it; a stated unit is converted to SI
+    unit           output over input in SI units, such as m/N, if the file does not state it; a stated unit is converted
+                   to SI
 
     Raises FileError (no such file, ...) or LogError (unsupported format, damaged, NaN, frequencies that are negative or
     not increasing, a coherence above 1, a magnitude without phase), each with file, line and remedy.

@@ -68,7 +68,7 @@ class GrowingBytes(Protocol):
         ...
 
     def waits(self) -> str:
-        """Return a status message as long as the stream is empty, else an empty string."""
+        """Return a status message as long as the stream is empty, otherwise an empty string."""
         ...
 
 
@@ -90,7 +90,7 @@ class GrowingFile:
         return self._head
 
     def waits(self) -> str:
-        """Return a message if the file does not exist, else an empty string."""
+        """Return a message if the file does not exist, otherwise an empty string."""
         return "waits for the file: it is not there" if self._missing else ""
 
     def read(self) -> Grown:
@@ -200,7 +200,7 @@ class PipeFollower:
         return self._pipe.first
 
     def waits(self) -> str:
-        """Return a message while no bytes have been received, else an empty string."""
+        """Return a message while no bytes have been received, otherwise an empty string."""
         return "" if self._pipe.first else "waits for rows from the pipe"
 
     def read(self) -> Grown:
@@ -217,7 +217,7 @@ class GrowingTable:
     time_unit    unit of a time column that states none; None: s
 
     Invalid lines are skipped and counted.  An `overrun` line of halsampler marks a gap; the sample numbers in its
-    output serve as the clock.
+    output serve as the time base.
     """
 
     def __init__(
@@ -316,7 +316,7 @@ class GrowingTable:
         return True
 
     def _set(self, layout: CsvLayout, numbered: bool) -> None:
-        """Set layout, clock and channels; with `numbered` the first column holds sample numbers."""
+        """Set the layout, clock and channels; with `numbered` the first column holds sample numbers."""
         names = list(layout.names)
         counter = 0 if numbered else None
         if numbered:

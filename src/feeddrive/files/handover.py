@@ -3,7 +3,7 @@
     fd.files.write_mat("model.mat", fd.linearize(loop, ["set_position"], ["position_load"]))
     >> m = load("model.mat");  sys = ss(m.A, m.B, m.C, m.D, m.sample_time_s);
 
-All numbers are in SI and are preserved bit for bit.
+All numbers are in SI units and are preserved bit for bit.
 """
 
 import io

@@ -15,9 +15,9 @@ file = "part.ngc"
 kind = "step_force"
 [others.y.reference]               # motion of another axis, if the machine is coupled or all axes run;
 kind = "linear_move"               # axes without one are at rest; [others.y.load] is a force on the table
-[[law]]                            # rows of the comparison; the present control is always the first
+[[law]]                            # rows of the comparison; the existing control is always the first
 name = "twice the gain"
-set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI; or a whole [law.control], [law.axis.y.control]
+set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI units; or a whole [law.control], [law.axis.y.control]
 """
 
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ class ControlOfAxis(Section):
 
 
 class LawSection(Section):
-    """A row of the comparison: a name, and the control that it compares with the present one."""
+    """A row of the comparison: a name, and the control that it compares with the existing one."""
 
     exactly: ClassVar[tuple[tuple[str, ...], ...]] = (("set",), ("control", "axis"))
     needs: ClassVar[str] = (
@@ -108,7 +108,7 @@ class Job(Result):
     """The content of a job file.
 
     loops     the loop of the compared axis, by row
-    machines  all axes with their couplings, by row, if the axis is coupled or `others` move; else empty
+    machines  all axes with their couplings, by row, if the axis is coupled or `others` move; otherwise empty
     program   the planned part program that provides the references, if any
     """
 
@@ -130,7 +130,7 @@ class Job(Result):
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
     def table(self) -> Table:
-        """Tabulate the laws, one per row, starting with the present one."""
+        """Tabulate the laws, one per row, starting with the existing one."""
         work = self.reference.kind if self.reference is not None else "-"
         work = self.program.description if self.program is not None else work
         work = f"log {self.log.path.name}" if self.log is not None else work
@@ -304,7 +304,7 @@ def _others(section: JobSection, machine: MachineFile, axis: str) -> dict[str, O
 
 
 def _laws(job: JobSection, today: Loop, machine: Machine | None) -> dict[str, System]:
-    """Return, by row, the loop or the given machine with the present control and with each law to compare."""
+    """Return, by row, the loop or the given machine with the existing control and with each law to compare."""
     whole: System = today if machine is None else machine
     rows = {"today": whole}
     for law in job.law:
@@ -332,7 +332,7 @@ def _controls(law: LawSection, today: Loop, machine: Machine | None) -> dict[str
 
 
 def _replaced(section: Section, place: str, control: Control, today: Loop) -> Loop:
-    """Return the loop with another control; a missing guard or force limit is taken from the present control."""
+    """Return the loop with another control; a missing guard or force limit is taken from the existing control."""
     # Safety functions and force limit belong to the drive: a law to be compared must not run without them by omission.
     guard = today.control.guard if control.guard is None else control.guard
     limit = today.control.force_limit if control.force_limit is None else control.force_limit
@@ -343,7 +343,7 @@ def _replaced(section: Section, place: str, control: Control, today: Loop) -> Lo
 
 
 def _varied(law: LawSection, values: Mapping[str, float], whole: System) -> System:
-    """Return the loop or machine of a row that changes parameters of the present control."""
+    """Return the loop or machine of a row that changes parameters of the existing control."""
     places = [loop.place_of("control") for loop in whole.loops().values()]
     if isinstance(whole, Machine):
         places += [f"couplings.{i}" for i, coupling in enumerate(whole.couplings) if coupling.controls]

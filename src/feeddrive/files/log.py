@@ -1,7 +1,7 @@
-"""A measured log: channels over time on one clock, with remarks on irregular channels.
+"""A measured log: channels over a common time base, with remarks on irregular channels.
 
-`read_log.py` reads one from a file.  A channel that is constant, clipped or slower than the clock is accepted with a
-remark.
+`read_log.py` reads one from a file.  A channel that is constant, clipped or recorded at a lower rate than the log is
+accepted with a remark.
 """
 
 from collections.abc import Mapping
@@ -70,11 +70,11 @@ class Log(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence for each channel that is constant, clipped, or recorded more slowly than the clock."""
+        """A sentence for each channel that is constant, clipped, or recorded at a lower rate than the log."""
         return remarks(self.channels)
 
     def table(self) -> Table:
-        """Tabulate minimum, maximum and RMS value of every channel."""
+        """Tabulate the minimum, maximum and RMS value of every channel."""
         rows: list[list[Cell]] = []
         for channel, values in self.channels.items():
             unit = self.units.get(channel, "")
@@ -131,7 +131,9 @@ _HELD = 0.98  # share of the changes that lie on one grid of every second, third
 
 
 def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
-    """Return a sentence for each channel, of shape (n,), that is constant, clipped or slower than its clock."""
+    """Return a sentence for each channel, of shape (n,), that is constant, clipped or recorded at a lower rate than the
+    log.
+    """
     sentences: list[str] = []
     for name, values in channels.items():
         if values.size < 2:
@@ -147,7 +149,7 @@ def remarks(channels: Mapping[str, np.ndarray]) -> tuple[str, ...]:
 
 
 def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
-    """Return a remark if the signal reaches its extreme value at full slope and stays there, else "".
+    """Return a remark if the signal reaches its extreme value at full slope and stays there, otherwise "".
 
     times  number of occurrences required for a remark; one is enough for a position, since no axis can stop within
            one sample
@@ -174,7 +176,7 @@ def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
 
 
 def _slow(name: str, values: np.ndarray) -> str:
-    """Return a remark if the signal changes only at every m-th sample, as if written by a slower task, else ""."""
+    """Return a remark if the signal changes only at every m-th sample, as if written by a slower task, otherwise ""."""
     changes = np.flatnonzero(np.diff(values))
     # a few changes lie on a common grid by chance
     if changes.size < 20:

@@ -5,7 +5,7 @@ sample_time_ms = 0.25
 [axis.x]                      # the physical model: substeps, encoders, friction, forces
 [axis.x.plant]
 kind = "two_mass"
-[axis.x.control]              # the present control: limit, guard, filters, feedforward
+[axis.x.control]              # the existing control: limit, guard, filters, feedforward
 [axis.x.control.law]
 kind = "cascade_ppi"
 [axis.x.limits]               # limits of planned motions: velocity to snap, travel
@@ -47,7 +47,7 @@ BUNDLED = Path(__file__).parent / "bundled"
 
 
 class AxisSection(Section):
-    """An axis: its physical model, its present control, and the limits of planned motions."""
+    """An axis: its physical model, its existing control, and the limits of planned motions."""
 
     physics: Axis = part("the physics, whose keys stand here", inline=True)
     control: Control = part("today's control")
@@ -55,7 +55,7 @@ class AxisSection(Section):
 
 
 class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine files
-    """A machine: axes with their physical models and present controls."""
+    """A machine: axes with their physical models and existing controls."""
 
     name: str = text("name of the machine", default="")
     source: str = text("where the numbers come from", default="")
@@ -115,7 +115,7 @@ class MachineFile(Result):
         return f"a machine file holds a loop for each axis: give .loop('{first}'); fd.compare(file) puts all laws on it"
 
     def table(self) -> Table:
-        """Tabulate plant and control, one row per axis."""
+        """Tabulate the plant and control, one row per axis."""
         rows = [
             [
                 name,
@@ -279,7 +279,9 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:
-    """Return the path if it exists or has a suffix, else the path of the bundled file of that name. Raise FileError."""
+    """Return the path if it exists or has a suffix, otherwise the path of the bundled file of that name. Raise
+    FileError.
+    """
     file = Path(path)
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
@@ -335,7 +337,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
 
 
 def _resolution(loop: Loop) -> float | None:
-    """Return the position resolution (m) of the load encoder, else of the motor encoder; None if neither has one."""
+    """Return the position resolution (m) of the load encoder, or if it has none of the motor encoder, or None."""
     # The load encoder first, since it measures the planned position itself.
     for encoder in (loop.axis.encoder_load, loop.axis.encoder_motor):
         resolution = getattr(encoder, "resolution", None)

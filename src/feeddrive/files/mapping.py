@@ -115,7 +115,7 @@ class Guess(Result):
     axes    the axes of the log, as named in its columns; the guess is for `mapping.axis`
     doubts  contradictions between the samples and the roles
     stated  the unit of each column in the file
-    preview peak figures by which the user can check the guess; None without a position
+    preview peak figures by which the user can check the guess; None if there is no position
     """
 
     name: str
@@ -158,7 +158,7 @@ class Guess(Result):
         return tuple(rows)
 
     def table(self) -> Table:
-        """Tabulate role, channel, unit, reason and option of all columns, those without a role last."""
+        """Tabulate the role, channel, unit, reason and option of all columns, those without a role last."""
         rows = [
             [
                 "-" if not row.role else f"{row.role} ?" if row.asks else row.role,

@@ -311,7 +311,7 @@ class SpindleOfLines:
             yield move
 
     def at(self, line: int) -> tuple[float | None, int | None]:
-        """Return spindle speed and tool at a line; None for a value that differed between executions of the line."""
+        """Return the spindle speed and tool at a line; None for a value that differs between executions of the line."""
         return self._found.get(line, (0.0, 0))
 
 
@@ -561,7 +561,9 @@ class ProgramSection(Section):
 
     @classmethod
     def choose(cls, table: TomlTable) -> type[Section]:
-        """Return the section class for a table: recorded setpoints if it has a key `recorded`, else part program."""
+        """Return the section class for a table: recorded setpoints if it has the key `recorded`, otherwise a part
+        program.
+        """
         return RecordedSection if "recorded" in table.values else PartProgramSection
 
 
@@ -619,7 +621,9 @@ class PlannedProgram:
     process: Process | None = None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
-        """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError without x and y."""
+        """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError if the machine lacks x
+        or y.
+        """
         return () if self.process is None else self.process.couplings(self.cuts, tuple(self.references), substep)
 
 

@@ -46,7 +46,7 @@ class Preview(Result):
     """Peak figures of a log, and its signals for a picture.
 
     length        the user's unit of lengths or angles: mm, in, deg
-    sizes         travel, speed and acceleration in SI, by the names in `plausibility.RANGES`, where available
+    sizes         travel, speed and acceleration in SI units, by the names in `plausibility.RANGES`, where available
     signal        unit of the force, or of the drive signal that replaces it
     acting        largest absolute value of this force or signal, in `signal`
     force         the user's unit of force: N, kN, Nm; empty for a drive signal
@@ -66,7 +66,9 @@ class Preview(Result):
 
     @property
     def per_mass(self) -> float | None:
-        """The acceleration that the largest force would cause without friction, m/s² or rad/s²; None without a mass."""
+        """The acceleration that the largest force would cause without friction, m/s² or rad/s²; None if there is no
+        mass.
+        """
         return None if self.acting is None or not self.mass else self.acting / self.mass
 
     @property
@@ -167,12 +169,14 @@ def preview_of(
 
 
 def _length(column: Column, lengths: Mapping[str, str], si: str) -> str:
-    """Return the user's unit of a length or angle: that of the column, else that of the file, else mm or rad."""
+    """Return the user's unit of a length or angle: that of the column, if none that of the file, or mm or rad."""
     return _unit_of(column, lengths, si) or ("mm" if si == "m" else "rad")
 
 
 def _unit_of(column: Column, stated: Mapping[str, str], si: str) -> str:
-    """Return the unit of a column, or of the file, if it measures the quantity of an SI unit; else an empty string."""
+    """Return the unit of a column, or of the file, if it measures the quantity of an SI unit; otherwise an empty
+    string.
+    """
     for unit in (column.unit, "" if column.factor is not None else stated.get(column.name, "")):
         try:
             if unit:

@@ -152,7 +152,7 @@ def reader_of(name: str, content: bytes) -> Reader:
 
 
 def _text_reader(content: bytes) -> Reader:
-    """Return the reader of a text file: that of the recorder whose header the file has, else the CSV reader."""
+    """Return the reader of a text file: that of the recorder whose header the file has, otherwise the CSV reader."""
     for fits, reader in text_files.RECORDERS:
         if fits(content):
             return reader
@@ -256,7 +256,7 @@ def read_log(
                  unit; a time column with a common name need not be mapped
     optional     role -> column, for columns that may be missing; may be part of a `Mapping`
     sample_time  s, for a file without a time column, or with rounded stamps; may be part of a `Mapping`
-    name         the name of the log in errors; default: the name in the file, else the path
+    name         the name of the log in errors; default: the name in the file, otherwise the path
 
     Raises FileError (no such file, ...) or LogError (unsupported format, damaged, empty, NaN, gaps, a non-uniform
     clock, a column that is missing or has a wrong unit), each with file, row and remedy.
@@ -388,7 +388,9 @@ def _chosen(columns: Columns, asked: abc.Mapping[str, Column], *, everything: bo
 def _values(
     path: str, columns: Columns, role: str, column: Column, asked: abc.Mapping[str, Column]
 ) -> tuple[np.ndarray, str]:
-    """Return the values of a column, and their unit: that of the role, else of the file. Raise LogError if invalid."""
+    """Return the values of a column, and their unit: that of the role, otherwise of the file. Raise LogError if
+    invalid.
+    """
     numbers = columns.values.get(column.name)
     if numbers is None:
         if column.name in columns.left_out:
@@ -457,7 +459,7 @@ def _stamps(
 
 
 def _clock_of(columns: Columns) -> str:
-    """Return a hint on how to provide the clock of a file without one, as part of an error message."""
+    """Return a hint on how to provide the time of a file that has none, as part of an error message."""
     if columns.format == "halsampler":
         numbers = (
             "" if COUNTER not in columns.values else "the numbers of the samples are there, but not their period: "

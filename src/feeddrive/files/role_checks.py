@@ -142,7 +142,7 @@ class _Check:
         return self.option(role, replace(column, factor=factor, unit=unit))
 
     def setpoint(self, position: str) -> list[RoleDoubt | None]:
-        """Compare set and actual position, and return the doubts."""
+        """Compare the set position with the actual position, and return the doubts."""
         role = next((role for role in _SETPOINTS if role in self.channels), None)
         if role is None or role.endswith("angle") != position.startswith("angle"):
             return []
@@ -234,7 +234,7 @@ class _Check:
         return []
 
     def encoders(self) -> list[RoleDoubt | None]:
-        """Compare the encoders of motor and table, and return the doubts."""
+        """Compare the encoders of the motor and the table, and return the doubts."""
         for motor, table in _ENCODERS:
             if motor not in self.channels or table not in self.channels:
                 continue

@@ -1,8 +1,9 @@
 """JSON Schema of the user's files, generated from the declarations of sections and blocks.
 
-Editors complete and check keys with it.  The schema accepts every file that feeddrive reads.  It does not contain
-checks between parameters of a block, bounds of a number in a unit other than the declared one, or the rule that a
-parameter must not be given twice in two units.  `workflow/schemas.py` lists the kinds of files and writes the schemas.
+Editors use it to complete and check keys.  The schema accepts every file that feeddrive reads.  It does not contain
+checks that involve several parameters of a block, bounds of a number in a unit other than the declared one, or the rule
+that a parameter must not be given twice in two units.  `workflow/schemas.py` lists the kinds of files and writes the
+schemas.
 """
 
 import typing

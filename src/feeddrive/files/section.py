@@ -106,7 +106,7 @@ def named(
 
 
 def numbers(meaning: str, *, default: Any = MISSING, example: str = "") -> Any:
-    """Declare a dict of numbers in SI by path; `example` is the hint shown for a value of another type."""
+    """Declare a dict of numbers in SI units by path; `example` is the hint shown for a value of another type."""
     declaration = Declaration(role="numbers", unit="", meaning=meaning, example=example)
     return dataclasses.field(default=default, metadata={"declaration": declaration})
 
@@ -162,7 +162,7 @@ class Section(Declared):
 
     @classmethod
     def refused_alternatives(cls, names: Collection[str]) -> str:
-        """Return the error message if `names` does not meet the condition `exactly`, else an empty string."""
+        """Return the error message if `names` does not meet the condition `exactly`, otherwise an empty string."""
         first = [next((name for name in fields if name in names), None) for fields in cls.exactly]
         there = [name for name in first if name is not None]
         if not cls.exactly or len(there) == 1:
@@ -337,7 +337,7 @@ def _is_union(annotation: Any) -> bool:
 
 
 def options_of_type(annotation: Choice) -> tuple[Choice, ...]:
-    """Return the types of a union without None, or the only type."""
+    """Return the member types of a union, excluding None, or the type itself if it is not a union."""
     if not _is_union(annotation):
         return (annotation,)
     return tuple(option for option in typing.get_args(annotation) if option is not types.NoneType)

@@ -26,7 +26,7 @@ class CoggingOrder:
 
     even      amplitude of the part that does not depend on the direction: cogging; None if all runs have the same
               direction
-    odd       amplitude of the part that changes sign with the direction: friction that varies along the travel
+    odd       amplitude of the part that changes sign with the direction: friction that varies with position
     forward   amplitude in motion towards larger positions, `backward` in the opposite direction; None if no run
               has that direction
     p_value   probability of amplitudes at least this large if the true force does not contain this harmonic
@@ -100,7 +100,7 @@ class CoggingFit(Result):
         most            maximum number of harmonics
 
         The measured motor force balances the cogging, so the block has the opposite sign.  If all runs have the same
-        direction, the block includes friction that varies along the travel.
+        direction, the block includes friction that varies with position.
         """
         strongest = sorted(self.significant, key=lambda order: -_balanced(order)[0])[:most]
         if not strongest:
@@ -116,7 +116,7 @@ class CoggingFit(Result):
 
 
 def _balanced(order: CoggingOrder) -> tuple[float, float]:
-    """Return amplitude and phase of the cogging; if all runs have the same direction, they include friction."""
+    """Return the amplitude and phase of the cogging; if all runs have the same direction, they include friction."""
     return (order.even.value, order.even_phase) if order.even is not None else (order.amplitude, order.phase)
 
 
@@ -131,8 +131,8 @@ def identify_cogging(runs: Sequence[CoggingRun], orders: Sequence[int] | None = 
         even, odd: a cos(2π order x) + b sin(2π order x)
 
     Cogging is independent of the direction of motion, while friction changes its sign; with runs in both directions the
-    even part is therefore cogging and the odd part is friction that varies along the travel.  Runs in one
-    direction give only their sum.
+    even part is therefore cogging and the odd part is friction that varies with position.  Runs in one direction give
+    only their sum.
 
     orders  default: 1 to 128, but at most a sixth of the number of distinct positions within one turn
 
@@ -313,8 +313,8 @@ _FINE = 32
 class CoggingRun:
     """A run in one direction: position in turns (or in periods of the cogging) and motor force, shape (n,).
 
-    direction is +1 for a run towards larger positions, else -1; by default it follows from the positions.
-    Outliers of the force (`regression.strays`) are left out; `remarks` lists them.
+    direction is +1 for a run towards larger positions, otherwise -1; by default it follows from the positions. Outliers
+    of the force (`regression.strays`) are left out; `remarks` lists them.
     """
 
     turns: np.ndarray

@@ -146,8 +146,8 @@ def _hats(place: np.ndarray, values: np.ndarray, count: int, named: str) -> np.n
 def learned_from(run: Run, axis: str, *, spacing: float, reached: str = "", settle: float = 0.0) -> LearnedPitch:
     """Return the pitch compensation of an axis from a run of its machine, back and forth over the travel.
 
-    reached  signal of the true position; default: `tool.AXIS` of a machine with geometry errors, else the true position
-             of the table
+    reached  signal of the true position; default: `tool.AXIS` of a machine with geometry errors, otherwise the true
+             position of the table
     Raises ParameterError as `learned_pitch` does, and for a signal that the run does not have.
     """
     prefix = f"{axis}." if f"{axis}.set_velocity" in run.signals else ""

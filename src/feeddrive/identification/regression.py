@@ -374,7 +374,7 @@ class Residuals(Result):
     """The residuals measured - fitted, shape (n,), of the fitted rows.
 
     norm       √(rᵀr);  relative: divided by the norm of the measured values
-    condition  condition number of the columns in SI
+    condition  condition number of the columns in SI units
     """
 
     values: np.ndarray

@@ -25,7 +25,7 @@ _NEAR = 0.1
 
 
 def measured_signals(job: Job, log: Log) -> dict[str, np.ndarray]:
-    """Return the log's channels under the names of the loop's signals, in SI."""
+    """Return the log's channels under the names of the loop's signals, in SI units."""
     channels = log.channels
     signals = {"set_position": _setpoint(job, log), "position_load": channels["position_load"]}
     if "force" in channels:

@@ -60,7 +60,7 @@ _FIGURES = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JobResult(Result):
-    """The result of a job: all rows, with the current controller first, and remarks.
+    """The result of a job: all rows, with the existing controller first, and remarks.
 
     Margins and stiffness are computed for the axis sliding at `velocity` in m/s.
     """
@@ -368,7 +368,7 @@ def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | 
 def _remarks(rows: list[Entry]) -> list[str]:
     """Return remarks on trips, active force limits, too few substeps and unknown margins.
 
-    They also list the figures of each law that are more than 1 % worse than those of the current controller.
+    They also list the figures of each law that are more than 1 % worse than those of the existing controller.
     """
     remarks: list[str] = []
     needed, used = substeps_needed(rows[0].loop), rows[0].loop.axis.substeps

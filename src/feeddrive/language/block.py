@@ -68,7 +68,7 @@ class Declaration:
     pattern: str = ""
 
     def of_axis(self, rotary: bool) -> Self:
-        """Return the declaration with rotary units (rad, N m, kg m2) if the axis is rotary, else unchanged."""
+        """Return the declaration with rotary units (rad, N m, kg m2) if the axis is rotary, otherwise unchanged."""
         return replace(self, unit=units.turning(self.unit)) if rotary else self
 
     def bounds(self) -> Text:
@@ -172,7 +172,7 @@ Number: TypeAlias = float
 
 
 class Rule(NamedTuple):
-    """A condition on the parameters of a block, in arithmetic that is valid for numbers and for symbols.
+    """A condition on the parameters of a block, written in arithmetic that works on both numbers and symbols.
 
     The constructor checks it, and exported code evaluates it on the target.
 

@@ -147,7 +147,7 @@ def _stubs(triple: str, names: Sequence[str]) -> str:
 
 
 def cache_directory() -> Path | None:
-    """Return the cache folder: FEEDDRIVE_CACHE, else the user's cache folder; None if it is unavailable or unsafe.
+    """Return the cache folder: FEEDDRIVE_CACHE, otherwise the user's cache folder; None if it is unavailable or unsafe.
 
     Machine code from this folder is executed, so a folder that other users own or can write to is not used.
     """

@@ -16,7 +16,7 @@ _LANGUAGE = __name__.rpartition(".")[0]  # the package `language`, whose variabl
 
 
 class Name(NamedTuple):
-    """A variable name, and the dotted name of the block whose code first assigned the value to it."""
+    """A variable name, and the dotted name of the block whose code first assigned a value to it."""
 
     owner: str
     word: str

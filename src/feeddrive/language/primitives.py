@@ -20,7 +20,7 @@ def on_symbols(name: str, *arguments: Any) -> Symbol | None:
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """Return `a` where the condition is true, else `b`; the value not selected has no effect, even if it is NaN."""
+    """Return `a` where the condition is true, otherwise `b`; the other value has no effect, even if it is NaN."""
     symbol = on_symbols("select", condition, a, b)
     if symbol is not None:
         return symbol

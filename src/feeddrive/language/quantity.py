@@ -121,7 +121,8 @@ class Units:
         """Return the name of the display unit for an SI unit, and the conversion factor from SI.
 
         shown  the customary unit of this quantity; empty for the usual display unit of its SI unit
-        stays  True if the unit is the same for a rotary axis, because the quantity does not belong to the axis
+        stays  True if the unit is the same for a rotary axis, because the quantity does not describe the motion of the
+               axis
         """
         wanted = unit if shown == "SI" else self._chosen(unit, shown or _usual(unit))
         size = _factor(unit, wanted)
@@ -217,9 +218,9 @@ def _factor(unit: str, shown: str) -> float:
 class Quantity:
     """A number with its unit.
 
-    value  the number in SI
+    value  the number in SI units
     unit   SI unit of a linear axis: `m`, `N/m`, `N s/m`; `share` is displayed in percent; empty for a plain number
-    error  standard error in SI, if known
+    error  standard error in SI units, if known
     form   digits and unit for display, as in an f-string: `3`, `3 mm`, `.2f`, `.1f ms`
     stays  True if it is not a quantity of the axis: a length stays a length on a rotary axis
     bare   True if it is displayed without its unit, which is shown elsewhere
@@ -247,7 +248,7 @@ class Quantity:
         return str(Mark(repr(float(self.value)), self.unit, error, form, flags, USUAL.text(self, form)))
 
     def record(self) -> dict[str, Any]:
-        """Return the quantity as a JSON object: value and error in SI, and the unit."""
+        """Return the quantity as a JSON object: value and error in SI units, and the unit."""
         record: dict[str, Any] = {"value": finite(float(self.value)), "unit": self.unit}
         if self.error is not None:
             record["error"] = finite(float(self.error))

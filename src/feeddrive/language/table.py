@@ -137,7 +137,7 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A table with numbers in SI: `grid` renders it for people, `record` for programs.
+    """A table with numbers in SI units: `grid` renders it for people, `record` for programs.
 
         Table("Errors", [Column("law"), Column("RMS", "m"), Column("Ms", "1")], [["P-PI", 5.88e-6, 1.9]])
 
@@ -191,7 +191,8 @@ class Table:
         return [name if cell is UNIT else column.cell(cell, bare=True) for column, cell in pairs]
 
     def record(self, units: Units = USUAL) -> dict[str, Any]:
-        """Return the table as a JSON object: columns with units, cells in SI; a quantity has value, unit and error.
+        """Return the table as a JSON object: columns with units, cells in SI units; a quantity has value, unit and
+        error.
 
         units  display units for the sentences in the table; they also determine whether SI units are linear or rotary
         """
@@ -324,9 +325,9 @@ class Result(ABC):
         return report_of(self)
 
     def to_pandas(self) -> Any:
-        """Return the numbers of this result as a pandas DataFrame, in SI.
+        """Return the numbers of this result as a pandas DataFrame, in SI units.
 
-        Raises MissingExtraError without pandas, ParameterError if this type of result has no DataFrame.
+        Raises MissingExtraError if pandas is not installed, ParameterError if this type of result has no DataFrame.
         """
         for load in _load_views:
             load(type(self))

@@ -94,7 +94,7 @@ def plain(text: str) -> str:
 
 
 def resolve(text: str, units: Reader) -> str:
-    """Return a string with each mark rendered in the given display units."""
+    """Return a string with each marked quantity rendered in the given display units."""
 
     def reading(match: re.Match[str]) -> str:
         mark = _mark(match[1])

@@ -63,7 +63,7 @@ def _path(tree: Any, prefix: str, name: str) -> str:
 
 
 def leaves(tree: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Return dotted name and value of every leaf, in a fixed order; None is not a leaf."""
+    """Return the dotted name and value of every leaf, in a fixed order; None is not a leaf."""
     leaves_: list[tuple[str, Any]] = []
     _collect(tree, prefix, leaves_)
     return iter(leaves_)
@@ -113,7 +113,7 @@ def _replaced(block: Any, changed: Mapping[str, Any]) -> Any:
 
 
 def select(condition: Any, a: Tree, b: Tree) -> Tree:
-    """Select between two states: every leaf of `a` where the condition is true, else that of `b`."""
+    """Select between two states: every leaf of `a` where the condition is true, otherwise that of `b`."""
     left, right = [value for _, value in leaves(a)], [value for _, value in leaves(b)]
     return rebuild(a, (_either(condition, x, y) for x, y in zip(left, right, strict=True)))
 
@@ -169,7 +169,7 @@ def name_of(block: Any, path: str, names: Mapping[str, str] | None = None) -> st
 
 
 def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
-    """Yield path, dotted field name, and value of every leaf."""
+    """Yield the path, dotted field name, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
             yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
@@ -252,7 +252,7 @@ def _require(block: Any) -> None:
 
 
 def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
-    """Yield path and block of every block in a tree, outermost first."""
+    """Yield the path and block of every block in a tree, outermost first."""
     if isinstance(tree, Block):
         yield path, tree
     for field, child in _children(tree) if isinstance(tree, (Block, tuple)) else ():
@@ -281,7 +281,7 @@ def blocks(tree: Any) -> Iterator[Block]:
 
 
 def tables(tree: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Return dotted name and values of every table in a tree."""
+    """Return the dotted name and values of every table in a tree."""
     rows: list[tuple[str, np.ndarray]] = []
     _collect_tables(tree, prefix, rows)
     return iter(rows)

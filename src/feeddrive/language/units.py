@@ -1,4 +1,5 @@
-"""Unit conversion at the interfaces: internal values are in SI, and any other unit is always written with its name.
+"""Unit conversion at the interfaces: internal values are in SI units, and any other unit is always written with its
+name.
 
 A parameter declares its unit as a string ("N s/m", "kg m2", "Hz").  A file may give the same parameter in another unit
 of the same dimension by a suffix on the key: `stiffness_N_per_um`, `Kv_m_per_min_per_mm`, `dead_time_us`.
@@ -263,6 +264,6 @@ def rounded(value: float, digits: int) -> float:
 
 
 def decimal(value: float) -> float:
-    """Round to twelve digits if that removes only a rounding error, else return `value`: 50 · 1e-6 gives 5e-05."""
+    """Round to twelve digits if that removes only a rounding error, otherwise return `value`: 50 · 1e-6 gives 5e-05."""
     near = rounded(value, 12)
     return near if abs(near - value) <= 4 * math.ulp(value) else value

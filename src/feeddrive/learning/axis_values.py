@@ -127,7 +127,7 @@ def axis_values(names: Sequence[str], now: np.ndarray, first: Seen, better: Seen
 
 
 def _mean_and_difference(names: Sequence[str]) -> np.ndarray:
-    """Return the matrix that maps mean and half difference of the two levels, among the parameters, to the levels."""
+    """Return the matrix that maps the mean and the half difference of the two levels to the levels themselves."""
     matrix = np.eye(len(names))
     plus, minus = (list(names).index(level) for level in LEVELS)
     matrix[minus, plus], matrix[plus, minus], matrix[minus, minus] = 1.0, 1.0, -1.0

@@ -46,9 +46,9 @@ def error_model(
 
     model_free   Ĝ_d = 1/C: the inverse of the controller, from its gains alone.  It is accurate where |P C| >> 1, as in
                  the band of usual references.  Prefilter and filters are neglected: they are close to 1 there.
-    model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`, if given; else a
+    model_based  Ĝ_d = P̂/(1 + P̂ C) with the drive's dead time and current loop.  P̂ is `plant`, if given; otherwise a
                  rigid axis with the mass (at least `least_mass`, kg) and the viscous friction that are currently fed
-                 forward; else, if no mass is fed forward or the law needs two encoders, the axis of the loop.
+                 forward; or, if no mass is fed forward or the law needs two encoders, the axis of the loop.
     axis_model   As model_based, with the axis of the loop as P̂, for a machine file with an identified axis.
 
     For any law, C is the linear model of the simulated controller code. For a multirate law, Ĝ_d has one model for each

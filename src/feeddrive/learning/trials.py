@@ -64,13 +64,15 @@ class Trials(Result):
         return np.array([trial.rms for trial in self.trials])
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the parameter values over the trials by name, SI."""
+        """Return the parameter values over the trials by name, in SI units."""
         blocks = [iteration.before for iteration in self.iterations]
         blocks.append(self.iterations[-1].after)
         return {name: np.array([block.parameters()[name] for block in blocks]) for name in blocks[0].parameters()}
 
     def errors(self) -> dict[str, np.ndarray]:
-        """Return the standard errors over the trials by name, SI; NaN if the previous trial did not learn the value."""
+        """Return the standard errors over the trials by name, in SI units; NaN for a value that the previous trial did
+        not update.
+        """
         names = self.iterations[0].before.parameters()
         return {name: np.array([np.nan, *(i.errors.get(name, np.nan) for i in self.iterations)]) for name in names}
 
@@ -357,7 +359,7 @@ def iterate_machine(
 
     Each axis learns from its own error; its coupling with other axes acts as a repeating disturbance.  If a run
     contains no information on an axis, the axis keeps its parameters, and a remark states why.
-    Raises ParameterError for fewer than two runs, and the errors of `simulate`.
+    Raises ParameterError for fewer than two runs, and any error that `simulate` raises.
     """
 
     def learned(loop: Loop, run: Run, reference: Reference) -> tuple[Loop, Block]:

@@ -187,7 +187,7 @@ class Axis(Block):
 
     def encoders(self) -> int:
         """Return the number of distinct positions that the controller reads: 1 if there is one body or one encoder,
-        else 2.
+        otherwise 2.
         """
         shape = self.plant.mechanics()
         return 1 if self.one_encoder() or shape.motor == shape.load else 2
@@ -197,7 +197,7 @@ class Axis(Block):
         return (self.encoder_motor is None) != (self.encoder_load is None)
 
     def _readings(self, motor: Number, load: Number) -> tuple[Number, Number]:
-        """Return the readings of motor and load; if there is only one encoder, it gives both."""
+        """Return the readings of the motor and the load; if there is only one encoder, it gives both."""
         if self.encoder_motor is None and self.encoder_load is not None:
             return load, load
         if self.encoder_load is None and self.encoder_motor is not None:

@@ -143,7 +143,7 @@ class Control(Block):
         """Return the state one sample before the first step, for an axis with these encoder readings and `velocity`
         (m/s).
 
-        Until then the force is assumed to be the guard's safe force, or 0 without a guard.
+        Until then the force is assumed to be the guard's safe force, or 0 if there is no guard.
         """
         if self.guard is not None:
             setpoint, motor, load = self.guard.sound(setpoint, motor, load)

@@ -499,8 +499,8 @@ class Joint:
     def advance(
         self, prepared: Prepared, state: State, at: Mapping[str, Acting], time: Number, T: Number
     ) -> tuple[State, dict[str, Axis.Step], dict[str, Number | None]]:
-        """Advance all axes from kT to (k+1)T; return the state and, by axis, the forces to be recorded and the mean
-        table force.
+        """Advance all axes from kT to (k+1)T; return the state and, for each axis, the forces to be recorded and the
+        mean table force.
         """
         moved: dict[str, Axis.State] = state.axis._asdict()
         shared, remembered = list(state.shared), list(state.couplings)

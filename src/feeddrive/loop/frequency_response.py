@@ -147,7 +147,8 @@ class FRF(Result):
 
     @property
     def phase_deg(self) -> np.ndarray:
-        """The phase in degrees, unwrapped along the lines that rise above the noise, starting at the first of them.
+        """The phase in degrees, unwrapped along the frequency lines that rise above the noise, starting at the first of
+        them.
 
         A multiple of 360° is added to every other line to bring it closest to the phase interpolated between these
         lines, so that noise does not add up to thousands of degrees.
@@ -159,7 +160,8 @@ class FRF(Result):
         return np.degrees(angle + 2.0 * np.pi * np.round((turned - angle) / (2.0 * np.pi)))
 
     def _clear_lines(self) -> np.ndarray:
-        """Return a mask of the lines that rise above the noise, by variance, coherence or else by their neighbors.
+        """Return a mask of the frequency lines that rise above the noise, by their variance, by their coherence, or if
+        neither is known by their neighbors.
 
         Without variance and coherence a line is clear if the steps of the phase around it agree: |mean exp(i Δφ)| over
         `_PHASE_LINES` lines is above `_PHASE_AGREES`; it is 1 for a smooth phase and about 1/3 for noise.
@@ -196,7 +198,7 @@ class FRF(Result):
         return None if self.variance is None else _DISC * np.sqrt(self.variance)
 
     def known_variance(self, averages: float = AVERAGES) -> np.ndarray | None:
-        """Return the variance if known, else that computed from the coherence for this number of averages (see
+        """Return the variance if known, otherwise that computed from the coherence for this number of averages (see
         `variance_of`), or None if neither is known.
         """
         if self.variance is None and self.coherence is not None:
@@ -260,7 +262,7 @@ class FRF(Result):
     def to_control(self) -> Any:
         """Return a python-control FRD over rad/s, with names and sample time, without coherence and variance.
 
-        Raises MissingExtraError without python-control.
+        Raises MissingExtraError if python-control is not installed.
         """
         try:
             import control

@@ -49,15 +49,13 @@ class Guard(Block):
     on an invalid reading.
 
     A trip is latched.  Switching `enable` off clears it; switching it on again resets the law, its filters and
-    observers to the present position.  An `enable` that is NaN counts as off.
-    A loop that does not run, tripped or disabled, commands the `safe_force`.  It is 0 on a horizontal axis; on a
-    vertical one it is the force that carries the weight.  A vertical axis then stays at rest while the brake closes,
-    and also after the brake has opened, since a law starts from the acting force.
-    When two encoders are read, the motor encoder is aligned to the load encoder at enable, so that their offset has no
-    effect.
-    If the axis moves at enable, law and observers are initialized for a moving axis: from the readings of the previous
-    sample, and the observers also from the velocity, which is smoothed over about 32 samples while the loop does not
-    run.
+    observers to the present position.  An `enable` that is NaN counts as off.  A loop that does not run, tripped or
+    disabled, commands the `safe_force`.  It is 0 on a horizontal axis; on a vertical one it is the force that carries
+    the weight.  A vertical axis then stays at rest while the brake closes, and also after the brake has opened, since a
+    law starts from the acting force.  When two encoders are read, the motor encoder is aligned to the load encoder at
+    enable, so that their offset has no effect.  If the axis moves at enable, law and observers are initialized for a
+    moving axis: from the readings of the previous sample, and the observers also from the velocity, which is smoothed
+    over about 32 samples while the loop is not running.
 
         velocity T = travel(k) = travel(k-1) + (x(k) - x(k-1) - travel(k-1)) / 32
 
@@ -100,7 +98,7 @@ class Guard(Block):
     )
 
     class Prepared(NamedTuple):
-        """The sample time in s, and the largest motion allowed per sample in m (empty without a velocity limit)."""
+        """The sample time in s, and the largest motion per sample in m (empty if there is no velocity limit)."""
 
         T: Number
         fastest: tuple[Number, ...]
@@ -109,9 +107,9 @@ class Guard(Block):
         """The guard's memory of the last sample.
 
         mode          1 + number of successive invalid samples while the loop runs, 0 if disabled, -code if tripped
-        position      last readings of motor and load, m; extrapolated if invalid
+        position      last readings of the motor and the load, m; extrapolated if invalid
         offset        offset between the two encoders, m
-        travel        motion in the last sample, m; smoothed while the loop does not run
+        travel        motion in the last sample, m; smoothed while the loop is not running
         set_position  last set position, m; extrapolated if invalid
         """
 
@@ -281,7 +279,7 @@ class Guard(Block):
     def command(
         self, after: State, verdict: Verdict, last: Number, applied: Number, requested: Number
     ) -> tuple[State, Outcome]:
-        """Return state, forces and trip code after the law has run; `last` is the command of the last sample in N."""
+        """Return the state, forces and trip code after the law has run; `last` is the last command in N."""
         # a NaN fails the comparison
         sound = ops.absolute(requested) <= COMMAND_LIMIT
         usual_command = ops.both(verdict.usual, sound)

@@ -165,7 +165,7 @@ def rate(mechanics: Mechanics, ports: Sequence[Port], h: Number, span: Number) -
     """Return the matrix of dx/dt of the linear mechanics times `span`, with velocities in position units per h.
 
     Rows and columns: q (n), q' (n), the forces of drives with a lag, then three inputs of each axis: the drive's
-    command and the forces on the motor body and the load body.  With h = span = 1.0 it is in SI.
+    command and the forces on the motor body and the load body.  With h = span = 1.0 it is in SI units.
     """
     n = len(mechanics.mass)
     lagging = [place for place, port in enumerate(ports) if port.lag is not None]

@@ -146,7 +146,7 @@ class StateSpace(Result):
         return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
 
     def to_control(self) -> Any:
-        """Return a python-control StateSpace, with names. Raises MissingExtraError without python-control."""
+        """Return a named python-control StateSpace. Raises MissingExtraError if python-control is not installed."""
         try:
             import control
         except ImportError as error:
@@ -385,7 +385,7 @@ def _unlimited(loop: Loop) -> Loop:
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
-    """Return position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
+    """Return the position and velocity by axis; each argument may be one number for all axes, or numbers by axis."""
     values = {}
     for axis in loop.loops():
         at, speed = (value.get(axis, 0.0) if isinstance(value, Mapping) else value for value in (position, velocity))

@@ -65,7 +65,9 @@ class Probe(NamedTuple):
         return motor, load if self.reading_load is None else load + self.reading_load
 
     def acting(self, command: Number) -> Number:
-        """Return the force command that reaches the axis: `cut`, else the controller's command, plus `added_force`."""
+        """Return the force command that reaches the axis: `cut`, otherwise the controller's command, plus
+        `added_force`.
+        """
         acting = command if self.cut is None else self.cut
         return acting if self.added_force is None else acting + self.added_force
 
@@ -80,8 +82,8 @@ def quantity(signal: str) -> str:
 
 
 def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
-    """Return the unit of a signal, in rotary terms for a rotary axis; `unit` is that for a linear axis (default: SI).
-    `turning` holds the signal prefixes of rotary axes, such as `c.`.
+    """Return the unit of a signal, an angular unit for a rotary axis; `unit` is the unit for a linear axis (default:
+    SI). `turning` holds the signal prefixes of rotary axes, such as `c.`.
     """
     name = quantity(signal)
     unit = UNITS[name] if unit is None else unit
@@ -101,13 +103,13 @@ class Loop(Block):
     name: str = label("name of the axis", default="x")
 
     class Prepared(NamedTuple):
-        """The numbers that `prepare` computes from the parameters of controller and axis."""
+        """The numbers that `prepare` computes from the parameters of the controller and the axis."""
 
         control: Any
         axis: Hold
 
     class State(NamedTuple):
-        """The states of controller and axis."""
+        """The states of the controller and the axis."""
 
         control: Any
         axis: Any

@@ -22,7 +22,7 @@ from feeddrive.loop.loop import SETPOINT, Loop, Signals, inputs_of, reported
 
 
 class ControlInputs(NamedTuple):
-    """The inputs of a controller in a sample: setpoint, the readings of motor and load in m, and enable."""
+    """The inputs of a controller in a sample: setpoint, the readings of the motor and the load in m, and enable."""
 
     setpoint: Setpoint
     motor: Number
@@ -69,11 +69,11 @@ class Controls:
     def _corrected(
         self, between: tuple[Any, ...], judged: Mapping[str, Control.Judged], moved: Mapping[str, Any]
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """Return the new coupling states and, by axis, the velocities that the couplings add. A coupling adds 0 while
-        one of its axes does not run.
+        """Return the new states of the couplings and, for each axis, the velocity that they add. A coupling adds 0
+        while one of its axes is not running.
 
-        `moved` is, by axis, the part of the set-position shift by the compensations that merely corrects the readings,
-        and therefore does not count as contour error.
+        `moved` is, for each axis, the part of the compensations' shift of the set position that only corrects the
+        encoder reading for pitch errors, and therefore does not count as contour error.
         """
         setpoints = {name: judgment.setpoint for name, judgment in judged.items()}
         positions = {name: judgment.load - moved[name] if moved else judgment.load for name, judgment in judged.items()}

@@ -78,7 +78,9 @@ MEANINGS = {
 
 
 def meaning_of(name: str, turning: Collection[str]) -> tuple[str, str]:
-    """Return unit and meaning of an input or output; `turning` holds the name prefixes of rotary axes, such as `c.`."""
+    """Return the unit and meaning of an input or output; `turning` holds the name prefixes of rotary axes, such as
+    `c.`.
+    """
     unit, meaning = MEANINGS[quantity(name)]
     return unit_of(name, turning, unit), meaning
 

@@ -761,7 +761,7 @@ class Groups:
         self.code.run(len(inputs), first, self.constants[group], inputs, states, None, self.rows)
 
     def ends(self) -> dict[str, np.ndarray]:
-        """Return the present states of all variants by name, each of shape (variants,)."""
+        """Return the states of all variants after the last sample by name, each of shape (variants,)."""
         flat = np.moveaxis(self.states, 0, 1).reshape(self.states.shape[1], -1)[:, : self.variants]
         return {state.name: row for state, row in zip(self.code.plan.states, flat, strict=False)}
 

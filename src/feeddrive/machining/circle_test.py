@@ -98,7 +98,7 @@ class Figures(NamedTuple):
 
 
 def circle_fit(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return center and radius (m) of the least-squares circle, by Gauss-Newton steps from the center of gravity.
+    """Return the center and radius (m) of the least-squares circle, by Gauss-Newton steps from the center of gravity.
 
     It minimizes Σ (|p - c| - R)².
     """
@@ -790,11 +790,11 @@ class Cause(NamedTuple):
     """A cause of radial deviations.
 
     name    name, such as "backlash x"
-    value, error  fitted value and standard error, in SI; the error is inf if the cause cannot be separated
+    value, error  fitted value and standard error, in SI units; the error is inf if the cause cannot be separated
     unit    SI unit
     effect  the largest radial deviation that it produces on one of the circles, m
     share   fraction of G: its peak-to-peak deviation over the total one, on the circle where this is largest
-    note    the causes from which it cannot be separated, and the test to run; else empty
+    note    the causes from which it cannot be separated, and the test to run; otherwise empty
     """
 
     name: str

@@ -340,7 +340,8 @@ class ContourError(Result):
     vector       vector from the path to the tool, m, shape (n, N)
     along        path length of the nearest point, m, shape (n,)
     at_corner    True where the nearest point is a corner or an end, shape (n,)
-    estimate     contour error estimated from the tracking error to second order, m, shape (n,); None without velocities
+    estimate     contour error estimated from the tracking error to second order, m, shape (n,); None if there are no
+                 velocities
     lag          lag of the tool behind its set position along the path, m, shape (n,)
     line         part program lines, shape (n,), or None
     counted      True for samples that are included in the figures and the worst places, shape (n,)
@@ -386,7 +387,7 @@ class ContourError(Result):
         return float(np.sqrt(np.sum(self.weights * self.error**2)))
 
     def within(self, share: float = 0.95) -> float:
-        """Return the contour error (m) that is not exceeded on this fraction of the path, or 0 without samples."""
+        """Return the contour error (m) that is not exceeded on this fraction of the path; 0 if there are no samples."""
         sizes, weights = np.abs(self.error[self.counted]), self.weights[self.counted]
         order = np.argsort(sizes)
         # rounding may leave the sum of all weights just below 1
@@ -477,7 +478,7 @@ class ContourError(Result):
 
 
 def _to_point(position: np.ndarray, point: np.ndarray) -> float:
-    """Return the distance of a point from the polyline through positions, m."""
+    """Return the distance, in m, of a point from the polyline through positions."""
     if len(position) < 2:
         return float(np.min(size(position - point)))
     step, from_begin = np.diff(position, axis=0), point - position[:-1]
@@ -629,7 +630,7 @@ def tool_columns(run: Run, axes: Sequence[str], signal: str) -> np.ndarray:
 
 
 def _followed(path: Mapping[str, Reference], axes: Sequence[str], time: np.ndarray) -> tuple[Any, Any, Any]:
-    """Return position, velocity and acceleration of the references of all axes at each time, s."""
+    """Return the position, velocity and acceleration of the references of all axes at each time (s)."""
     absent = [name for name in axes if name not in path]
     if absent:
         raise ParameterError(f"there is no reference of axis {', '.join(absent)}; there are {', '.join(path)}")

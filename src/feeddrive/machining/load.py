@@ -28,10 +28,10 @@ class AxisLoad(Result):
     rms, peak       RMS and peak of the force; the RMS includes standstills
     continuous_force, peak_force  continuous and peak force of the motor; None if not stated
     time_constant   thermal time constant, s; None if not stated
-    heat            heat relative to continuous load, shape (n + 1,), from the cold state; None without the continuous
-                    force or the time constant
+    heat            heat relative to continuous load, shape (n + 1,), from the cold state; None if the continuous force
+                    or the time constant is unknown
     heat_repeated   the largest heat when the motion is repeated indefinitely
-    copper_loss     mean power lost in the winding, W; None without the motor constant
+    copper_loss     mean power lost in the winding, W; None if the motor constant is unknown
     work            net mechanical energy delivered to the axis, J: for friction, cut and change of height
     drawn           mechanical energy drawn without recovery of braking energy, J
     turning         True for a rotary axis

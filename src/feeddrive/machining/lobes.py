@@ -101,7 +101,7 @@ def chatter_signs(
     runout  True for a tool with run-out: harmonics of the spindle are not chatter, and samples are taken once per turn
 
     A stable cut is periodic with the teeth: all its lines are harmonics, and samples once per tooth are one dot, or
-    converge to one.  After a flip bifurcation they are two dots, else a ring.
+    converge to one.  After a flip bifurcation they are two dots, otherwise a ring.
     Raises ParameterError for fewer than 16 teeth (turns, with run-out) and for fewer than four samples per tooth.
     """
     signal = np.asarray(values, float)
@@ -167,8 +167,8 @@ def zero_order(tool: ToolPoint | FRF | Any, cutter: Any, spindle_speeds: Any = (
            feed, or a pair of them for feed and normal
 
     The solution is exact where H is constant; elsewhere it is not a bound: in down milling at low radial immersion it
-    is too high by up to a factor of two, and it has no flip lobes.  A measured response needs no model; its lines are
-    interpolated linearly.
+    is too high by up to a factor of two, and it has no flip lobes.  A measured response needs no model; its frequency
+    lines are interpolated linearly.
     Raises ParameterError for a response that is not in m/N.
     Source: Altintas & Budak 1995, Analytical Prediction of Stability Lobes in Milling, CIRP Annals 44.
     """
@@ -358,7 +358,7 @@ class Lobes(Result):
     """The largest axial depth in m without chatter, by spindle speed in rpm; all arrays of shape (n,).
 
     depth       infinite where no limit was found up to `deepest`
-    frequency   chatter frequency at the limit, Hz; NaN without a limit
+    frequency   chatter frequency at the limit, Hz; NaN if there is no limit
     multiplier  µ at the limit: -1 for a flip bifurcation, another number of magnitude 1 for a Hopf bifurcation
     islands     stable ranges above the limit: speed in rpm, lower and upper depth in m; searched on request only
     natural     natural frequencies of the tool point that can resonate with the teeth, Hz
@@ -439,7 +439,7 @@ def _over(deepest: float) -> str:
 
 
 def kind_of(multiplier: complex) -> str:
-    """Return the kind of bifurcation from µ: "flip" for negative real µ, "fold" for positive real µ, else "hopf"."""
+    """Return the type of bifurcation: "flip" for negative real µ, "fold" for positive real µ, otherwise "hopf"."""
     if abs(multiplier.imag) > 1e-6 * abs(multiplier):
         return "hopf"
     return "flip" if multiplier.real < 0.0 else "fold"

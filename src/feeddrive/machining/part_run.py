@@ -125,8 +125,8 @@ def elements(contour: ContourError, *, ends: float = _ENDS) -> Elements:
     ends  fraction of each element that is excluded at each of its ends, 0 to 0.4
 
     An element is at least 2 mm long; an arc turns by at least 17 degrees.  Straightness and tilt are those of the
-    least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, else about the center of
-    the arc.  Raises ParameterError for more than two axes and for `ends` out of range.
+    least-squares line; roundness is that of the minimum zone for arcs of at least half a turn, otherwise about the
+    center of the arc.  Raises ParameterError for more than two axes and for `ends` out of range.
     """
     if not contour.signed:
         raise ParameterError(f"elements are those of a plane path, not of {', '.join(contour.axes)}: choose two axes")
@@ -187,7 +187,7 @@ def _arc(place: np.ndarray, nodes: np.ndarray, turn: float) -> tuple[float, floa
     """Return the radius of an arc of the path, the roundness of the positions on it, and their error of radius.
 
     The error is the radius of the positions minus the radius of the arc: the radius of a fitted circle for at least
-    half a turn, else the mean distance from the center of the arc.
+    half a turn, otherwise the mean distance from the center of the arc.
     """
     center, radius = circle_fit(nodes[:, 0], nodes[:, 1])
     if turn >= np.pi:
@@ -255,7 +255,8 @@ _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """The figures of one axis under a part program, in SI; `line` and `time` are those of the largest following error.
+    """The figures of one axis under a part program, in SI units; `line` and `time` are those of the largest following
+    error.
 
     following_rms, following_peak  RMS and peak of the following error over all samples, m
     glitch, glitches               the largest contour error in the 50 ms after a reversal, m; the number of reversals
@@ -276,7 +277,7 @@ class Estimated(NamedTuple):
 
     error, true  RMS of the estimation error, with the lag of the estimate compensated, and RMS of the true
                  disturbance without its mean, N
-    slow         RMS of the error averaged over a turn of the spindle, N; None without a spindle
+    slow         RMS of the error averaged over a turn of the spindle, N; None if there is no spindle
     lag          time by which the estimate lags the true disturbance, s
     disturbance  the estimate, N, shape (n,)
     """
@@ -296,7 +297,8 @@ class PartRun(Result):
                the part (`on_part`) or moves at a feed rate
     axes       figures by axis
     load       load of the motors, and of the spindle if there is a cut
-    cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None without a cut
+    cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None if there is no
+               cut
     estimates  accuracy of the observers, by observer and axis
     disturbances  true disturbance of the axes with observers, by axis, N
     """
@@ -315,7 +317,7 @@ class PartRun(Result):
 
     @property
     def cutting_rms(self) -> float | None:
-        """The RMS of the resultant cutting force on all axes during the cut, N, or None without a cut."""
+        """The RMS of the resultant cutting force on all axes during the cut, N, or None if there is no cut."""
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return root_mean_square(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
@@ -327,7 +329,7 @@ class PartRun(Result):
         return max(shares, default=None)
 
     def numbers(self) -> dict[str, float | None]:
-        """Return all figures by name, in SI."""
+        """Return all figures by name, in SI units."""
         figures: dict[str, float | None] = {
             "contour_error_rms_m": self.contour.rms,
             "contour_error_95_percent_m": self.contour.within(),
@@ -419,7 +421,7 @@ def part_run(
     line       program line of each sample, shape (n,); the run may be longer
     counted    True for samples that are included in the contour error, shape (n,); default: all
     cuts       True if cutting is simulated; `load_force` is then the cutting force
-    turn       longest duration of a spindle turn, s; None without a spindle
+    turn       longest duration of a spindle turn, s; None if there is no spindle
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`
 

@@ -248,7 +248,7 @@ class ToothPassage:
 
     def __init__(self, tool: ToolPoint, cut: Regeneration, speed: float, *, share: float = 1.0) -> None:
         """Prepare the Chebyshev points; with a fraction `share` = 0.6 of them |µ| is accurate to 1 %, enough for a
-        start value.
+        starting value.
         """
         # Deferred: commands that only read files do not need it.
         from scipy.linalg import schur
@@ -370,7 +370,7 @@ class ToothPassage:
         return np.concatenate([*rows, state], axis=1), forces
 
     def multipliers(self, depths: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the largest Floquet multiplier µ at each depth (m); of a conjugate pair it is that with Im µ > 0."""
+        """Return the largest Floquet multiplier µ at each depth (m); of a conjugate pair, the one with Im µ > 0."""
         depths = np.atleast_1d(np.asarray(depths, float))
         # straight edges: the pieces are the same for all depths, which are solved in one batch
         if self.cut.lag == 0.0:

@@ -120,7 +120,7 @@ class ToolPoint(Result):
 
 
 def tool_modes(*modes: ToolMode) -> ToolPoint:
-    """Return the tool point of parallel modes of tool or workpiece. Raises ParameterError without modes."""
+    """Return the tool point of parallel modes of tool or workpiece. Raises ParameterError if there are no modes."""
     if not modes:
         raise ParameterError("a tool point needs at least one mode")
     n = len(modes)
@@ -151,10 +151,10 @@ def tool_point(
 
         G(jω) = G_d(e^(jωT)) / [(1 - e^(-jωT))/(jωT)]
 
-    The tool point has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of hold and
-    dead time.  The residues are fitted to G up to 0.4/T by least squares; the remaining error is `missed`.  Aliases, of
-    the order of (fT)², are neglected.  If the machine has a `MillingCut`, its axes are the default of `along`; the cut
-    itself is removed, since the lobes add its force.
+    The tool point has the poles of the model, ln(z)/T, and a few fast poles that approximate the effect of the
+    zero-order hold and the dead time.  The residues are fitted to G up to 0.4/T by least squares; the remaining error
+    is `missed`.  Aliases, of the order of (fT)², are neglected.  If the machine has a `MillingCut`, its axes are the
+    default of `along`; the cut itself is removed, since the lobes add its force.
     Raises UnstableError for a loop that is unstable without a cut, ParameterError for a fit error above 1 %.
     """
     if isinstance(system, StateSpace):
@@ -216,7 +216,9 @@ def _moved(system: Loop | Machine) -> tuple[str, ...]:
 
 
 def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
-    """Return a continuous system with the poles of a sampled model, fitted to its response with the hold removed."""
+    """Return a continuous system with the poles of a sampled model, fitted to its response with the zero-order hold
+    removed.
+    """
     T, q = model.sample_time, len(model.inputs)
     z = model.poles()
     if z.size and abs(z[0]) >= 1.0:
@@ -269,7 +271,9 @@ def _continuous(model: StateSpace, lowest: float) -> ToolPoint:
 
 
 def _poles(z: np.ndarray, T: float) -> list[complex]:
-    """Return one pole of each pair, in 1/s; poles at z = 0 from hold and dead time are replaced by a few fast ones."""
+    """Return one pole of each pair, in 1/s; poles at z = 0 due to the zero-order hold and the dead time are replaced by
+    a few fast ones.
+    """
     slow = [complex(np.log(complex(p)) / T) for p in z if abs(p) > 1e-3 and p.imag >= 0.0 and not _alternates(p)]
     return [*slow, *(complex(-rate / T) for rate in _FAST)]
 

@@ -105,7 +105,7 @@ class Claim:
 
     @property
     def shown(self) -> Quantity:
-        """The computed figure as a quantity in SI, displayed in `unit`."""
+        """The computed figure as a quantity in SI units, displayed in `unit`."""
         return stated(self.got, self.unit)
 
     def cells(self) -> list[str]:
@@ -185,7 +185,7 @@ PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
 
 
 class Reproduced:
-    """The claims and the page of an experiment, without the data of its pictures."""
+    """The result of an experiment in a form that can be pickled: its claims, and its report as HTML."""
 
     def __init__(self, experiment: Experiment) -> None:
         self.name = experiment.name
@@ -384,7 +384,7 @@ class RandomReadings:
 def stepped(
     law: Law, T: float, setpoints: Sequence[Setpoint], readings: Sequence[Reading]
 ) -> tuple[list[Any], np.ndarray]:
-    """Return states and forces of a law that starts at the first reading, both from the second sample onward."""
+    """Return the states and forces of a law that starts at the first reading, both from the second sample onward."""
     prepared = law.prepare(T)
     state = law.start(prepared, setpoints[0], readings[0])
     states, forces = [], []

@@ -88,7 +88,7 @@ class MachineLimits:
 
     @property
     def array(self) -> np.ndarray:
-        """The limits of velocity .. snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
+        """The limits of velocity to snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
         rows = [(axis.velocity, axis.acceleration, axis.jerk, axis.snap) for axis in self.axes.values()]
         return np.array(rows, float)
 

@@ -26,7 +26,7 @@ class Course(NamedTuple):
     time      start of each interval, s, shape (n,)
     position  position at the start of each interval, shape (n, N)
     speed     largest speed along the path in each interval, m/s, shape (n,)
-    low, high  minimum and maximum of velocity .. snap of each axis, shape (n, N, 4)
+    low, high  minimum and maximum of velocity to snap of each axis, shape (n, N, 4)
     feed      the largest programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
     line      line of the part program at the start of each interval, shape (n,)
     """

@@ -889,7 +889,7 @@ class Proof(Result):
 
     faults    the first hundred points at which a limit is exceeded, or was not shown to be satisfied
     count     number of all faults
-    use       the peak utilization of the velocity .. snap limits of each axis at the times evaluated, shape (N, 4)
+    use       the peak utilization of the velocity to snap limits of each axis at the times evaluated, shape (N, 4)
     jump      largest jump of velocity, acceleration or jerk at a joint, as a fraction of its limit
     apart     largest jump of position at a joint, m
     missed    largest distance to a corner where runs overlap, as a fraction of its tolerance

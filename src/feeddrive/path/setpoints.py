@@ -39,7 +39,7 @@ def planned(
     program.
 
     axes      letters of the machine's axes, in the order of `limits`
-    limits    limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     override  feed override; with it motions are not lifted, so that the planned motion is final only a short time ahead
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
@@ -178,9 +178,7 @@ class Sampler:
         self._begin, self._first = 0.0, 0
 
     def sample(self, part: Part) -> np.ndarray:
-        """Return position, velocity .. snap of each axis at the sampling instants within a part, m .. m/s⁴, shape
-        (n, N, 5).
-        """
+        """Return the position to snap of each axis at the samples within a part, m to m/s⁴, shape (n, N, 5)."""
         return np.concatenate(list(self.slices(part)))
 
     def slices(self, part: Part, most: int = 16384) -> Iterator[np.ndarray]:
@@ -267,7 +265,7 @@ class Samples(NamedTuple):
     """A block of consecutive samples.
 
     first     number of the first sample; sample k is at k T
-    values    position, velocity .. snap of each axis, m .. m/s⁴, shape (n, N, 5)
+    values    position to snap of each axis, m .. m/s⁴, shape (n, N, 5)
     line      line of the part program, shape (n,)
     feed      the programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
     proven    True if the whole motion up to here is proven
@@ -418,7 +416,7 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return program line and feed at given times, s, from the start of a part."""
+    """Return the program line and feed at given times, s, from the start of a part."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
@@ -432,7 +430,7 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Return position and direction at the end of a part that ends at rest."""
+    """Return the position and direction at the end of a part that ends at rest."""
     pieces, motion = part.pieces, part.motion
     p, last = int(motion.piece[-1]), len(pieces.length) - 1
     x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))

@@ -22,7 +22,7 @@ def reach(average: int) -> int:
 
 
 def smoothed(position: np.ndarray, sample_time: float, average: int, times: np.ndarray) -> np.ndarray:
-    """Return position .. snap of one axis at times (s, from the first row on), m .. m/s⁴, shape (n, 5).
+    """Return the position to snap of one axis at times (s, from the first row on), m .. m/s⁴, shape (n, 5).
 
     position  m, one row every `sample_time` s; constant before the first and after the last row, so that the motion
               starts up to `reach` rows earlier and ends as many later

@@ -215,7 +215,7 @@ def _upper(z: np.ndarray, model: StateSpace, hertz: float) -> np.ndarray:
 
 
 def _lightest(s: np.ndarray) -> str:
-    """Return damping ratio and frequency of the least damped oscillatory pole as text; s in Hz."""
+    """Return the damping ratio and frequency of the least damped oscillatory pole as text; s in Hz."""
     swings = s[np.imag(s) > 0.0]
     if not swings.size:
         return "no pole oscillates"
@@ -225,7 +225,7 @@ def _lightest(s: np.ndarray) -> str:
 
 
 def _step(reach: float) -> float:
-    """Return a round grid step that fits three to six times into a length."""
+    """Return a grid spacing, a round number, that divides a length into three to six intervals."""
     size = 10.0 ** np.floor(np.log10(reach / 3.0))
     return float(size * max(multiple for multiple in (1.0, 2.0, 2.5, 5.0) if multiple * size <= reach / 3.0))
 

@@ -1,6 +1,6 @@
 """Conversion of results to pandas data frames, with one function per result type.
 
-Columns are in SI unless their name states another unit. `Result.to_pandas()` calls these functions. Pandas is an
+Columns are in SI units unless their name states another unit. `Result.to_pandas()` calls these functions. Pandas is an
 optional dependency and is imported only when needed.
 """
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
 
 def frame(index: Sequence[Any] | np.ndarray, columns: Mapping[str, Any], index_name: str) -> Any:
-    """Return a data frame with a named index. Raises MissingExtraError without pandas."""
+    """Return a data frame with a named index. Raises MissingExtraError if pandas is not installed."""
     try:
         import pandas
     except ImportError as error:
@@ -73,7 +73,7 @@ def laws(
     keys: Iterable[str] | None = None,
     index_name: str = "law",
 ) -> Any:
-    """Return a data frame with one row per law, in SI. `keys` selects the figures; default: all."""
+    """Return a data frame with one row per law, in SI units. `keys` selects the figures; default: all."""
     keys = dict.fromkeys(key for row in figures for key in row) if keys is None else keys
     return frame(names, {key: np.array([row.get(key) for row in figures], float) for key in keys}, index_name)
 

@@ -246,7 +246,7 @@ def _apart(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def rigid_fit_chart(fit: RigidFit, units: Units = DRAWN) -> Chart:
-    """Plot measured and fitted force versus time, and the residual."""
+    """Plot the measured and fitted force versus time, and the residual."""
     unit, newton = unit_name(fit.frame.force), units.of(fit.frame.force)[1]
     measured, off = newton * fit.residuals.measured, newton * fit.residuals.values
     forces = (

@@ -44,7 +44,7 @@ _FAR = 1e4  # dB or degrees beyond all panels
 def magnitude_band(
     frf: FRF, number: int, units: Units = DRAWN, name: str = "", *, factor: float = 1.0, model: bool = False
 ) -> tuple[Band, ...]:
-    """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty without a variance.
+    """Return the band from |G| - r to |G| + r, with r the radius of the 95 % disc; empty if there is no variance.
 
     factor  conversion factor from the unit of the response to the displayed unit
     model   True if the error comes from a few real parameters and may be one-directional: r is then 1.96 √variance
@@ -68,7 +68,9 @@ def _radius(frf: FRF, model: bool) -> np.ndarray | None:
 def phase_band(
     frf: FRF, phase: np.ndarray, number: int, units: Units = DRAWN, *, model: bool = False
 ) -> tuple[Band, ...]:
-    """Return the band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; empty without a variance."""
+    """Return the band ± arcsin(r/|G|) around a phase in degrees, r as in `magnitude_band`; empty if there is no
+    variance.
+    """
     radius = _radius(frf, model)
     if radius is None:
         return ()
@@ -102,8 +104,8 @@ def doubtful(
 
 
 def _stretches(frf: FRF) -> list[tuple[float, float]]:
-    """Return the first and last frequency in Hz of each interval of lines with low coherence, extended halfway to the
-    next line.
+    """Return the first and last frequency in Hz of each interval of frequency lines with low coherence, extended
+    halfway to the next line.
     """
     if frf.coherence is None:
         return []
@@ -117,7 +119,7 @@ def _stretches(frf: FRF) -> list[tuple[float, float]]:
 
 
 def coherence_panels(responses: Iterable[tuple[int, FRF]], units: Units = DRAWN) -> tuple[Panel, ...]:
-    """Return a panel with the coherences and the lowest value that a tuning accepts; empty without a coherence."""
+    """Return a panel with the coherences and the lowest value that a tuning accepts; empty if there is no coherence."""
     with_coherence = [(i, frf) for i, frf in responses if frf.coherence is not None]
     if not with_coherence:
         return ()
@@ -133,7 +135,7 @@ _LEVELS = {"noise": "noise", "nonlinear": "scatter beyond noise", "odd": "odd di
 
 
 def frequency_estimate_chart(estimate: FrequencyEstimate, model: FRF | None = None) -> Chart:
-    """Plot magnitude and phase with 95 % bands, noise and distortion, and coherence; `model` is drawn as a line."""
+    """Plot the magnitude and phase with 95 % bands, noise and distortion, and coherence; `model` is drawn as a line."""
     return estimates_chart([estimate], model=model)
 
 
@@ -200,7 +202,7 @@ excitation = figure_of(excitation_chart)
 
 
 class Overlay(NamedTuple):
-    """A measured response, its model on the measured lines, and its model as a curve; None if absent."""
+    """A measured response, its model on the measured frequency lines, and its model as a curve; None if absent."""
 
     name: str
     measured: FRF | None
@@ -209,8 +211,8 @@ class Overlay(NamedTuple):
 
 
 def response_fit_chart(agreement: Agreement, units: Units = DRAWN) -> Chart:
-    """Plot magnitude, phase, distance and coherence, with the measurement as dots and the model as a line, both with
-    95 % bands.
+    """Plot the magnitude, phase, distance and coherence, with the measurement as dots and the model as a line, both
+    with 95 % bands.
 
     The distance is |model/measured - 1| in dB; the thin line is the radius of the measurement's 95 % disc.
     """
@@ -225,7 +227,7 @@ response_fit = figure_of(response_fit_chart)
 
 
 def overlay_chart(rows: Sequence[Overlay], units: Units = DRAWN, more: Sequence[Curve] = ()) -> Chart:
-    """Plot measured and modelled responses together: magnitude, phase, distance, and coherence.
+    """Plot the measured and modelled responses together: magnitude, phase, distance, and coherence.
 
     more  additional curves in the magnitude panel, in displayed units
     """
@@ -395,7 +397,7 @@ def _velocity(unit: str) -> str:
 
 
 def fitted_chart(fit: PlantFit | ModalFit) -> Chart:
-    """Plot measured and fitted responses."""
+    """Plot the measured and fitted responses."""
     return response_fit_chart(fit.agreement)
 
 
@@ -495,7 +497,7 @@ def _decibel(ratio: float) -> float:
 
 
 def _floor(least: float, units: Units) -> float | None:
-    """Return the lower limit of a gain panel: -60 dB if the curves fall below it, else None."""
+    """Return the lower limit of a gain panel: -60 dB if the curves fall below it, otherwise None."""
     # |S| falls without limit towards 0 Hz and |T| towards Nyquist, which would compress the peaks.
     return float(units.from_decibel(-60.0)) if least < -60.0 else None
 
@@ -546,8 +548,8 @@ stiffness = figure_of(stiffness_chart)
 
 
 def spectrum_chart(spectra: Spectrum | Mapping[str, Spectrum]) -> Chart:
-    """Plot amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest line of each band where
-    lines are dense.
+    """Plot the amplitude and cumulative RMS versus Hz on logarithmic scales, with only the largest line of each band
+    where lines are dense.
     """
     chosen = style.named(spectra)
     first = next(iter(chosen.values()))
@@ -580,8 +582,8 @@ spectrum = figure_of(spectrum_chart)
 
 
 def _banded(spectrum: Spectrum, low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return center frequency, largest amplitude and last cumulative RMS of each band that contains lines; the line at
-    0 Hz is excluded.
+    """Return the center frequency, largest amplitude and last cumulative RMS of each band that contains lines; the line
+    at 0 Hz is excluded.
     """
     frequency = spectrum.frequency[1:]
     bands = np.floor(BANDS * np.log(frequency / low) / np.log(high / low)).astype(int)

@@ -38,7 +38,7 @@ Runs = Run | Mapping[str, Run] | Sequence[Run]
 
 
 def run_chart(run: Run) -> Chart:
-    """Plot following error, force and velocity of a run."""
+    """Plot the following error, force and velocity of a run."""
     velocities = [Curve(*envelope(run.time, 1e3 * set_velocity(run)), "set", NEUTRAL, DASHED, size=0.7)]
     # Optional in an FMU.
     if "velocity_load" in run.signals:
@@ -125,7 +125,7 @@ comparison = figure_of(comparison_chart)
 
 
 def motion_chart(runs: Runs, points: int = POINTS) -> Chart:
-    """Plot velocity and acceleration of the table, actual and set."""
+    """Plot the actual and commanded velocity and acceleration of the table."""
     chosen = style.named(runs)
     first = next(iter(chosen.values()))
     velocities, accelerations = list[Curve](), list[Curve]()
@@ -225,14 +225,14 @@ log = figure_of(log_chart)
 
 
 def guess_chart(guess: Guess) -> Chart:
-    """Plot the signals of the guessed roles with their peaks. Raises ParameterError without a position."""
+    """Plot the signals of the guessed roles with their peaks. Raises ParameterError if there is no position."""
     if guess.preview is None:
         raise ParameterError(f"{guess.name}: no column is a position, so that there is no motion to show; plot the log")
     return preview_chart(guess.preview)
 
 
 def preview_chart(preview: Preview) -> Chart:
-    """Plot position, speed and force over time, each in the user's unit, with the peaks of speed and force marked."""
+    """Plot the position, speed and force over time, in the user's units, with the peaks of speed and force marked."""
     panels = list[Panel]()
     for unit, group in groupby(preview.traces, key=lambda trace: trace.unit):
         traces = list(group)
@@ -263,7 +263,7 @@ _SHOWN = {
 
 
 def replay_chart(replay: Replay, points: int = POINTS) -> Chart:
-    """Plot measured and predicted position, following error and force, with the residuals below."""
+    """Plot the measured and predicted position, following error and force, with the residuals below."""
     signals = [name for name in _SHOWN if name in replay.measured and name in replay.run.signals]
     residuals = [name for name in signals if name != "following_error"]
     rows = [(name, False) for name in signals] + [(name, True) for name in residuals]
@@ -293,7 +293,7 @@ replay = figure_of(replay_chart)
 
 
 def refinement_chart(refinement: Refinement) -> Chart:
-    """Plot predicted and measured columns."""
+    """Plot the predicted and measured signals of a refinement."""
     return replay_chart(refinement.replay)
 
 
@@ -305,7 +305,7 @@ _MS = 1e3
 
 
 def moves_chart(runs: Mapping[str, Run], units: Units = DRAWN) -> Chart:
-    """Plot following error and force over a common time axis."""
+    """Plot the following error and force over a common time axis."""
     micro, newton = (units.of(unit)[1] for unit in ("m", "N"))
     errors, forces = list[Curve](), list[Curve]()
     for i, (name, run) in enumerate(runs.items()):
@@ -509,8 +509,8 @@ def _first_of_stretch(y: np.ndarray, edges: np.ndarray, extreme: np.ufunc) -> np
 
 
 def steady_range(y: np.ndarray, before: tuple[float, float] | None = None) -> tuple[float, float]:
-    """Return a range with round ends around some values, or the previous range if the values fit into it and fill a
-    good part of it.
+    """Return a range that contains the given values and ends at round numbers, or the previous range if the values fit
+    into it and fill a good part of it.
     """
     if not y.size:
         return before or (-1.0, 1.0)

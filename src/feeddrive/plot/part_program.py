@@ -140,7 +140,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 def place_view(
     contour: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)
 ) -> tuple[float, float, float, float]:
-    """Return the section of `contour_on_path_chart` that shows a place: left, right, lower and upper limit in mm."""
+    """Return the section of `contour_on_path_chart` that shows a location: left, right, lower and upper limit in mm."""
     ends = [_ends(1e3 * contour.position[contour.counted, k]) for k in axes]
     reach = _AROUND * max(high - low for low, high in ends)
     x, y = (1e3 * float(place.position[k]) for k in axes)
@@ -148,8 +148,8 @@ def place_view(
 
 
 def place_chart(contour: ContourError, place: Worst) -> Chart:
-    """Plot the commanded path and the tool's path around a place, in µm relative to the tool and with equal scales, in
-    the plane of the two axes that move most.
+    """Plot the commanded path and the tool's path around a location, in µm relative to the tool position and with equal
+    scales, in the plane of the two axes that move most.
     """
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
@@ -358,7 +358,7 @@ def _cause_number(name: str) -> int:
 
 
 def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
-    """Plot velocity to snap of an axis versus time, with minimum and maximum of each time interval and the limits."""
+    """Plot the velocity to snap of an axis versus time: the limits, and the minimum and maximum of each interval."""
     course, limits, units = plan.course, plan.limits.array[axis], _UNITS[plan.limits.shown[axis][1]]
     begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
     edges = np.append(course.time[begins], plan.cycle_time)

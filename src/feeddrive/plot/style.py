@@ -58,7 +58,7 @@ def marker(i: int) -> str:
 
 
 def curve(i: int) -> dict[str, Any]:
-    """Return color, dashes and width of the i-th curve."""
+    """Return the color, dashes and width of the i-th curve."""
     return {"color": color(i), "linestyle": dashes(i), "linewidth": LINE}
 
 

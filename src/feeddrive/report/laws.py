@@ -66,7 +66,7 @@ class Entry:
     part: PartRun | None = None  # the figures along a part program
 
     def counted(self, signal: str) -> np.ndarray:
-        """Return a signal in SI, without the samples skipped by the replay."""
+        """Return a signal in SI units, without the samples skipped by the replay."""
         return self.run[signal][0 if self.replay is None else self.replay.skipped :]
 
     @cached_property
@@ -78,11 +78,11 @@ class Entry:
         return replace(self.run, signals=signals, samples=self.run.samples - skip, first=self.run.first + skip)
 
     def rms(self, signal: str) -> float:
-        """Return the RMS of a signal in SI, without the samples skipped by the replay."""
+        """Return the RMS of a signal in SI units, without the samples skipped by the replay."""
         return float(np.sqrt(np.mean(self.counted(signal) ** 2)))
 
     def peak(self, signal: str) -> float:
-        """Return the peak absolute value of a signal in SI, without the samples skipped by the replay."""
+        """Return the peak absolute value of a signal in SI units, without the samples skipped by the replay."""
         return float(np.max(np.abs(self.counted(signal)), initial=0.0))
 
     @cached_property

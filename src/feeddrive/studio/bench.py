@@ -45,11 +45,12 @@ class Bench:
     title         description for the user
     by_hand       the initial controller with its operating points
     sources       source files, as the tuner accepts them
-    machine       machine file of the axis; for measured responses, that of the reference controller; None without one
+    machine       machine file of the axis; for measured responses, that of the reference controller; None if there is
+                  none
     axis          axis name in the machine file
     remarks       remarks on the measured responses
     today         reference controller, shown as `today`; None if it is the initial controller
-    file          machine file as named by the user; empty without one
+    file          machine file as named by the user; empty if there is none
     friction      measured friction over velocity, if any
     from_machine  True if the operating points are models of machine files, False if measured
     """
@@ -76,7 +77,7 @@ class Bench:
 
     @property
     def loop(self) -> Loop | None:
-        """The loop of the axis with the reference controller, from the machine file; None without a machine file."""
+        """The loop of the axis with the reference controller, from the machine file; None without such a file."""
         return None if self.machine is None else self.machine.loops[self.axis]
 
     @property
@@ -85,7 +86,7 @@ class Bench:
         return self.loop is not None and self.loop.axis.rotary
 
     def needed_loop(self) -> Loop:
-        """Return the loop. Raise ParameterError with a remedy for measured responses without a machine."""
+        """Return the loop. Raise ParameterError with a remedy for measured responses if there is no machine."""
         if self.loop is None:
             raise ParameterError(
                 "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
@@ -94,7 +95,7 @@ class Bench:
 
     @cached_property
     def duty(self) -> Duty:
-        """The duty used to compare laws on this axis. Raises ParameterError without a machine."""
+        """The duty with which laws are compared on this axis. Raises ParameterError if there is no machine."""
         return duty_of(self.needed_loop(), None, None)
 
     @cached_property
@@ -108,7 +109,7 @@ class Bench:
     def run(self, control: Control, name: str) -> Run:
         """Simulate the move and the force pulse of `work` with a controller, with friction, quantization and limits.
 
-        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
+        Raises DivergedError if the axis leaves its bounds, ParameterError if there is no machine.
         """
         reference, load, duration = self.work
         loop = replace(self.needed_loop(), control=control)
@@ -118,21 +119,21 @@ class Bench:
     def snap(self, control: Control, name: str) -> Run:
         """Simulate the rope-snap test with a controller: a force acts on the table at rest until `duty.begin`.
 
-        Raises DivergedError if the axis leaves its bounds, ParameterError without a machine.
+        Raises DivergedError if the axis leaves its bounds, ParameterError if there is no machine.
         """
         duty, loop = self.duty, replace(self.needed_loop(), control=control)
         duration = duty.begin + duty.rest
         return simulate(loop, duty.still(), load=duty.snap, duration=duration, record=_REST, name=name)
 
     def linear(self, control: Control) -> StateSpace:
-        """Return the linearized loop from set position to table position. Raises ParameterError without a machine."""
+        """Return the linear loop from the set position to the table. Raises ParameterError if there is no machine."""
         return linearize(replace(self.needed_loop(), control=control), ["set_position"], ["position_load"])
 
     @cached_property
     def mechanics(self) -> StateSpace:
         """The linearized axis without control, from the command to both readings.
 
-        Raises ParameterError without a machine.
+        Raises ParameterError if there is no machine.
         """
         return linearize(self.needed_loop(), ["cut"], READINGS)
 
@@ -143,7 +144,7 @@ class Bench:
         return self._overlays[place]
 
     def friction_shown(self, units: Units) -> Chart | None:
-        """Return the chart of modelled and measured friction versus velocity; None without a machine."""
+        """Return the chart of modelled and measured friction versus velocity; None if there is no machine."""
         if self.loop is None:
             return None
         if units not in self._frictions:
@@ -260,5 +261,5 @@ def bench_of_responses(
 
 
 def _named(machine: MachineLike) -> str | Path:
-    """Return the path or the bundled name of a machine, as it is written in commands."""
+    """Return the path of a machine file or the name of a bundled machine, as it is written in commands."""
     return machine.file.name if isinstance(machine, MachineFile) else machine

@@ -75,7 +75,7 @@ def _private(path: Path) -> bool:
 
 
 def at_enter(act: Callable[[], None], ended: threading.Event) -> bool:
-    """Start a thread that calls `act` whenever Enter is pressed in the terminal; return False without a terminal.
+    """Start a thread that calls `act` whenever Enter is pressed in the terminal; return False if there is no terminal.
 
     The thread ends when `ended` is set.  While the process is in the background, it does not read from the terminal,
     since the system would stop it.
@@ -173,8 +173,8 @@ class StudioRequest(Request):
 def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
     """Serve a page on which an axis is imported, inspected, tuned, proven and exported, until Ctrl-C.
 
-    Raises MissingExtraError without the extra `studio`, and ParameterError if the port is in use or the page was not
-    built.
+    Raises MissingExtraError if the extra `studio` is not installed, and ParameterError if the port is in use or the
+    page was not built.
     """
     bench, brought = None, tuple[Path, ...]()
     if request.source is not None:

@@ -157,7 +157,7 @@ _ANOTHER = "This result belongs to an earlier control. Run it again for the curr
 
 
 def free_name(folder: Path, name: str, content: bytes | None = None) -> Path:
-    """Return a path in a folder that is unused or already has this content: name.toml, name_2.toml, ..."""
+    """Return an unused path in a folder, or that of a file with this content: name.toml, name_2.toml, ..."""
     # equal content may be reused: repeating a step then gives the same commands
     path, count = folder / name, 1
     while path.exists() and (content is None or not path.is_file() or path.read_bytes() != content):
@@ -426,7 +426,7 @@ class Desk:
     def adjusted(self) -> AdjustRequest | None:
         """Return the request that writes the current controller into the machine file; None if it is already there.
 
-        Raises ParameterError without a machine.
+        Raises ParameterError if there is no machine.
         """
         bench = self.needed
         bench.needed_loop()
@@ -448,7 +448,7 @@ class Desk:
     def machine_path(self) -> str | Path:
         """Return a machine file with the current controller: the base file, or one written to the folder.
 
-        Raises ParameterError without a machine.
+        Raises ParameterError if there is no machine.
         """
         if self.adjusted() is None:
             return self.base
@@ -460,7 +460,7 @@ class Desk:
     def not_yet_done(self) -> AdjustRequest | None:
         """Return the request that writes the current controller; None if the file already contains it.
 
-        Raises ParameterError without a machine.
+        Raises ParameterError if there is no machine.
         """
         request = self.adjusted()
         if request is None:
@@ -472,7 +472,7 @@ class Desk:
     def write_machine(self) -> Path:
         """Write the machine file with the current controller to the folder.
 
-        Raises ParameterError without a machine, and while a job may still read the existing file.
+        Raises ParameterError if there is no machine, and while a job may still read the existing file.
         """
         path, text = self.folder / "machine.toml", self.needed.text(self.values)
         if not path.is_file() or path.read_bytes() != text.encode():

@@ -34,7 +34,7 @@ T = TypeVar("T")
 class Parts:
     """The simulations of a controller on a bench.
 
-    A simulation is None without a machine, for an unstable loop, and if the axis leaves its bounds.
+    A simulation is None if there is no machine, the loop is unstable, or the axis leaves its bounds.
     """
 
     def __init__(self, bench: Bench, control: Control, name: str) -> None:
@@ -83,7 +83,7 @@ class HeldPoles:
     def shown(self, units: Units) -> tuple[list[dict[str, Any]], str]:
         """Return the handles of the poles, abscissa in Hz and ordinate in the displayed unit, and an explanation.
 
-        Both are empty without a machine.
+        Both are empty if there is no machine.
         """
         bench = self.desk.needed
         if bench.loop is None:

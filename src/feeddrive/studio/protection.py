@@ -128,7 +128,7 @@ class Door:
     """The access control of the server.
 
     hosts     accepted Host headers, such as `127.0.0.1:8765`
-    password  replaces the token in the address; empty without a password
+    password  replaces the token in the address; empty if there is no password
     port      set if the server listens at all addresses of the machine: any IP address with this port is then
               accepted, but no host name except those in `hosts`
     tokens    one-time tokens that open the page without a password
@@ -233,13 +233,13 @@ class Protected:
         await send({"type": "http.response.body", "body": ENTER.format(reason=reason).encode()})
 
     def _from_here(self, scope: Scope, headers: dict[str, str]) -> bool:
-        """Return True if a request opens a page, or comes from a page of this server."""
+        """Return True if a request only reads (GET or HEAD), or comes from a page of this server."""
         if scope.get("method") in ("GET", "HEAD"):
             return True
         return headers.get("origin", "").partition("://")[2] == headers.get("host", "")
 
     def _refusal(self, scope: Scope, headers: dict[str, str]) -> tuple[int, str]:
-        """Return HTTP status and reason of a refusal; status 0 if the request is permitted."""
+        """Return the HTTP status and reason of a refusal; status 0 if the request is permitted."""
         host, origin = headers.get("host", ""), headers.get("origin")
         if not self._door.own(host):
             return 421, "this server answers under its own address only: use the one that feeddrive studio printed"

@@ -139,7 +139,7 @@ def _append(rows: Sequence[np.ndarray], numbers: list[np.ndarray]) -> int:
 
 
 def _band(band: Band, numbers: list[np.ndarray]) -> dict[str, Any]:
-    """Encode a band; if it has more points than a picture can show, each interval is reduced to its envelope."""
+    """Encode a band; if it has more points than a plot can resolve, each interval is reduced to its envelope."""
     x, low, high = (np.asarray(row, np.float64) for row in (band.x, band.low, band.high))
     if x.size > POINTS and np.all(np.isfinite(x)):
         begins = np.linspace(0, x.size, POINTS, endpoint=False).astype(int)
@@ -426,7 +426,7 @@ def make_app(
     tour     True if every page starts with the guided tour
     live     sources that every page may follow while they are recorded
 
-    Raises MissingExtraError without the extra `studio`.
+    Raises MissingExtraError if the extra `studio` is not installed.
     """
     try:
         from starlette.applications import Starlette
@@ -597,7 +597,7 @@ class _LeftError(Exception):
 
 
 def serve(app: App, listening: socket.socket, ready: Callable[[], None]) -> None:
-    """Serve at a bound socket until Ctrl-C. Raises MissingExtraError without the extra `studio`."""
+    """Serve at a bound socket until Ctrl-C. Raises MissingExtraError if the extra `studio` is not installed."""
     try:
         import uvicorn
     except ImportError as error:

@@ -165,7 +165,7 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
 
 
 def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """Run a part program on the machine; return the contour error along the path and the places where it is largest."""
+    """Run a part program on the machine; return the contour error along the path and the points where it is largest."""
     # imported on use: this runs in the process of the job
     from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
 

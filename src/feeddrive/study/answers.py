@@ -99,7 +99,7 @@ def sentences(
     correlations: Sequence[statistics.RankCorrelation],
 ) -> list[str]:
     """Return sentences on the yield, the bound that is violated most often, and the factors that have the largest
-    influence on the figure of this bound.
+    influence on the figure that this bound limits.
     """
     inside = yields.inside
     keep = "keep the specification" if study.specification else "have figures; the study states no specification"
@@ -298,7 +298,7 @@ def decides_chart(
 
 
 def _outputs(study: Study) -> list[str]:
-    """Return the outputs to show: figures with a bound and `INSIDE`, or, without bounds, the first few figures."""
+    """Return the outputs to show: figures with a bound and `INSIDE`, or, if no bounds exist, the first few figures."""
     bounded = [bound.figure.key for bound in study.specification][: _OUTPUTS - 1]
     return [*bounded, statistics.INSIDE] if bounded else [figure.key for figure in _figures(study, True)][:_OUTPUTS]
 
@@ -400,7 +400,7 @@ class Answers(Result):
 
     sample        rows of randomly drawn machines, for distributions
     worst         the worst variants by figure
-    bad           numbers of the first variants without figures, with the reasons
+    bad           numbers of the first variants whose figures could not be computed, with the reasons
     sobol         Sobol indices, one entry per output; empty unless the sampler is saltelli
     correlations  rank correlations between the outputs and the varied numbers
     stiffness     quantile band over frequency, if at least three figures stiffness_F_Hz_N_per_m are measured

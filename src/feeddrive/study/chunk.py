@@ -106,7 +106,8 @@ VARIANT, REASON = "variant", "reason"  # columns of every table of rows
 
 
 def run_chunk(study: Study, number: int, *, threads: int = 1, progress: Progress | None = None) -> pyarrow.Table:
-    """Return the rows of one chunk: variant number, varied values, and figures in SI or the reason why there are none.
+    """Return the rows of one chunk: variant number, varied values, and figures in SI units or the reason why there are
+    none.
 
     A cancellation through `progress` takes effect between two groups of variants.
     """

@@ -3,7 +3,7 @@
 A quantile function maps u in (0, 1) to the value below which a number lies with the probability u.  All samplers draw
 points in (0, 1), so that a Latin hypercube or a Sobol sequence can be used with any distribution.  A range
 `least`..`most` truncates a distribution: the probability outside is spread proportionally over the inside, not
-concentrated at the ends.  Numbers are in SI.
+concentrated at the ends.  Numbers are in SI units.
 
 Each sampler is a function of the variant number and a seed only, so that the points do not depend on how the variants
 are split into chunks, and memory is constant.  Random numbers come from Philox, whose counter is the number of a block

@@ -1,7 +1,7 @@
 """The report of a study: a page with charts of its answers, and job files that replay the worst machines.
 
 report.html                        for readers
-summary.json                       every answer in SI
+summary.json                       every answer in SI units
 worst/variant_00000012.toml        a job:  feeddrive run worst/variant_00000012.toml
 """
 
@@ -366,7 +366,7 @@ def _facts(answers: Answers) -> list[tuple[str, str]]:
 
 
 def summary(answers: Answers) -> dict[str, Any]:
-    """Return all answers as plain numbers in SI; missing numbers are None."""
+    """Return all answers as plain numbers in SI units; missing numbers are None."""
     study = answers.study
     return {
         "title": study.title,

@@ -8,7 +8,7 @@ controller, and the worst of them are added to the set, until none is worse than
 then optimal for the whole sample, provided that the independent searches at the end find nothing better.  Derivatives
 are those of the traced law.
 
-For a share q < 1, the worst (1 - q) n of the n sampled machines under the present controller are excluded.  Since the
+For a share q < 1, the worst (1 - q) n of the n sampled machines under the existing controller are excluded.  Since the
 excluded machines depend on the controller, the search finds only a local optimum; it returns the best controller of all
 rounds.
 
@@ -191,7 +191,7 @@ class Measured:
         return len(next(iter(self.values.values())))
 
     def keeping(self, bound: Bound) -> Share:
-        """Return the share of the machines that satisfy one bound."""
+        """Return the fraction of the machines that satisfy one bound."""
         return Share(int(np.sum(bound.kept(self.values[bound.figure.key]))), self.count)
 
     @property
@@ -202,7 +202,7 @@ class Measured:
 
     @property
     def all(self) -> Share:
-        """The yield: the share of the machines that satisfy all bounds."""
+        """The yield: the fraction of the machines that satisfy all bounds."""
         return Share(int(np.sum(self.good)), self.count)
 
     def quantile(self, name: str, share: float) -> float:
@@ -300,11 +300,11 @@ class Robust(Result):
 
     study            the machines
     tuned            the tuner's result on the machines of the active set, which are named `variant N`
-    share            the share of the sampled machines that must satisfy the limits; 1 for all
+    share            the fraction of the sampled machines that must satisfy the limits; 1 for all
     rounds           for each round: the number of machines in the active set, and the number of sampled machines
                      that satisfy all limits afterwards
-    seen, seen_new   merits of the sampled machines under the present controller and under the new one
-    before, after    figures of the newly drawn machines under the present controller and under the new one
+    seen, seen_new   merits of the sampled machines under the existing controller and under the new one
+    before, after    figures of the newly drawn machines under the existing controller and under the new one
     bad              numbers of the variants that cannot be built, with the reasons
     unsettled        the reason why the result may not be optimal for the sample; empty if it is optimal
     """
@@ -332,7 +332,7 @@ class Robust(Result):
 
     @property
     def better(self) -> bool:
-        """True if the new controller has at least as many good newly drawn machines as the present one."""
+        """True if the new controller has at least as many good newly drawn machines as the existing one."""
         return self.after.all.kept >= self.before.all.kept
 
     def sentence(self) -> str:
@@ -405,7 +405,7 @@ def tune_robust(
     study     a study file, the name of a bundled study, or a `Study`; its specification sets the tuner's limits
     control   the initial controller of the search (default: that of the study's job)
     limits    limits on figures that the specification does not bound
-    share     the share of the sampled machines to which limits and goal apply; the worst ones are excluded
+    share     the fraction of the sampled machines to which limits and goal apply; the worst ones are excluded
     samples   the number of machines available to the tuner (default: the study's count, at most 1000)
     fresh     the number of newly drawn machines for verification (default: as many as sampled, at least 200)
     workers   the number of processes for verification (default: all cores)
@@ -488,12 +488,12 @@ class RobustTuner:
 
     @cached_property
     def seen_today(self) -> Merits:
-        """The merits of the sampled machines under the present controller."""
+        """The merits of the sampled machines under the existing controller."""
         return self.judged(self.loop.control)
 
     @cached_property
     def before(self) -> Measured:
-        """The figures of the newly drawn machines under the present controller."""
+        """The figures of the newly drawn machines under the existing controller."""
         return self._measured(self.loop.control)
 
     def _measured(self, control: Control) -> Measured:
@@ -512,10 +512,11 @@ class _Search:
         self.rounds: list[tuple[int, int]] = []
 
     def run(self, control: Control) -> tuple[Tuned, str]:
-        """Return the best controller of all rounds, and the reason why it may not be optimal (empty if it is).
+        """Return the best controller of all rounds, and the reason why it may not be optimal (empty if there is none).
 
-        Each round starts from the controller of the previous one.  Once no machine is added, independent searches on
-        the same machines either confirm the controller or find a better one, from which the rounds continue.
+        Each round starts from the controller of the previous one.  Once no more machines are added, independent
+        searches on the same machines either confirm the controller or find a better one, from which the rounds
+        continue.
         """
         # A stable sort keeps ties, such as several unstable machines, in the order of their numbers.
         order = np.argsort(self.tuner.judged(control).severity, kind="stable")

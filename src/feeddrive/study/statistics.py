@@ -83,7 +83,7 @@ def clopper_pearson(kept: Any, of: Any, level: float = LEVEL) -> tuple[Any, Any]
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The rows of a study with their figures, in SI; n is the number of rows.
+    """The rows of a study with their figures, in SI units; n is the number of rows.
 
     variant  numbers of the variants, shape (n,)
     varied   varied values by column, shape (n,); dtype object for strings and counts
@@ -99,7 +99,7 @@ class Judged:
 
     @cached_property
     def bad(self) -> np.ndarray:
-        """True for variants without figures, shape (n,)."""
+        """True for variants whose figures could not be computed, shape (n,)."""
         return np.array([reason is not None for reason in self.reasons], dtype=bool)
 
     @cached_property
@@ -112,7 +112,9 @@ class Judged:
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """True for variants that satisfy the whole specification; without a specification, for all with figures."""
+        """True for variants that satisfy the whole specification; if there is no specification, for all variants whose
+        figures were computed.
+        """
         return np.logical_and.reduce([~self.bad, *self.kept.values()])
 
     @cached_property
@@ -226,8 +228,8 @@ class BoundYield:
 class Yield:
     """The yield of the drawn machines.
 
-    inside  machines that satisfy the whole specification; without a specification, all that have figures
-    bad     number of machines without figures: they satisfy no bound
+    inside  machines that satisfy the whole specification; if there is no specification, all whose figures were computed
+    bad     number of machines whose figures could not be computed: they satisfy no bound
     bounds  one entry per bound, in the order of the study file
     choices the share inside the specification, by the column and value of each choice (law, machine, position)
     """
@@ -294,7 +296,7 @@ BAD = 10  # variants without figures that are listed
 
 @dataclass(frozen=True)
 class WorstVariant:
-    """A variant, the value of its figure, and its varied numbers, all in SI."""
+    """A variant, the value of its figure, and its varied numbers, all in SI units."""
 
     variant: int
     value: float
@@ -345,7 +347,7 @@ def _case(rows: Judged, place: int, figure: str) -> WorstVariant:
 
 
 INSIDE = "inside"
-"""An output in addition to the figures: 1 for a machine inside the specification, else 0."""
+"""An output in addition to the figures: 1 for a machine inside the specification, otherwise 0."""
 _LEAST_POINTS = 32
 _RESAMPLES, _WORK = 999, 4e9  # limits of the bootstrap: resamples, and numbers to process
 
@@ -377,7 +379,7 @@ class SobolIndices:
 class RankCorrelation:
     """Spearman's rank correlation of an output with a varied number, -1 to 1, and its interval at the level `LEVEL`.
 
-    If the effect is monotone, its square is the share of the variance of the ranks that the number explains.
+    If the effect is monotone, its square is the fraction of the variance of the ranks that the number explains.
     """
 
     output: str
@@ -547,8 +549,8 @@ def stiffness_band(sample: Judged) -> Band | None:
 def error_band(sample: Judged, progress: Progress | None = None) -> Band | None:
     """Return the quantile band of the peak following error in up to 500 time windows, over up to 128 machines.
 
-    The machines are drawn at random from those with figures and simulated again; motions of unequal length are
-    truncated to the shortest one. The result is None if no machine can be run.
+    The machines are drawn at random from those whose figures were computed, and simulated again; motions of unequal
+    length are truncated to the shortest one. The result is None if no machine can be run.
     """
     study, progress = sample.study, progress or Progress()
     good = sample.variant[~sample.bad]

@@ -321,7 +321,7 @@ class Store:
         return frozenset(self._numbers())
 
     def write(self, number: int, rows: Any) -> None:
-        """Write the rows of a chunk (a pyarrow table), replacing an older file of the chunk.
+        """Write the rows of a chunk (a pyarrow table), replacing any existing file of this chunk.
 
         Raises FileError, with the remedy, if it cannot be written, for example on a full disk; ParameterError for a
         table that does not hold the rows of this chunk.

@@ -237,7 +237,7 @@ def check_rows(root: TomlTable, jobs: Mapping[tuple[Any, ...], Job], row: str, c
 
 @dataclass(frozen=True)
 class Bound:
-    """The bounds on a figure of a good machine, in SI; None if there is no bound on that side."""
+    """The bounds on a figure of a good machine, in SI units; None if there is no bound on that side."""
 
     figure: Figure
     least: float | None
@@ -268,7 +268,7 @@ class BoundSection(Section, kind="bound"):
 
 
 def unit_bounded(table: TomlTable, allow: Sequence[str]) -> str:
-    """Return the unit of a bound: that of the figure after which the table is named."""
+    """Return the unit of a bound: the unit of the figure whose name is the key of the table."""
     name = str(table.key[-1])
     try:
         return figure(name, allow).unit

@@ -42,7 +42,7 @@ class Sweep(Result):
     workers: int
 
     def table(self) -> Table:
-        """Tabulate the number of variants, those without figures, and the computing speed."""
+        """Tabulate the number of variants, of those whose figures could not be computed, and the computing speed."""
         rows = [
             ["variants", self.study.count],
             ["without figures", self.bad[0]],
@@ -55,7 +55,7 @@ class Sweep(Result):
 
     @cached_property
     def bad(self) -> tuple[int, list[tuple[int, str]]]:
-        """The number of variants without figures, and the numbers of the first ten with the reasons."""
+        """The number of variants whose figures could not be computed, and the first ten of them, with the reasons."""
         return bad_variants(self.store)
 
 

@@ -18,7 +18,7 @@ from feeddrive.study.study import Base, Study
 
 @dataclass(frozen=True, eq=False)
 class Variants:
-    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI, others as objects."""
+    """The variants first .. first + n - 1 of a study: n values per column, numbers in SI units, others as objects."""
 
     first: int
     values: Mapping[str, np.ndarray]

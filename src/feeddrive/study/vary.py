@@ -82,7 +82,7 @@ class Varied(Protocol):
 
     @property
     def levels(self) -> np.ndarray | None:
-        """The grid levels as numbers in [0, 1], shape (levels,), or None without a grid."""
+        """The grid levels as numbers in [0, 1], shape (levels,), or None if there is no grid."""
         ...
 
     def at(self, u: np.ndarray) -> dict[str, np.ndarray]:
@@ -144,7 +144,8 @@ class Quantity:
 class Joint:
     """Several numbers with a joint normal distribution, such as the result of an identification.
 
-    x = mean + L z, L Lᵀ = covariance; mean of shape (n,), covariance (n, n), in SI.  Each z is truncated to ±within.
+    x = mean + L z, L Lᵀ = covariance; mean of shape (n,), covariance (n, n), in SI units.  Each z is truncated to
+    ±within.
     """
 
     name: str
@@ -222,7 +223,7 @@ class Joint:
 class Settings:
     """Named settings of several numbers at once: positions of an axis, payloads, machines of a fleet.
 
-    rows  the values of all paths, by label, in SI
+    rows  the values of all paths, by label, in SI units
     """
 
     name: str
@@ -380,7 +381,7 @@ class VaryNumber(VarySection):
 
     @abstractmethod
     def distribution(self, nominal: float) -> Distribution:
-        """Return the distribution about a nominal value, in SI. Raise ParameterError for inconsistent numbers."""
+        """Return the distribution about a nominal value, in SI units. Raise ParameterError for inconsistent numbers."""
 
 
 class _Ranged(VaryNumber):
@@ -493,7 +494,7 @@ class VarySettings(_Several):
 
 
 class VaryJoint(_Several):
-    """Several numbers with a joint normal distribution, in SI."""
+    """Several numbers with a joint normal distribution, in SI units."""
 
     nominal: np.ndarray | None = block.table("", "means; absent: the values of the machine", shortest=1, default=None)
     covariance: tuple[tuple[float, ...], ...] | None = block.choice("rows of the covariance", default=None)
@@ -627,7 +628,7 @@ def _row(values: np.ndarray | None) -> tuple[float, ...]:
 
 
 def _paths(section: _Several, declared: Declared) -> Iterator[tuple[str, Declaration, float]]:
-    """Yield path, declaration and factor to SI of each parameter. Raise ParameterError for a repeated path."""
+    """Yield the path, declaration and factor to SI of each parameter. Raise ParameterError for a repeated path."""
     if not section.parameters:
         raise section.error("parameters must be a list of paths as a machine file has them", "parameters")
     entries = [_with_unit(section, written, declared) for written in section.parameters]
@@ -699,7 +700,7 @@ def _declared(place: Section | TomlTable, key: str, path: str, declared: Declare
 
 
 def _with_unit(section: _Several, written: str, declared: Declared) -> tuple[str, Declaration, float]:
-    """Return path, declaration and conversion factor to SI of a path that may end in a unit."""
+    """Return the path, declaration and conversion factor to SI of a path that may end in a unit."""
     head, dot, last = written.rpartition(".")
     words = last.split("_")
     # Longest name first: both names (mass_load) and units (N_per_um) contain underscores.

@@ -94,7 +94,7 @@ def _blocks(draw: st.DrawFn, cls: type[Block], sample_time: float | None) -> Any
 def _runs_at(block: Block, sample_time: float | None) -> bool:
     """Return True if a block satisfies its rules at this sample time.
 
-    It does not raise an error for a violated rule, because the remedy in the message would take long to compute.
+    It does not raise an error for a violated rule, because the remedy given in the message is expensive to compute.
     """
     if sample_time is None:
         return True

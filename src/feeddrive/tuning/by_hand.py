@@ -225,6 +225,6 @@ def _drawable(frf: FRF) -> bool:
 
 
 def _verdicts(limits: Limits, loop: Figures) -> list[Verdict]:
-    """Compare each limited figure with its limit at one operating point."""
+    """Compare each figure that has a limit with this limit, at one operating point."""
     judgments = judged(limits, loop, ROOM)
     return [Verdict(one, loop.point, one.limit.declared.where(loop), one.used) for one in judgments]

@@ -1,7 +1,7 @@
-"""Start values for every law that can control an axis, and the reason for each law that cannot.
+"""Starting values for every law that can control an axis, and the reason for each law that cannot.
 
-The laws are those of the catalogue. Each law computes its own start values (`Law.begin`), and each additional
-block declares the laws with which it can be combined (`goes_beside`).
+The laws are those of the catalogue. Each law computes its own starting values (`Law.begin`), and each additional block
+declares the laws with which it can be combined (`goes_beside`).
 """
 
 from collections.abc import Iterator, Sequence

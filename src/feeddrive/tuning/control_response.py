@@ -57,7 +57,7 @@ _traced: Recent[TracedControl] = Recent(64)
 
 
 def traced_control(control: Control, begun: Any) -> TracedControl:
-    """Return the linear model of one controller sample that starts in state `begun`; models are cached by structure."""
+    """Return the linearized model of one controller update from the state `begun`; models are cached by structure."""
     return _traced.get(tree.structure(control), lambda: _trace(control, begun))
 
 

@@ -1,4 +1,4 @@
-"""Poles: gains by pole placement, the poles that the parameters of a law place, and moving a closed-loop pole."""
+"""Poles: gains by pole placement, the poles that the parameters of a law set, and the shift of a closed-loop pole."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,6 @@
-"""`feeddrive adjust`: remove and add filters of a controller, and set its parameters and guard in the machine file."""
+"""`feeddrive adjust`: remove filters from a controller, add filters to it, and set its parameters and guard limits in
+the machine file.
+"""
 
 from __future__ import annotations
 

@@ -436,9 +436,9 @@ class Mapped:
     contradictions  contradictions between the samples and the roles of the columns
     guessed         roles that were not named by the user: a certain contradiction of one of them stops a command
     named           roles named by the user: by an option, in a roles file, or on the page
-    preview         peak figures of the motion; None without a position
+    preview         peak figures of the motion; None if there is no position
     second          contradictions of clock and scales by a second source: a logged velocity or current
-    axis            the axis of the columns if the log has several axes; else empty
+    axis            the axis of the columns if the log has several axes; otherwise empty
     """
 
     log: Log
@@ -581,7 +581,7 @@ CONSTANT_OFF = 0.15
 
 
 def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValues) -> list[str]:
-    """Return contradictions of clock or scales by a velocity logged with a position, or a current with a force."""
+    """Return contradictions in clock or scales that a velocity logged with a position, or a current, shows."""
     channels = {role: log[role] for role in columns if role in log.channels}
     found = [doubt.why for doubt in doubts_of(channels, columns, log.sample_time, {}) if doubt.kind == "clock"]
     role = "torque" if values.torque_constant is not None else "force"
@@ -660,7 +660,9 @@ def _nothing_known(path: OpenedFile, guess: Guess) -> LogError:
 
 
 def _open(guess: Guess, wanted: Collection[str]) -> dict[str, str]:
-    """Return, by role, the reason why a likely column is not used: a missing factor, or cells that are not numbers."""
+    """Return, for each role, the reason why a likely column is not used: a missing factor, or cells that are not
+    numbers.
+    """
     reasons = {
         role: asked_for(need, role) if need.signal in RELATIVE else f"'{need.column}' needs a factor, {need.what}"
         for role, need in guess.needs.items()
@@ -946,7 +948,9 @@ def converted(role: str, column: Column, stated_unit: str, values: DriveValues) 
 
 
 def _responses(file: OpenedFile) -> Outcome[Any]:
-    """Tabulate the frequency responses of a file and, for a commissioning file, the data of axis and controllers."""
+    """Tabulate the frequency responses of a file and, for a commissioning file, the data of the axis and the
+    controllers.
+    """
     commissioning = read_commissioning(file)
     responses = read_frfs(file) if commissioning is None else commissioning.responses
     rows = [

@@ -1,7 +1,7 @@
 """`feeddrive circle`: a circular test, evaluated from measured circles or simulated on a machine.
 
 report.html    the circle plot, unrolled circles, ranked causes
-circle.json    every figure in SI
+circle.json    every figure in SI units
 """
 
 from __future__ import annotations

@@ -170,7 +170,9 @@ def _clock(path: OpenedFile, request: CoggingRequest) -> float | None:
 
 
 def _maps(request: CoggingRequest, drive: Drive) -> _Seen:
-    """Return the measured positions and forces of maps of one turn; a force of 0 is treated as not measured."""
+    """Return the measured positions and forces of cogging maps over one revolution; a force of 0 counts as not
+    measured.
+    """
     named = request.named()
     role = next((candidate for candidate in _FORCES if named.get(candidate) is not None), "current")
     text = named.get(role)

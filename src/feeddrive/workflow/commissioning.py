@@ -65,10 +65,10 @@ class DriveAxis:
     """The axis of a commissioning file, measured and modeled.
 
     plant     speed over torque of the motor, cut to the usable band, with variance
-    current   torque over its setpoint on the lines of the plant; None if the file has none
+    current   torque over its setpoint at the frequency lines of the plant; None if the file has none
     band      the band in which the model was fitted; None if it was given by the user
     result    the fitted structures, at the motor in kg m2 (kg for a linear motor)
-    loop      the present loop: the fitted axis and the file's controller; None if no sample time is known
+    loop      the existing loop: the fitted axis and the file's controller; None if no sample time is known
     """
 
     file: Commissioning
@@ -178,8 +178,8 @@ def drive_axis(
     """Return the axis of a commissioning file, with a fitted model.
 
     motor         name of the plant response; default: the one measured last
-    band          band of the lines to be fitted, Hz; default: from the lowest usable frequency stated in the file up to
-                  the highest one at which two masses explain the response
+    band          band of the frequency lines to be fitted, Hz; default: from the lowest usable frequency stated in the
+                  file up to the highest one at which two masses explain the response
     rotary, lead, gear, sample_time   data missing from the file: True for a rotary axis, or the lead and gear of its
                   screw, and the sample time of the speed loop
     model, modes, fixed  as for `fit_axis`
@@ -296,7 +296,7 @@ def _fitted(
 
 
 def _current_loop(file: Commissioning, plant: FRF) -> FRF | None:
-    """Return the measured current loop on the lines of the plant; None if the file has none that covers them.
+    """Return the measured current loop at the frequency lines of the plant; None if the file has none that covers them.
 
     If its lines differ from those of the plant, ln |H| and phase are interpolated.
     """
@@ -313,10 +313,10 @@ def _current_loop(file: Commissioning, plant: FRF) -> FRF | None:
 
 
 def _actuator(file: Commissioning, current: FRF | None, fit: PlantFit) -> tuple[Actuator, list[str]]:
-    """Return dead time and current loop of the model, and remarks.
+    """Return the dead time and current loop of the model, and remarks.
 
-    The measured delays refer to sampled signals. The simulated loop adds half a sample for the hold and half a sample
-    for the differenced velocity; therefore one sample is subtracted.
+    The measured delays refer to sampled signals. The simulated loop adds half a sample for the zero-order hold and half
+    a sample for the differenced velocity; therefore one sample is subtracted.
     """
     estimate = fit["dead_time"]
     late = float(estimate.value)
@@ -362,7 +362,7 @@ def _delayed(w: np.ndarray, corner: float | None, dead: float) -> np.ndarray:
 def _lag(w: np.ndarray, target: np.ndarray) -> tuple[float | None, float]:
     """Return corner (Hz) and dead time (s, >= 0) of the first-order lag closest to ln H, weighted equally over ln f.
 
-    The corner is None if the response does not roll off within these lines.
+    The corner is None if the response does not roll off within these frequency lines.
     """
     weight = np.gradient(np.log(w))
     corners = np.geomspace(0.3 * w[-1], 100.0 * w[-1], 400) / (2.0 * np.pi)

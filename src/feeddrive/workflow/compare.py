@@ -58,7 +58,7 @@ class CompareRequest(EvaluationRequest):
 
 @command(CompareRequest)
 def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
-    """Compare all laws, tuned to equal robustness, with the present gains of an axis, and rank them by each criterion.
+    """Compare all laws, tuned to equal robustness, with the existing gains of an axis, and rank them by each criterion.
 
     Laws are tuned in parallel processes.  Raises ParameterError for an unknown axis or law and for `take` without an
     output directory, and UnstableError if no law can be run.

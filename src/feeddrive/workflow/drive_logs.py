@@ -126,7 +126,7 @@ def chosen(
 def velocity_and_force(
     path: OpenedFile, log: Log, named: Mapping[str, str | None], drive: Drive
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return velocity and force of a log, both at the table or both at the shaft; the flag is True for the shaft."""
+    """Return the velocity and force of a log, both at the table or both at the shaft, and True for the shaft."""
     acting = chosen(path, log, named, FORCES, "force", "--force, --torque, --current or --command")
     # a torque acts at the shaft: with a motion at the shaft no lead is needed to relate the two
     shaft_first = acting == "torque"

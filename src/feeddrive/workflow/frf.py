@@ -148,7 +148,7 @@ def frf(request: FrfRequest, progress: Progress) -> Outcome[Sequence[FrequencyEs
 
 
 def _advice(estimates: Sequence[FrequencyEstimate]) -> Advice | None:
-    """Return the judgment on the first estimate whose coherence is poor on most lines, or None if there is none."""
+    """Return the judgment on the first estimate whose coherence is poor at the majority of frequency lines, or None."""
     for estimate in estimates:
         assert estimate.frf.coherence is not None
         poor = float(np.mean(estimate.frf.coherence <= TRUSTED))
@@ -239,7 +239,7 @@ def _by_roles(
 
 
 def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) -> Record:
-    """Return the record of the named channels of a log, in SI where their units are known."""
+    """Return the record of the named channels of a log, in SI units where their units are known."""
     force, unit_in = _values(log, of_input)
     position, unit_out = _values(log, of_output)
     return Record(
@@ -300,7 +300,9 @@ def _plain(named: str) -> str:
 
 
 def _values(log: Log, named: str) -> tuple[np.ndarray, str]:
-    """Return the values of a channel, named as in `x`, `x:mm`, `x*2` or `x*2:mm`, in SI if possible, and their unit."""
+    """Return the values of a channel, named as in `x`, `x:mm`, `x*2` or `x*2:mm`, in SI units if possible, and their
+    unit.
+    """
     column = Column.of(named)
     if column.name not in log.channels:
         raise LogError(f"{log.name}: there is no column '{column.name}'{nearest(column.name, log.channels)}")
@@ -386,7 +388,9 @@ def _picture(key: str, estimate: FrequencyEstimate) -> Picture:
 
 
 def sentences(estimate: FrequencyEstimate) -> list[str]:
-    """Return sentences about the quality of an estimate: its standard deviation, and the lines with poor coherence."""
+    """Return sentences about the quality of an estimate: its standard deviation, and the frequency lines with poor
+    coherence.
+    """
     frf = estimate.frf
     assert frf.coherence is not None
     assert frf.variance is not None

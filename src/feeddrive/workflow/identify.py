@@ -496,7 +496,7 @@ def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) 
 
 
 def _motor(channels: Mapping[str, Any], log: Log) -> np.ndarray | None:
-    """Return the readings of the motor's encoder if the position is that of the load; else None."""
+    """Return the readings of the motor's encoder if the position is that of the load; otherwise None."""
     motor, load = ("angle_motor", "angle_load") if channels["rotary"] else ("position_motor", "position_load")
     there = motor in log.channels and load in log.channels and channels["position"] is log.channels[load]
     return log.channels[motor] if there else None
@@ -536,7 +536,9 @@ def machine_text(
 
 
 def estimates_of(identified: Identified) -> tuple[Estimate, ...]:
-    """Return the estimates for the machine file: from the closed loop if available, else from the inverse dynamics."""
+    """Return the estimates for the machine file: from the closed loop if available, otherwise from the inverse
+    dynamics.
+    """
     return identified.rigid.estimates if identified.refinement is None else identified.refinement.estimates
 
 

@@ -59,7 +59,7 @@ def responses_in(path: Path | OpenedFile) -> dict[str, FRF] | None:
 
 
 def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], progress: Progress) -> Outcome[Any]:
-    """Fit masses, springs and modes to the responses of a file; write report and machine file if requested."""
+    """Fit masses, springs and modes to the responses of a file; write a report and a machine file if requested."""
     path = Path(called(request.log))
     model = request.model or ("modal" if request.modes else "auto")
     chosen = _chosen(path, responses, request, model)
@@ -87,7 +87,7 @@ def is_commissioned(request: IdentifyRequest) -> bool:
 
 
 def identify_commissioned(request: IdentifyRequest, file: Commissioning, progress: Progress) -> Outcome[Any]:
-    """Fit the axis of a commissioning file; write its machine file with the present law if requested."""
+    """Fit the axis of a commissioning file; write its machine file with the existing law if requested."""
     axis = drive_axis(
         file,
         progress,
@@ -532,7 +532,7 @@ class IdentifyRequest(DriveValues):
         return Path("results") / f"identify_{logs_stem(self.sources)}"
 
     def check(self) -> None:
-        """Raise ParameterError without a log, and for mutually exclusive constants."""
+        """Raise ParameterError if there is no log, and for mutually exclusive constants."""
         if not self.logs:
             raise ParameterError("logs: identify needs a log of a motion, or a file of frequency responses")
         super().check()

@@ -250,7 +250,7 @@ def _replaced(loop: Loop, section: str) -> list[str]:
 
 
 def _compensated_loop(request: IterateRequest) -> tuple[Loop, str]:
-    """Return the loop with a compensator for the requested parameters, and the name of its axis."""
+    """Return the loop with a compensator that has the requested parameters, and the name of the axis."""
     machine = read_machine(request.machine)
     loop = machine.loop(request.axis)
     axis = loop.name

@@ -140,7 +140,7 @@ def _ask(request: PlayRequest, name: str, progress: Progress) -> None:
 
 
 def _play_plan(request: PlayRequest, setpoints: Path, progress: Progress) -> Outcome[Sequence[Played]]:
-    """Play all axes of a plan on one bus segment, in the same cycles."""
+    """Play all axes of a plan on one bus segment, in lockstep."""
     files = [read_drive(path) for path in request.drive]
     named = {file.axis: file for file in files}
     if "" in named or len(named) < len(files):

@@ -1,7 +1,7 @@
 """`feeddrive run`, `demo` and `cosimulate`: simulate the laws of a job.
 
 report.html          the report
-summary.json         every figure in SI, by law; versions, seed, digest of the log
+summary.json         every figure in SI units, by law; versions, seed, digest of the log
 runs/LAW.parquet     all signals over time, with units
 runs/LAW.csv         the same as text, for runs of up to 100,000 rows
 measured.parquet     the measured channels, for a job with a log
@@ -116,7 +116,7 @@ def _tripped(job: Job, row: Entry) -> bool:
 
 @command(DemoRequest)
 def demo(request: DemoRequest, progress: Progress) -> Outcome[JobResult]:
-    """Run a bundled example: a ball-screw axis under its present controller and three better ones, or a milling cut."""
+    """Run a bundled example: a ball-screw axis under today's controller and three better ones, or a milling cut."""
     # a demo ends with the report to open
     return replace(run.run(RunRequest(DEMOS[request.what], out=request.out), progress), then="")
 

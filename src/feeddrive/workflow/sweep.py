@@ -1,8 +1,9 @@
 """`feeddrive sweep`: run all variants of a study, on the cores of this computer or on a Dask cluster.
 
 manifest.json                 the study as given, digest, version of feeddrive
-rows/chunk_00000000.parquet   one row per variant: the varied values, and figures in SI or why there are none
+rows/chunk_00000000.parquet   one row per variant: the varied values, and figures in SI units or why there are none
 report.html                   yield, worst cases, main factors, bands and the Pareto front; summary.json: the same in SI
+                              units
 worst/variant_00000012.toml   the worst machine for a figure, as a job to run again
 """
 
@@ -78,7 +79,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
 
 
 def _bad(count: int, first: Sequence[tuple[int, str]]) -> Iterator[str]:
-    """Yield sentences that name the first variants without figures, and the reasons."""
+    """Yield sentences that name the first variants whose figures could not be computed, and the reasons."""
     for variant, reason in first:
         yield f"variant {variant} has no figures: {reason}"
     if count > len(first):

@@ -89,7 +89,7 @@ def tour(request: TourRequest, progress: Progress) -> Outcome[Run]:
 
 
 def axis() -> Loop:
-    """Return the loop that the tour measures: the bundled axis, modified, under its present control."""
+    """Return the loop that the tour measures: the bundled axis, modified, under its existing control."""
     loop = read_machine(MACHINE).loop("x")
     place = loop.place_of("axis")
     more = {"plant.mass_load": WORKPIECE, "friction_motor.coulomb": DRIER, "friction_motor.breakaway": DRIER}

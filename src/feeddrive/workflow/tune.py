@@ -420,7 +420,7 @@ def _asked_margins(request: TuneRequest, drive: DriveAxis) -> list[str]:
 
 
 def _loops(tuned: Tuned, loop: Loop | None) -> dict[str, Loop]:
-    """Return the loop with the old and the new control; one that is unstable at any operating point is left out."""
+    """Return the loops with the old and the new controller, except any that is unstable at an operating point."""
     if loop is None:
         return {}
     both = {"today": (loop, tuned.before), "new": (replace(loop, control=tuned.control), tuned.after)}

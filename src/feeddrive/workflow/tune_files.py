@@ -164,7 +164,9 @@ def _active_limits(tuned: Tuned) -> Remarks:
 
 
 def tables(tuned: Tuned, story: Story) -> list[Table]:
-    """Tabulate old and new parameters, figures at each point, tuning rules, the cascade loop by loop, and the proof."""
+    """Tabulate the old and new parameters, the figures at each point, the tuning rules, the cascade loop by loop, and
+    the proof.
+    """
     rows: list[Sequence[Cell]] = []
     for name, value in tuned.tunables.items():
         started, unit = tuned.started[name], tree.declaration(tuned.control, name).unit
@@ -204,7 +206,7 @@ def _figures(before: Figures | None, after: Figures, several: bool, today: str) 
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:
-    """Compare the present control, all tuning rules and the new control by their worst figures over all points."""
+    """Compare the existing control, all tuning rules and the new control by their worst figures over all points."""
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"

@@ -44,7 +44,7 @@ _APART = 0.25  # relative difference of motor and load beyond which one encoder 
 
 @dataclass(frozen=True)
 class Measurement:
-    """The responses of load and motor encoder at one operating point, and those to a hammer blow on the table.
+    """The responses of the load and the motor encoder at one operating point, and those to a hammer blow on the table.
 
     `motor` is a file or the name of a response; `none` if there is only one encoder.
     """
@@ -67,7 +67,7 @@ class Sources:
     source, at   the axis to tune, and the same axis at other positions and loads
     axis         axis name in machine files with several axes
     motor        responses of the motor encoder: files or names; `none` if there is only one encoder
-    disturbance, disturbance_motor  responses of load and motor to a force on the table
+    disturbance, disturbance_motor  responses of the load and the motor to a force on the table
     unit, sample_time, delay        properties of the responses that their files do not state
     """
 
@@ -114,9 +114,9 @@ def points_of(sources: Sources, loop: Loop | None, progress: Progress) -> tuple[
 def first_control(law: str | None, loop: Loop | None, points: Sequence[OperatingPoint | Loop]) -> tuple[Control, str]:
     """Return the initial control of a search, and the name of the tuning rule that provided it.
 
-    The initial control is the present one, one with another law, or a P-PI with robust margins; the name is empty
-    unless a tuning rule provided a missing control. If the present law is requested by name and has no integral action,
-    it is replaced by an initial design with integral action, if the law can have it.
+    The initial control is the existing one, one with another law, or a P-PI with robust margins; the name is empty
+    unless a tuning rule provided a missing control. If the existing law is requested by name and has no integral
+    action, it is replaced by an initial design with integral action, if the law can have it.
     """
     if loop is None:
         if law not in (None, "cascade_ppi"):
@@ -223,7 +223,9 @@ def point_of(
 def _roles(
     measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
 ) -> tuple[FRF, FRF | None]:
-    """Return the responses of load and motor from one or two files; None for the motor if there is only one encoder."""
+    """Return the responses of the load and the motor from one or two files; None for the motor if there is only one
+    encoder.
+    """
     by_output = {frf.output: key for key, frf in responses.items()}
     names = {**by_output, **{key: key for key in responses}}
     if measurement.motor is None and len(responses) > 1:
@@ -388,7 +390,9 @@ def several(first: Measurement, others: Sequence[FrfLike], motors: Sequence[str]
 
 
 def _fewer(frf: FRF) -> FRF:
-    """Return the response on fewer lines, evenly spaced in ln f, so that a modal fit takes a second or two."""
+    """Return the response at fewer frequency lines, evenly spaced in ln f, so that a modal fit takes a few seconds at
+    most.
+    """
     x = np.log(frf.frequency)
     kept = np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _OF_A_FIT)).clip(0, x.size - 1))
     variance = None if frf.variance is None else frf.variance[kept]

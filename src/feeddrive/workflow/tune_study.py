@@ -49,7 +49,7 @@ class Laws:
         return next(iter(self.tuned.values()))
 
     def table(self) -> Table:
-        """Tabulate the laws, with the present control in the last row."""
+        """Tabulate the laws, with the existing control in the last row."""
         rows = [
             [name, *_cells(robust.after), "no" if robust.unsettled else "yes"] for name, robust in self.tuned.items()
         ]
@@ -69,7 +69,7 @@ def _cells(fresh: Measured) -> list[Cell]:
 
 
 def tune_laws(tuner: RobustTuner, law: str | None) -> Laws:
-    """Tune one law (default: the present one), or, with `every`, all laws of the catalog that can control the axis.
+    """Tune one law (default: the existing one), or, with `every`, all laws of the catalog that can control the axis.
 
     Raises UnstableError if none of them satisfies the limits.
     """

@@ -25,8 +25,8 @@ class DisturbanceRejection(Compensation):
         force = -share · F̂d(k),    share rises linearly from 0 over blend_time after the start
 
     The law then sees an axis with the observer's mass, and only the disturbances that are too fast for the observer.
-    With a share of 1 the rejection has integral action.  Stability then depends on law and observer together: check the
-    whole loop with `require_stable`.
+    With a share of 1 the rejection has integral action.  Stability then depends on the law and the observer together:
+    check the whole loop with `require_stable`.
 
     When to use: under a P or P-PI law whose gains are limited by something other than the delay of the force.  Not
     suitable for a law that subtracts an observer's estimate itself, or for an axis mode inside the observer's band.

@@ -39,7 +39,7 @@ class MachineMode(Block):
         return 2.0 * ops.pi * self.frequency
 
     def modal_mass(self) -> Number:
-        """Return the modal mass in kg: `mass` if it is specified, else stiffness/ω²."""
+        """Return the modal mass in kg: `mass` if it is specified, otherwise stiffness/ω²."""
         if self.mass is not None:
             return self.mass
         assert self.stiffness is not None

@@ -21,7 +21,7 @@ class ModeCompensation(Compensation):
     """Active compensation of structural modes: the axis follows the tool as the cutting force deflects it.
 
         F_c(k)  = -(F̂d(k) - F_friction)                the force on the tool side, from the observer
-        ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): exact hold of `MachineMode`, one for each mode
+        ξ(k+1)  = Φ(T) (ξ(k), F_c(k)),   ξ = (x_s, v_s): zero-order hold of `MachineMode`, one for each mode
         p       = Φ(τ) (ξ(k), F_c(k))                   the present state; the observer's estimate is delayed by τ
         x_r += p₁,   v_r += p₂,   a_r += F_c/m_s - 2ζω p₂ - ω² p₁
 
@@ -119,7 +119,7 @@ class ModeCompensation(Compensation):
         )
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute the exact hold of each mode over a sample and over the lead time."""
+        """Compute the zero-order-hold discretization of each mode over a sample and over the lead time."""
         made = self.observer.prepare(T)
         lead = self._lead(made, T)
         samples, leads, modes = [], [], []
@@ -187,7 +187,7 @@ def _hold(mode: MachineMode, span: Number) -> Matrix:
 
 
 def _moved(hold: Matrix, before: tuple[Number, Number], force: Number) -> tuple[Number, Number]:
-    """Return position and velocity of a mode after an interval of constant force."""
+    """Return the position and velocity of a mode after an interval of constant force."""
     (a, b, c), (d, e, f) = hold
     x, v = before
     # Φ - 1 is added to the state: Φ itself would lose the digits of the small change in a sample

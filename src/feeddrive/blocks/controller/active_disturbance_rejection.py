@@ -148,7 +148,7 @@ class ActiveDisturbanceRejection(Law):
         first = [0.0] * (3 + late) + [value for _, value in tree.leaves(start)]
 
         def after(x: list[Any]) -> list[Any]:
-            """Return position, velocity, commands (newest first) and states one sample later."""
+            """Return the position, velocity, commands (newest first) and states one sample later."""
             position, velocity, *commands = x[: 3 + late]
             state = tree.rebuild(start, iter(x[3 + late :]))
             reading = Reading(position, position, commands[0], commands[0])

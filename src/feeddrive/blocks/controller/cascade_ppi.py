@@ -75,10 +75,10 @@ class CascadePPI(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return two variants: with an integral, and without one.
+        """Return two variants: with and without an integral.
 
-        The first has the gains of the present cascade if it has an integral, else gains derived from `axis.rate`. The
-        second is tried only with a disturbance observer, which then provides the integral action.
+        The first has the gains of the existing cascade if it has an integral, otherwise gains derived from `axis.rate`.
+        The second is tried only with a disturbance observer, which then provides the integral action.
         """
         rate = axis.rate
         law = cls(Kv=0.7 * rate, Kp=2.5 * axis.mass * rate, Tn=1.4 / rate, velocity_encoder=axis.velocity_encoder)

@@ -103,7 +103,7 @@ class DADSC(Law):
         return state._replace(estimate=state.estimate + (old_prepared.g2 - prepared.g2) * state.sliding)
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule: the sampled loop around m x'' = F without dead time is stable at T."""
+        """Yield the validity rule: the sampled loop with the plant m x'' = F and no dead time is stable at T."""
         rates = (self.tracking_rate, self.reaching_rate, self.adaptation_rate)
         yield Rule(
             _stable(rates, self.adaptation_ratio, T),
@@ -146,7 +146,8 @@ class DADSC(Law):
 
 
 def _stable(rates: tuple[Number, Number, Number], ratio: Number, T: Number) -> Any:
-    """Return True if the loop around m x'' = F, with F held over the sample, is stable with `rates` = λ, K, ω_d.
+    """Return True if the loop with the plant m x'' = F, with F held over the sample, is stable with `rates` = λ, K,
+    ω_d.
 
     With q = z⁻¹ and D = 1 - q its characteristic equation is
     D³ + q (1 + q)/2 · [(k D + (1 + k) w - ratio w q)(l + D) + l D²] = 0, where

@@ -126,7 +126,9 @@ class GeneralizedPredictive(Law):
         return self.Prepared(T, R, tuple(S), C[1:], tuple(preview))
 
     def _model(self, T: Number) -> tuple[Row, Row]:
-        """Return A Δ and B from the exact hold of the mass; B begins with one zero per sample of dead time."""
+        """Return A Δ and B from the zero-order-hold discretization of the mass; B begins with one zero per sample of
+        dead time.
+        """
         change = matrix.expm1(((0.0, T, 0.0), (0.0, -self.viscous * T / self.mass, T / self.mass), (0.0, 0.0, 0.0)))
         x_of_v, x_of_u, kept, v_of_u = change[0][1], change[0][2], 1.0 + change[1][1], change[1][2]
         A = (1.0, -(2.0 + kept), 1.0 + 2.0 * kept, -kept)
@@ -191,7 +193,7 @@ def _series(B: Row, A: Row, count: int) -> list[Any]:
 
 
 def _at(row: list[Any], place: int, count: int) -> Any:
-    """Return `row[place]` if `place` is in 0 .. count - 1, else 0.0."""
+    """Return `row[place]` if `place` is in 0 .. count - 1, otherwise 0.0."""
     return row[place] if 0 <= place < count else 0.0
 
 

@@ -75,7 +75,7 @@ class LinuxcncPid(Law):
         T: Number
 
     class State(NamedTuple):
-        """The states of the pids, the motor's position in machine units, and the filters."""
+        """The states of the PIDs and of the filters, and the motor position in machine units."""
 
         position: Any
         velocity: tuple[Any, ...]

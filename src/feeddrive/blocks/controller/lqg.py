@@ -75,7 +75,7 @@ _STRAY = 1e-3
 class LQG(Law):
     """Linear-quadratic state feedback with a Kalman filter that estimates the disturbance as an additional state.
 
-        predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ a random walk           exact hold of `model`
+        predict   z⁻ = Φ z + Γ F(k-1-d),   z = (x, v, F̂),  F̂ a random walk           zero-order hold of `model`
         correct   z  = z⁻ + L (y - C z⁻)
         force     = F* - F̂ - K (x̂ - x*) - Σ Kᵢ (F(k-i) + F̂ - F*(k-i)),   i = 1 .. d = delay_samples
         K         minimizes Σ (m omega_c²)² e_load² + (F + F̂)²,   Kᵢ = K Φⁱ⁻¹ Γ and K <- K Φᵈ for the dead time
@@ -86,7 +86,7 @@ class LQG(Law):
     m is the total mass.  x* and F* are the set motion and its force: for one mass (x_r, v_r) and m a_r + b v_r in the
     middle of the sample; for two masses the motor leads the load by the deflection of the spring under that motion
     (`series` in blocks/plant/two_bodies.py) and under F̂, which acts on the load.  F(k-i) is `applied`, which prevents
-    windup.  Without `recovery` the poles are a pair at omega_c with a damping of 0.707 and those of a third-order
+    windup.  Without `recovery` the poles are a pair at omega_c with a damping ratio of 0.707 and those of a third-order
     Butterworth filter at omega_o.
 
     With two readings but one disturbance, a wrong spring stiffness, friction at the motor or misaligned encoders leave
@@ -123,7 +123,7 @@ class LQG(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return one variant: with two masses and two encoders if the axis has them, else with one mass."""
+        """Return one variant: with two masses and two encoders if the axis has them, otherwise with one mass."""
         model: Plant = Rigid(mass=axis.mass, viscous=axis.viscous)
         model_text = ""
         if axis.encoders > 1:

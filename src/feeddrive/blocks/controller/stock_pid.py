@@ -140,5 +140,5 @@ def limited(value: Number, most: Number) -> Number:
 
 
 def _unless(falls: object, held: Number, value: Number) -> Number:
-    """Return `held` in the sample in which `index_enable` falls (`falls` is true), else `value`."""
+    """Return `held` in the sample in which `index_enable` falls (`falls` is true), otherwise `value`."""
     return value if falls is None else ops.where(falls, held, value)

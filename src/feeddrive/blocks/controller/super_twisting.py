@@ -76,7 +76,7 @@ class SuperTwisting(Law):
 
     @classmethod
     def begin(cls, axis: AxisModel, present: Law) -> tuple[Start, ...]:
-        """Return one variant, in the zone form with slow start values.
+        """Return one variant, in the zone form with slow starting values.
 
         L, and thus the width of the zone, is chosen for disturbances that change by 50 m/s² per millisecond, and is
         larger if the reading noise requires it.
@@ -178,7 +178,7 @@ class SuperTwisting(Law):
         return state._replace(twist=state.twist * (old.mass / self.mass))
 
     def sampled_rules(self, T: Number) -> Iterator[Rule]:
-        """Yield the validity rule: inside the zone, the loop around m x'' = F without dead time is stable."""
+        """Yield the validity rule: inside the zone, the loop with the plant m x'' = F and no dead time is stable."""
         if self.form != "explicit":
             yield Rule(
                 self._stable(1.0, T),
@@ -187,7 +187,7 @@ class SuperTwisting(Law):
             )
 
     def _stable(self, slower: Number, T: Number) -> Any:
-        """Return True if the loop around m x'' = F (F held) is stable with λ and 1/h multiplied by `slower`.
+        """Return True if the loop with the plant m x'' = F (F held) is stable with λ and 1/h multiplied by `slower`.
 
         In q = z⁻¹ and D = 1 - q, with l = λT and η = T/h, its polynomial is
         D³ + q (1 + q)/2 · [l D² + (D + l)(η D + η² q)]; for the implicit form it is D² + q (1 + q)/2 · [l D + D + l].

@@ -11,12 +11,11 @@ class CrossBeam(Coupling):
         f = stiffness (x_axis - x_follower) + damping (x_axis' - x_follower'),   on both tables, in opposite directions
 
     Each drive has its own plant, controller and encoder; the mass of each includes half of the beam.  A word of a part
-    program that moves `axis` moves both drives.  The plants of both are integrated together in one exact hold, so
-    the beam may have any stiffness. The position difference between the two tables is the skew in m; divided by the
-    distance between the drives it is an angle.
-    Do not use it if a slide moves along the beam and shifts mass from one drive to the other, since both masses are
-    constant here.  If the beam is guided so softly that its rotation is a separate degree of freedom, add a
-    `StructureMode`.
+    program that moves `axis` moves both drives.  The plants of both are discretized together, exactly, with a
+    zero-order hold, so the beam may have any stiffness. The position difference between the two tables is the skew in
+    m; divided by the distance between the drives it is an angle.  Do not use it if a slide moves along the beam and
+    shifts mass from one drive to the other, since both masses are constant here.  If the beam is guided so softly that
+    its rotation is a separate degree of freedom, add a `StructureMode`.
     """
 
     axis: str = choice("axis whose word of a part program moves both drives", default="y")

@@ -1,4 +1,4 @@
-"""The force of a milling tool, with the chip from the actual relative motion of tool and workpiece."""
+"""The force of a milling tool, with the chip from the actual relative motion of the tool and the workpiece."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -119,11 +119,11 @@ class MillingCut(Coupling):
         return (self.along_x, self.along_y, *(() if self.along_z is None else (self.along_z,)))
 
     def period(self) -> Number:
-        """Return the tooth period τ in s, the longest among the sections that cut."""
+        """Return the tooth period τ in s, the longest over the sections in which the tool cuts."""
         return 60.0 / (self.cutter.teeth * self._speeds()[0])
 
     def _speeds(self) -> list[Any]:
-        """Return the spindle speeds of the sections that cut, in rpm, in ascending order."""
+        """Return the spindle speeds, in rpm, of the sections in which the tool cuts, in ascending order."""
         rows = {} if self.sections is None else self.sections.rows()
         if self.sections is not None and "spindle_speed" in rows:
             pairs = zip(rows["spindle_speed"], self.sections.cutting(), strict=True)
@@ -251,7 +251,7 @@ class MillingCut(Coupling):
         return place[0] - x, place[1] - y
 
     def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Return position and velocity of the tool relative to the workpiece."""
+        """Return the position and velocity of the tool relative to the workpiece."""
         x, y = motions[self.along_x], motions[self.along_y]
         if self.moves == "tool":
             return (x.position_load, y.position_load), (x.velocity_load, y.velocity_load)

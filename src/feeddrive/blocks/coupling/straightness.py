@@ -22,5 +22,5 @@ class Straightness(Block):
     spacing: Number = parameter("m", "distance between entries", above=0)
 
     def at(self, position: Number) -> Number:
-        """Return the error at a position, m."""
+        """Return the error in m at a position in m."""
         return ops.interpolate(self.row, (position - self.start) / self.spacing)

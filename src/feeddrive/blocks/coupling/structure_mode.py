@@ -15,10 +15,10 @@ class StructureMode(Coupling):
 
     Several modes act in parallel, as the modes of a measured response matrix do.  A structure in series, such as a
     column on a bed, is described by the modes of the complete structure: its undamped modes and their shapes form such
-    a sum too, which is exact for modal damping.  Modes and axes are integrated in one exact hold: the response of any
-    position of the coupled machine to any force is exact except for rounding.  Friction acts on the position of a body
-    including its modes, as on a guideway that does not move.
-    Do not use it for a mode that changes with the position of an axis, since shapes are constant.
+    a sum too, which is exact for modal damping.  Modes and axes are discretized together, exactly, with a zero-order
+    hold: the response of any position of the coupled machine to any force is exact except for rounding.  Friction acts
+    on the position of a body including its modes, as on a guideway that does not move.  Do not use it for a mode that
+    changes with the position of an axis, since shapes are constant.
     Source: modal superposition, Ewins 2000, ch. 2; shapes may have either sign.
     """
 

@@ -218,7 +218,9 @@ def _in_contact(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> Any:
 
 
 def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]:
-    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 without a cut."""
+    """Return 2∫h sin v, 2∫h cos v, ∫h, ∫sin v, ∫cos v, ∫1, 2∫sin², 2∫sin cos, 2∫cos² over a slice; 0 if there is no
+    cut.
+    """
     angle, ds, dc = high.angle - low.angle, high.sine - low.sine, low.cosine - high.cosine
     both, mixed = high.both - low.both, high.square - low.square
     sines, cosines = angle - both, angle + both
@@ -269,14 +271,14 @@ def _with_run_out(edge: Edge, angle: Any, steps: Sequence[tuple[Any, Any]]) -> l
 
 
 def _turned(sine: Any, cosine: Any, s: float, c: float) -> tuple[Any, Any]:
-    """Return sine and cosine of the sum of two angles, from sine and cosine of each."""
+    """Return the sine and cosine of the sum of two angles, from sine and cosine of each."""
     if s == 0.0 and c == 1.0:
         return sine, cosine
     return sine * c + cosine * s, cosine * c - sine * s
 
 
 def _of_tooth(tooth: int, teeth: int) -> tuple[float, float]:
-    """Return sine and cosine of the angle between the first tooth and this tooth."""
+    """Return the sine and cosine of the angle between the first tooth and this tooth."""
     angle = 2.0 * ops.pi * (float(tooth % teeth) / float(teeth))
     # exact for the first tooth, which `_turned` then leaves as it is
     return (0.0, 1.0) if tooth % teeth == 0 else (float(ops.sin(angle)), float(ops.cos(angle)))

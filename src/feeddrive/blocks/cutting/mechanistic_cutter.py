@@ -196,7 +196,7 @@ class Oblique(NamedTuple):
 def oblique(
     shear_stress: float, shear_angle: float, friction_angle: float, rake_angle: float, inclination: float
 ) -> Oblique:
-    """Return the cutting coefficients of a helical edge from the data of an orthogonal cut (Armarego's transformation).
+    """Return the cutting coefficients of a helical edge from orthogonal cutting data (Armarego's transformation).
 
         tan β_n = tan β_a cos i,   q = √(cos²(φ + β_n - α) + tan²i sin²β_n)
         Ktc = τ/sin φ · (cos(β_n - α) + tan²i sin β_n) / q
@@ -206,7 +206,7 @@ def oblique(
     shear_stress    τ, N/m2
     shear_angle     φ, rad
     friction_angle  β_a, rad
-    rake_angle      α, normal to the edge, rad
+    rake_angle      α, the normal rake angle, rad
     inclination     i, of the edge, rad: the helix angle; the chip flows at the same angle (Stabler's rule)
 
     Source: Budak, Altintas & Armarego 1996.

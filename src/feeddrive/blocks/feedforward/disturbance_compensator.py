@@ -46,7 +46,7 @@ class DisturbanceCompensator(Feedforward):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values: the axis's mass and viscous friction, and dry friction fitted to its friction curve.
+        """Return starting values: the axis's mass and viscous friction, and dry friction fitted to its friction curve.
 
         The least-squares fit uses speeds from 0.1 mm/s to 0.3 m/s, evenly spaced on a logarithmic scale and equal in
         both directions; of the Stribeck velocities tried, the one with the smallest residual is used. Raises

@@ -24,7 +24,7 @@ class ReversalPulse(Feedforward):
     decay_time: Number = parameter("s", "time after which it has fallen to 1/e", above=0)
 
     class State(NamedTuple):
-        """The last direction of motion (-1 or 1; 0 before the first motion) and the present force, N."""
+        """The last direction of motion (-1 or 1; 0 before the first motion) and the force (N) of the last sample."""
 
         direction: Number
         level: Number

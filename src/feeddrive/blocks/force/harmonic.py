@@ -1,4 +1,4 @@
-"""One harmonic of a force that is periodic along the travel."""
+"""One harmonic of a force that is periodic in position."""
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, choice, parameter

@@ -10,7 +10,7 @@ from feeddrive.language.errors import StructureError
 
 
 class Ripple(Force):
-    """Variation of the force constant with position: a part of the drive force varies along the travel.
+    """Variation of the force constant with position: part of the drive force depends on the position.
 
         F = drive · Σ shareᵢ sin(2π orderᵢ x_motor / period + phaseᵢ)
 

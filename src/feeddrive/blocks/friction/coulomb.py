@@ -13,7 +13,7 @@ class Coulomb(Friction):
         F ∈ -coulomb · Sgn(v) - viscous · v,      Sgn(0) = [-1, 1]
 
     The force over a substep is consistent with the velocity at its end (Moreau 1988, eq. of the implicit step):
-    F = clip(-v_free / mobility, ±coulomb); the body is stuck where the clip does not act.
+    F = clip(-v_free / mobility, ±coulomb); the body sticks as long as the force is not clipped.
     """
 
     coulomb: Number = parameter("N", "level of the friction force", least=0)

@@ -71,7 +71,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the value of the Stribeck curve at a velocity, N."""
+        """Return the value of the Stribeck curve, in N, at a velocity in m/s."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
@@ -95,7 +95,7 @@ class GeneralizedMaxwellSlip(Friction):
         return self.State(forces, slips), -total, False
 
     def _line(self, i: int, h: Number, force: Number, slips: Number, velocity: Number) -> tuple[Any, ...]:
-        """Return F_i at v = 0, its slope versus v, its two bounds, α_i s, and sgn(v) if it slips (else 0)."""
+        """Return F_i at v = 0, its slope versus v, its two bounds, α_i s, and sgn(v) if it slips (otherwise 0)."""
         level = self.level(velocity)
         most = self._most(i, level)
         slope = ops.gather(self.stiffness, float(i)) * h

@@ -53,7 +53,7 @@ class Lugre(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the value of the Stribeck curve at a velocity, N."""
+        """Return the value of the Stribeck curve, in N, at a velocity in m/s."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity)
 
     def contact(
@@ -72,7 +72,7 @@ class Lugre(Friction):
     def _solve(
         self, h: Number, z: Number, level: Number, free_velocity: Number, mobility: Number
     ) -> tuple[Number, Number]:
-        """Return velocity and deflection at the end of the substep for a given level."""
+        """Return the velocity and deflection at the end of the substep for a given level."""
         a = h * self.bristle_stiffness / level
         A = mobility * (self.bristle_stiffness + self.bristle_damping / h)
         B = free_velocity + mobility * self.bristle_damping * z / h

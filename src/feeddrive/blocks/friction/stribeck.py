@@ -38,7 +38,7 @@ class Stribeck(Friction):
         return self.viscous
 
     def level(self, velocity: Number) -> Number:
-        """Return the value of the Stribeck curve at a velocity, N."""
+        """Return the value of the Stribeck curve, in N, at a velocity in m/s."""
         return stribeck_level(velocity, self.coulomb, self.breakaway, self.stribeck_velocity, self.exponent)
 
     def contact(

@@ -8,7 +8,7 @@ from feeddrive.language.block import Number, parameter
 
 
 class SineForce(Load):
-    """A sinusoidal force, amplitude · sin(2π frequency (t - start) + phase) for start <= t < end, else 0 N.
+    """A sinusoidal force, amplitude · sin(2π frequency (t - start) + phase) for start <= t < end, otherwise 0 N.
 
     The loop holds the force over each sample, so the acting force is a staircase delayed by half a sample.  Start
     and end are assigned to samples as in StepForce.

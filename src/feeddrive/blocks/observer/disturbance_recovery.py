@@ -49,7 +49,7 @@ class DisturbanceRecovery(Observer):
 
     @classmethod
     def begin(cls, axis: AxisModel) -> Self:
-        """Return start values: the velocity encoder, and 0.2 `axis.rate` as corner frequency in Hz."""
+        """Return starting values: the velocity encoder, and 0.2 `axis.rate` as corner frequency in Hz."""
         return begun(cls, axis, frequency=0.2 * axis.rate, encoder=axis.velocity_encoder)
 
     class Prepared(NamedTuple):

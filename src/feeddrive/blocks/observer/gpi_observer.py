@@ -129,7 +129,9 @@ class GpiObserver(Observer):
         return self.Prepared(F[:order], Gu, Gy)
 
     def start(self, prepared: Prepared, reading: Reading) -> State:
-        """Return the state of steady motion; the disturbance is `start_disturbance`, or else balances the force."""
+        """Return the state of steady motion; the disturbance is `start_disturbance` if given, otherwise it balances the
+        force.
+        """
         position = reading.position(self.encoder)
         z = [ops.zero(position)] * (2 + self.taylor_states)
         z[1] = reading.velocity / self.omega_o

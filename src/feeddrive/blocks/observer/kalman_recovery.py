@@ -17,7 +17,7 @@ DOUBLINGS = 24
 class KalmanRecovery(Observer):
     """Disturbance recovery by a steady-state Kalman filter of position, velocity and a random-walk force.
 
-        predict   x̂⁻ = Φ x̂(k-1) + Γ F_m(k-1),   exact hold of m x'' + b x' = F_m + F_d over the sample
+        predict   x̂⁻ = Φ x̂(k-1) + Γ F_m(k-1),   zero-order hold of m x'' + b x' = F_m + F_d over the sample
         correct   x̂(k) = x̂⁻ + L (x(k) - x̂⁻₁),    x̂ = (x, v, F_d)
         L = P Cᵀ/(C P Cᵀ + R),   P = Φ (P⁻¹ + Cᵀ R⁻¹ C)⁻¹ Φᵀ + diag(0, 0, force_step²),   R = resolution²/12
 
@@ -58,7 +58,7 @@ class KalmanRecovery(Observer):
         pending: tuple[Number, ...]
 
     def prepare(self, T: Number) -> Prepared:
-        """Compute hold and gain in normalized units, with position noise 1 and random-walk force steps w = ∛ρ."""
+        """Compute the discretized model and Kalman gain in normalized units: position noise 1, force steps w = ∛ρ."""
         # 1/√12: the standard deviation of a rounding to counts
         noise = 0.2886751345948129 * self.resolution
         ratio = ops.minimum(self.force_step * T * T / (self.mass * noise), LARGEST_RATIO)

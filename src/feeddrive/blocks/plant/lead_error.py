@@ -17,5 +17,5 @@ class LeadError(Block):
     spacing: Number = parameter("m", "distance between entries", above=0)
 
     def at(self, position: Number) -> Number:
-        """Return e at a position, m."""
+        """Return the lead error e, in m, at a position in m."""
         return ops.interpolate(self.row, (position - self.start) / self.spacing)

@@ -122,7 +122,7 @@ def controllable(where: str, bodies: TwoBodies) -> Rule:
 
 
 def _uncontrollable(where: str, bodies: TwoBodies, control: float) -> str:
-    """Return the error message: the distance to a controllable model, and the nearest admissible value."""
+    """Return the error message: how far the model is from being controllable, and the nearest admissible value."""
     led, dragged, k = bodies.led, bodies.dragged, bodies.k
     if abs(led) < 0.5 * bodies.m22:
         # with little damping control = (led/m22)²

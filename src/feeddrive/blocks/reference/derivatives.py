@@ -36,7 +36,7 @@ def sine_of(angle: Derivatives) -> Derivatives:
 
 
 def stretched(f: Derivatives, height: float, time: float) -> Derivatives:
-    """Return height · f(t / time) with its derivatives in t, from f with its derivatives in t / time."""
+    """Return height · f(t / time) and its derivatives with respect to t, from f and its derivatives."""
     rate = 1.0 / time
     return (
         height * f[0],

@@ -17,7 +17,7 @@ class LimitedMove(Move, ABC):
 
     @abstractmethod
     def limits(self) -> tuple[float, ...]:
-        """Return the limits in SI: velocity, acceleration, ... up to the derivative that is piecewise constant."""
+        """Return the limits in SI units: velocity, acceleration, ... up to the piecewise constant derivative."""
 
     @cached_property
     def profile(self) -> Profile | None:

@@ -82,7 +82,7 @@ class Multisine(Reference):
 
     @cached_property
     def numbers(self) -> np.ndarray:
-        """The multiples k of 1/period that carry a line."""
+        """The multiples k of 1/period at which the signal has a frequency line."""
         every = self._all_lines()
         if self.lines == 0 or self.lines >= every.size:
             return every

@@ -30,7 +30,7 @@ class Profile:
     area `distance`, convolved with boxcars of unit area and lengths L₁ .. Lₙ₋₁.  Its highest derivative is piecewise
     constant, ± distance / (L₁ ⋯ Lₙ).  Each length is at least the sum of the shorter ones, so ramps never overlap.
 
-    `starts` (s), `spans` (s) and `states` (5, pieces; position .. snap at the start of a piece) are built from the
+    `starts` (s), `spans` (s) and `states` (5, pieces; position to snap at the start of a piece) are built from the
     recursion of the moves M₀ = constant, Mₖ(t) = ∫ Mₖ₋₁(t) - Mₖ₋₁(t - Lₖ) dt: a rise, a constant part, and the reversed
     rise.  Constant parts, zeros and mirror images are set exactly rather than accumulated, which avoids drift.
     """
@@ -45,7 +45,7 @@ class Profile:
 
     @cached_property
     def peaks(self) -> tuple[float, ...]:
-        """The largest velocity, acceleration, ... in SI, up to the derivative that is piecewise constant."""
+        """The largest velocity, acceleration, ... in SI units, up to the derivative that is piecewise constant."""
         peaks, height = [], self.distance
         for length in reversed(self.lengths):
             height = height / length
@@ -94,7 +94,7 @@ class Profile:
         return tuple(Piece(*row) for row in np.vstack(self._pieces).T.tolist())
 
     def at(self, t: np.ndarray) -> Derivatives:
-        """Return position and derivatives at times t in 0 .. duration, each integrated from the start of its piece."""
+        """Return the position and its derivatives at times t in 0 .. duration, integrated piece by piece."""
         # a sort costs more than the check, and times are nearly always ascending
         order = None if t.size < 2 or bool(np.all(t[1:] >= t[:-1])) else np.argsort(t, kind="stable")
         rising = t if order is None else t[order]

@@ -82,7 +82,7 @@ class Blocks:
             address = block.link(0)
 
     def text(self, address: int) -> str:
-        """Return the text of a text block or of the TX element of a metadata block, else an empty string."""
+        """Return the text of a text block or of the TX element of a metadata block, otherwise an empty string."""
         if not address:
             return ""
         block = self.at(address, b"##TX", b"##MD")

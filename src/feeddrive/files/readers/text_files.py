@@ -277,7 +277,7 @@ class Text:
 
 
 def text_of(content: bytes) -> Text:
-    """Detect the encoding of a text: UTF-16 by its byte order mark, UTF-8 if valid, else Windows-1252 (µ, °)."""
+    """Detect the encoding of a text: UTF-16 by its byte order mark, UTF-8 if valid, otherwise Windows-1252 (µ, °)."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", "replace").encode("utf-8", "replace")
     if b"\n" not in content:
@@ -558,10 +558,10 @@ def _names_between(name: str, body: bytes) -> list[str]:
 
 
 def read_halsampler(name: str, content: bytes, wanted: frozenset[str] | None) -> Columns:
-    """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, are the clock.
+    """Read the pins of a halsampler log as column_1, column_2, ...; sample numbers, if present, give the time.
 
     An `overrun` before the first row is skipped, since no sample within the log is lost; anywhere else it raises
-    LogError, which states the line.
+    LogError with the line number.
     """
     late = _HALSAMPLER_OVERRUNS.match(content)
     lines = 0 if late is None else late[0].count(b"\n")

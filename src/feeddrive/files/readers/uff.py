@@ -1,7 +1,7 @@
 """Universal files (UFF, UNV), dataset 58, text or binary: functions at nodal degrees of freedom.
 
 Time responses become channels; frequency responses become FRFs, with the coherence of the same degrees of freedom.
-Requires pyuff (the extra `uff`).  Units are those of the axis labels, else the SI units of the data types.  Limit:
+Requires pyuff (the extra `uff`).  Units are those of the axis labels, otherwise the SI units of the data types.  Limit:
 50 MB.
 """
 
@@ -110,7 +110,7 @@ def uff_tables(name: str, content: bytes) -> Iterator[tuple[Columns, dict[str, s
 
 
 def _end(dataset: Mapping[str, Any], end: str) -> str:
-    """Return node and direction of the input or output of a dataset, such as 12+Z."""
+    """Return the node and direction of the input or output of a dataset, such as 12+Z."""
     direction = int(dataset.get(f"{end}_dir", 0))
     sign = "-" if direction < 0 else "+"
     return f"{int(dataset.get(f'{end}_node', 0))}{sign}{'SXYZUVW'[min(abs(direction), 6)]}".replace("+S", "")
@@ -122,7 +122,7 @@ def _label(dataset: Mapping[str, Any]) -> str:
 
 
 def _unit(dataset: Mapping[str, Any], axis: str) -> str:
-    """Return the unit of an axis from its label, else the SI unit of its data type."""
+    """Return the unit of an axis from its label, otherwise the SI unit of its data type."""
     stated = str(dataset.get(f"{axis}_axis_units_lab", "")).strip()
     known = unit_of(stated) if stated not in ("", "NONE") else None
     return known or _UNITS.get(int(dataset.get(f"{axis}_spec_data_type", 0)), "")

@@ -37,7 +37,7 @@ class Averaged:
     excited: np.ndarray  # bool
 
     def noise(self, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
-        """Return the noise power E|v|², v = y - G u, on the given lines; `response` is G on these lines."""
+        """Return the noise power E|v|², v = y - G u, at the given frequency lines; `response` is G at these lines."""
         cross = np.real(np.conj(response) * self.yu[lines])
         return np.maximum(self.yy[lines] + np.abs(response) ** 2 * self.uu[lines] - 2.0 * cross, 0.0)
 
@@ -97,7 +97,8 @@ def detection(mean: Averaged, response: np.ndarray) -> dict[str, Level]:
 
 
 def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
-    """Return True if the lines contain more than noise, that is, if the mean of |D|²/noise exceeds its quantile.
+    """Return True if the frequency lines contain more than noise, that is, if the mean of |D|²/noise exceeds its
+    quantile.
 
     With noise only, each of the N terms has the distribution F(2, 2ν).  The quantile of their mean is approximated by
     that of F(2N, 2ν) times ν/(ν - 1), the mean of F(2, 2ν).  The noise may have any spectrum.
@@ -112,7 +113,7 @@ def _loud(power: np.ndarray, noise: np.ndarray, freedom: int) -> bool:
 
 
 def smoothed(values: np.ndarray) -> np.ndarray:
-    """Return the moving average over neighboring lines, with a shorter window at the ends."""
+    """Return the moving average over neighboring frequency lines, with a shorter window at the ends."""
     width = min(_NEIGHBORS, values.size)
     ones = np.ones(width)
     return np.convolve(values, ones, "same") / np.convolve(np.ones(values.size), ones, "same")
@@ -373,13 +374,14 @@ def estimate_frf(
 
     method   "periodic" (multisines in steady state), "impact" (blows of a hammer), "local_polynomial" (chirp, step,
              PRBS, noise), "h1", "h2", "hv", "indirect", "joint" (averaged spectra); "auto": periodic if the excitation
-             is periodic in the record, impact if the input consists of short pulses from rest, else local polynomials
+             is periodic in the record, impact if the input consists of short pulses from rest, otherwise local
+             polynomials
     band     lowest and highest frequency, Hz
     period   period in samples; default: detected in the reference, or in the input if there is none
     skip     number of periods dropped at the start; default: determined by a test
     segment  samples per segment of averaged spectra; `overlap` is the fraction by which neighboring segments
              overlap
-    lines    maximum number of lines of local polynomials; default: 2000
+    lines    maximum number of frequency lines of local polynomials; default: 2000
 
     In a closed loop, records need a reference: without it, every method except "periodic" mistakes noise that is fed
     back through the controller for excitation.  In periodic records this noise averages out over the periods.
@@ -473,7 +475,7 @@ def _check_band(record: Record, band: tuple[float, float]) -> None:
 
 
 def within(estimate: FrequencyEstimate, band: tuple[float, float] | None) -> FrequencyEstimate:
-    """Return the estimate restricted to the lines of a band. Raises ParameterError if there are none."""
+    """Return the estimate restricted to the frequency lines of a band. Raises ParameterError if there are none."""
     if band is None:
         return estimate
     f = estimate.frf

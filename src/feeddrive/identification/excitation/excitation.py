@@ -548,7 +548,7 @@ def _underneath(times: _Timeline, offset: float, T: float) -> Reference:
 
 
 def _least(drawings: list[Drawing], kept: slice) -> float:
-    """Return the smallest velocity of motor and load in the direction of the underlying motion."""
+    """Return the smallest velocity of the motor and the load in the direction of the underlying motion."""
     least = np.inf
     for drawn in drawings:
         way = np.sign(drawn.set_position[-1] - drawn.set_position[0])
@@ -596,8 +596,8 @@ def grid_lines(lowest: float, highest: float, period: float, grid: str = "random
 def schroeder_phases(lines: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
     """Return Schroeder's phases φₖ = -2π Σ over lines i < k of (k - i) pᵢ / d, with relative powers p (Schroeder 1970).
 
-    d is the median spacing of lines: a sum over every d-th line repeats d times per period, up to a phase shift, so
-    that the sweep produced by Schroeder's phases must fit into one of these d parts.
+    d is the median spacing of frequency lines: a sum over every d-th line repeats d times per period, up to a phase
+    shift, so that the sweep produced by Schroeder's phases must fit into one of these d parts.
     """
     steps = lines / (np.median(np.diff(lines)) if lines.size > 1 else 1.0)
     shares = amplitudes**2 / np.sum(amplitudes**2)
@@ -615,7 +615,8 @@ def low_crest_phases(lines: np.ndarray, amplitudes: np.ndarray, phases: np.ndarr
     """Return phases with a lower peak, by repeatedly clipping the sum and restoring its amplitudes.
 
     The clipping level rises from 75 to 99 % of the peak over 300 rounds; the best phases of all rounds are returned.
-    The crest factor is about 1.45 for hundreds of lines, where Schroeder's phases give 1.7 and random ones 3 to 4.
+    The crest factor is about 1.45 for hundreds of frequency lines, where Schroeder's phases give 1.7 and random ones 3
+    to 4.
     Source: Van der Ouderaa, Schoukens & Renneboog 1988.
     """
     count = int(2 ** np.ceil(np.log2(2 * _OVERSAMPLING * (lines[-1] + 1))))

@@ -191,7 +191,7 @@ def cut(record: Record, period: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def transient_periods(periods: np.ndarray) -> int:
     """Count the initial periods that are not yet in steady state, at most half; `periods` has the shape (p, lines).
 
-    Each period in turn is compared with the m periods of the second half, in bands of neighboring lines,
+    Each period in turn is compared with the m periods of the second half, in bands of neighboring frequency lines,
 
         Q = Σ |Z - Z̄|² / ((1 + 1/m) Σ s²),   s² the variance among the m
 
@@ -272,7 +272,7 @@ class FrequencyEstimate(Result):
         return self.frf.frequency
 
     def lines(self, kept: np.ndarray, *remarks: str) -> Self:
-        """Return the estimate on the lines where `kept` (bool, shape (n,)) is True, with additional remarks."""
+        """Return the estimate at the frequency lines where `kept` (shape (n,)) is True, with additional remarks."""
         f = self.frf
 
         def of(values: np.ndarray | None) -> np.ndarray | None:
@@ -290,7 +290,7 @@ class FrequencyEstimate(Result):
         )
 
     def where_excited(self, doubt: np.ndarray) -> Self:
-        """Return the estimate on the lines where the relative variance of the input, `doubt`, is at most 0.1.
+        """Return the estimate at the frequency lines where the relative variance of the input, `doubt`, is at most 0.1.
 
         The variance of a quotient is undefined if the denominator may be 0.  Raises LogError if no line is left.
         """

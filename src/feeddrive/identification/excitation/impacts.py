@@ -95,7 +95,9 @@ def _after(quiet: np.ndarray, end: int) -> int:
 
 
 def _wide(begin: int, end: int, size: int) -> tuple[int, int]:
-    """Return begin and end of a pulse extended by half its length on each side, as its ends are hidden in the noise."""
+    """Return the start and end of a pulse extended by half its length on each side, as its ends are hidden in the
+    noise.
+    """
     more = (end - begin + 1) // 2
     return max(0, begin - more), min(size, end + more)
 
@@ -220,7 +222,9 @@ def impacts(records: Sequence[Record]) -> FrequencyEstimate:
 
 
 def _correlation(decay: float, length: int) -> np.ndarray:
-    """Return the correlation between lines at distances 0, 1, ... of white noise with a window exp(-decay · sample)."""
+    """Return the correlation between frequency lines at distances 0, 1, ... of white noise with a window exp(-decay ·
+    sample).
+    """
     window = np.exp(-2.0 * decay * np.arange(length))
     spectrum = np.fft.fft(window)[: 2 * _HALF + 1]
     return spectrum / spectrum[0]
@@ -272,7 +276,7 @@ def _start(blow: _Blow) -> int:
 
 
 def _row(record: Record, blow: _Blow, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return force and response of a segment, both relative to rest; outside the contact the force is set to 0."""
+    """Return the force and response of a segment, both relative to rest; outside the contact the force is set to 0."""
     start = _start(blow)
     force = np.zeros(length)
     end = min(blow.end, start + length)

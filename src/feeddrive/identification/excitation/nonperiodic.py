@@ -69,7 +69,7 @@ def spectra(records: Sequence[Record], segment: int | None = None, overlap: floa
 
 
 def _level(pieces: np.ndarray) -> np.ndarray:
-    """Return segments without mean and linear trend, since a drift would leak into all lines."""
+    """Return segments without mean and linear trend, since a drift would leak into all frequency lines."""
     t = np.arange(pieces.shape[-1]) - 0.5 * (pieces.shape[-1] - 1)
     slope = (pieces @ t) / np.sum(t * t)
     return pieces - pieces.mean(axis=-1, keepdims=True) - slope[..., None] * t
@@ -173,9 +173,9 @@ def local_polynomial(
 
         Y(k+i) = (g₀ + g₁ i + g₂ i²) U(k+i) + (t₀ + t₁ i + t₂ i²) + V(k+i),   i = -n .. n
 
-    The response and the transient of the record (its leakage) are assumed to be smooth over these lines. The residual
-    is noise, and its variance, with ν degrees of freedom, determines that of the response.  The coherence is that of
-    averaged spectra with the same variance: it is low where response and transient cannot be separated.  With a
+    The response and the transient of the record (its leakage) are assumed to be smooth over these frequency lines. The
+    residual is noise, and its variance, with ν degrees of freedom, determines that of the response.  The coherence is
+    that of averaged spectra with the same variance: it is low where response and transient cannot be separated.  With a
     reference, both Y/R and U/R are estimated in this way, with their covariance; their quotient is valid in a closed
     loop. Several records are averaged with weights that assume equal noise in all of them.
 
@@ -313,7 +313,8 @@ def local_rational(
     The least-squares problem over `width` lines is weighted with the variance `spread` of y and solved twice, the
     second time with weights from the first b.  The residual returned for each line is twice the weighted sum of
     squares, which is χ² distributed with 2(width - 4) degrees of freedom if the function fits.  `correlation`, shape
-    (width,), is the correlation of the noise between lines at distances 0, 1, ...; default: independent lines.
+    (width,), is the correlation of the noise between frequency lines at distances 0, 1, ...; default: independent
+    lines.
     Source: McKelvey & Guérin 2012; Sanathanan & Koerner 1963.
     """
     begin = np.clip(lines - width // 2, 0, x.size - width)

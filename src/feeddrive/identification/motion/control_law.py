@@ -71,7 +71,7 @@ class LawCheck:
     counts  effect of quantization of the readings, to the extent that it is present in the log
     gains   the controller gains that affect the force in this log
     delay   delay of the log's force relative to that of the law, samples
-    added   fraction of the rows in which another force was added, if the law explains all other rows; else 0
+    added   fraction of the rows in which another force was added, if the law explains all other rows; otherwise 0
     """
 
     name: str

@@ -296,9 +296,10 @@ class Identified(Result):
     refinement  the output-error fit, or None
     law         check of the law against the log; None if no law is known
     remarks     remarks on parameters that could not be identified, with the reasons
-    started     description of the law of `loop` if it is a safe start law instead of the law of the log; else empty
+    started     description of the law of `loop` if it is a safe start law instead of the law of the log; otherwise
+                empty
     doubt       reason why the magnitudes in the log are implausible for a feed drive; empty if they are plausible
-    contradicted  evidence from a second source against clock or scales of the log, and the correction; else empty
+    contradicted  evidence from a second source against clock or scales of the log, and the correction; otherwise empty
     """
 
     log: MotionLog
@@ -386,7 +387,8 @@ class Identified(Result):
 
     @property
     def mass(self) -> Estimate:
-        """The mass for a machine file: that of the closed loop if it was fitted, else that of the inverse dynamics.
+        """The mass for a machine file: that of the closed loop if it was fitted, otherwise that of the inverse
+        dynamics.
 
         Its error includes half of the difference between the two masses, since effects that both models lack, such as
         the elasticity of the axis, change them differently.
@@ -551,7 +553,7 @@ def _as_blocks(
 
 
 def _checked_law(log: MotionLog, start: Loop | None, law: Law | None) -> LawCheck | None:
-    """Check the law against the log; return None without a law, and for two encoders, as a log contains only one."""
+    """Check the law against the log; return None without a law and for two encoders, as a log has only one."""
     if start is not None:
         return (
             None
@@ -572,7 +574,9 @@ def _apart(refinement: Refinement, rows: int) -> np.ndarray:
 def _refined(
     log: MotionLog, start: Loop | None, rigid: RigidFit, loop: Loop, delay: DelayFit, stated: float, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return loop and output-error fit, with the friction model of the machine file unless plain friction is better."""
+    """Return the loop and output-error fit, with the friction model of the machine file unless plain friction is
+    better.
+    """
     fit = _attempted(lambda: refine(loop, log, refined_names(loop)), remarks)
     if fit is None:
         return loop, None
@@ -643,7 +647,7 @@ def swapped(channels: Mapping[str, Any]) -> bool:
 def _by_friction(
     log: MotionLog, start: Loop, rigid: RigidFit, loop: Loop, plain: Refinement | None, remarks: list[str]
 ) -> tuple[Loop, Refinement | None]:
-    """Return loop and fit with the friction model of the machine file, or with plain friction if clearly better."""
+    """Return the loop and fit with the friction model of the machine file, or with plain friction if clearly better."""
     kind, other = start.axis.friction_load, loop.axis.friction_load
     assert kind is not None
     assert other is not None
@@ -682,7 +686,7 @@ _NO_LOOP = "the log is that of a shaft: closed loop and friction over the travel
 
 
 def _fixed(how: Preparation | None, dead_time: float) -> Preparation | None:
-    """Return the caller's preparation with a dead time in samples added; None without one, so that it is fitted."""
+    """Return the caller's preparation with a dead time in samples added; None if there is none: it is then fitted."""
     return None if how is None else replace(how, delay=how.delay + dead_time)
 
 

@@ -134,7 +134,7 @@ class ControlFit(Result):
         return self.control().law
 
     def control(self, force_limit: float | None = None) -> Control:
-        """Return law, filter and feedforward as blocks."""
+        """Return the law, the filter and the feedforward as blocks."""
         return _control(self.readings[0], self.smoothing, self.sample_time, self.turning, force_limit)
 
 

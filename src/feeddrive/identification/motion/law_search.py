@@ -310,7 +310,9 @@ def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored
 
 
 def structures(n: int, d: int, feeds: tuple[int | None, ...] = (None, 0, -1)) -> Iterator[Structure]:
-    """Yield all structures without model or low pass for one n and d; `feeds` are the ages of friction feedforward."""
+    """Yield all structures without a reference model or a low-pass filter for one n and d; `feeds` are the delays, in
+    samples, of the friction feedforward (None: none).
+    """
     for older in (0, 1):
         for fed in ("", "backward", "central", "middle"):
             for central in (False, True) if not fed else (False,):

@@ -91,7 +91,7 @@ class MotionLog:
         return "um" if self.frame is TABLE else "urad"
 
     def distance(self, value: float, digits: int = 4) -> Quantity:
-        """Return a position residual as a quantity with this unit."""
+        """Return a position residual as a quantity that is displayed in um or urad."""
         return Quantity(value, self.frame.position, form=f"{digits} {self.micro}")
 
     def _checked(self, channel: str, values: np.ndarray) -> np.ndarray:
@@ -271,7 +271,7 @@ class MotionLog:
 
 
 def held_readings(position: np.ndarray) -> int:
-    """Return m if only every m-th reading of a moving axis is new, else 1.
+    """Return m if only every m-th reading of a moving axis is new, otherwise 1.
 
     Only samples in which the axis moves by more than `_PER_SAMPLE` counts are considered, so that a constant reading
     cannot be due to slow motion.
@@ -480,9 +480,10 @@ _SMEARED = 0.01  # of a step: what the low pass of the position may still show o
 class Preparation:
     """The filters and delays that prepare a log for least squares.
 
-    cutoff       cutoff frequency of the Butterworth low pass on the position, Hz
+    cutoff       cutoff frequency of the Butterworth low-pass filter on the position, Hz
     decimation   decimation factor in samples; None: one row per 10 ms
-    delay        samples from a logged force to the resulting acceleration: 1/2 for the hold, plus the dead time
+    delay        samples from a logged force to the resulting acceleration: 1/2 for the zero-order hold, plus the dead
+                 time
     acceleration "second": (x(k+1) - 2 x(k) + x(k-1)) / T², which a held force fits exactly;
                  "twice": the central difference of the central difference
     skip         samples left out at each end, where the filters lack the continuation of the motion;
@@ -492,10 +493,10 @@ class Preparation:
                  undefined
     rest         fraction of the largest speed below which the axis is considered to be at rest
 
-    Without `reversals` the decimating low pass is applied to each stretch of motion separately.  At rest friction
-    balances any force, and a low pass over the whole log would spread this force by some 70 ms into the motion, where
-    the mass is identified.  A stretch begins and ends where the adjacent rest changes the filtered position by at most
-    1 % (see `reach`).
+    Without `reversals` the decimating low-pass filter is applied to each stretch of motion separately.  At rest
+    friction balances any force, and a low-pass filter over the whole log would spread this force by some 70 ms into the
+    motion, where the mass is identified.  A stretch begins and ends where the adjacent rest changes the filtered
+    position by at most 1 % (see `reach`).
     """
 
     cutoff: float = 100.0
@@ -531,7 +532,7 @@ class Prepared:
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
-    cutoff      cutoff frequency of the low pass on the position, Hz
+    cutoff      cutoff frequency of the low-pass filter on the position, Hz
     sample_time  sample time of the log, s
     how         the settings
     left_out    number of excluded rows by cause, in the order in which the causes were checked (see `CAUSES`)
@@ -560,7 +561,7 @@ class Prepared:
         return self.reduced(delayed(force, delay))
 
     def differenced(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return velocity and acceleration of another position, filtered like that of the log, at each sample."""
+        """Return the velocity and acceleration of another position, filtered like that of the log, at each sample."""
         return _differenced(position, self.cutoff, self.sample_time, self.how)
 
 
@@ -622,7 +623,7 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
 
 
 def _differenced(values: np.ndarray, cutoff: float, T: float, how: Preparation) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocity and acceleration of low-pass filtered positions."""
+    """Return the velocity and acceleration of low-pass filtered positions."""
     position = zero_phase(values, cutoff, T)
     velocity = central_difference(position, T)
     acceleration = central_difference(velocity, T)
@@ -645,7 +646,7 @@ def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float = REST
 
 
 def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarray, factor: int) -> np.ndarray:
-    """Return values at the rows `places`, after the decimating low pass over each stretch separately."""
+    """Return the values at the rows `places`, after the decimation low-pass filter over each stretch separately."""
     parts = []
     for stretch in stretches:
         inside = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
@@ -655,7 +656,7 @@ def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarra
 
 @lru_cache(maxsize=32)
 def reach(cutoff: float) -> int:
-    """Return the settling time of the position's low pass to within `_SMEARED`, in samples; cutoff in 1/sample.
+    """Return the settling time of the position's low-pass filter to within `_SMEARED`, in samples; cutoff in 1/sample.
 
         the largest d with |Σ_{k >= d} h(k)| > 1 %,   h: impulse response of both passes
 
@@ -686,7 +687,7 @@ def _away(velocity: np.ndarray, places: np.ndarray, factor: int) -> np.ndarray:
 
 
 def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int = 4) -> np.ndarray:
-    """Apply a Butterworth low pass of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
+    """Apply a Butterworth low-pass filter of `order`, forward and backward, so that there is no delay; `cutoff` in Hz.
 
         gain of both passes = 1 / (1 + (f / cutoff)^(2 order)),   1/2 at the cutoff
 
@@ -710,9 +711,9 @@ def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
 
 
 def decimated(values: np.ndarray, factor: int) -> np.ndarray:
-    """Return every `factor`-th sample of the last axis after an anti-aliasing low pass; the last sample is kept.
+    """Return every `factor`-th sample of the last axis after an anti-aliasing low-pass filter; the last sample is kept.
 
-    The low pass is that of MATLAB's decimate: Chebyshev type I, order 8, ripple 0.05 dB, edge 0.8 / factor of
+    The low-pass filter is that of MATLAB's decimate: Chebyshev type I, order 8, ripple 0.05 dB, edge 0.8 / factor of
     half the sampling rate, applied forward and backward.
     """
     if factor < 1:
@@ -723,7 +724,7 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
-    """Apply the low pass of `decimated` over the last axis."""
+    """Apply the low-pass filter of `decimated` over the last axis."""
     return values if factor == 1 else _forth_and_back(_chebyshev(factor), _ORDER, values)
 
 

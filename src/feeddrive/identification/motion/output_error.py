@@ -48,7 +48,7 @@ class Refinement(Result):
     start       initial values by name
     by_delay    tried dead time in samples -> RMS of the position residual, m
     replay      replay of the fitted loop
-    count       resolution of the readings, m, if the fit accounts for quantization; else 0
+    count       resolution of the readings, m, if the fit accounts for quantization; otherwise 0
     """
 
     name: str
@@ -192,7 +192,7 @@ def later(loop: Loop, samples: int) -> Loop:
 
 
 def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Return position and force of the simulated log, shape (2, n), without quantization and noise."""
+    """Return the position and force of the simulated log, shape (2, n), without quantization and noise."""
     loop = tree.vary(
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )

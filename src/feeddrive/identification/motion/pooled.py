@@ -65,7 +65,7 @@ class PooledFit(Result):
     estimates  the pooled values; ±1.96 `error` is a 95 % interval, `ols` does not include the scatter
     scatter    standard deviation of each parameter from log to log, beyond the errors of the fits
     chance     probability of a larger disagreement if the true value is the same in all logs
-    apart      parameters that only some logs have, such as a force along the travel; they are not pooled
+    apart      parameters that only some logs have, such as a position-dependent force; they are not pooled
     """
 
     name: str
@@ -241,7 +241,7 @@ class IdentifiedLogs(Result):
     rigid      the pooled values of the inverse dynamics
     model      the model with the pooled values; the rest, such as the law, is from the log with the most accurate mass
     remarks    remarks on the agreement of the logs and on values that were not pooled
-    contradicted  contradictions between the logs that indicate a wrong clock or scale; else empty
+    contradicted  contradictions between the logs that indicate a wrong clock or scale; otherwise empty
     """
 
     logs: tuple[Identified, ...]
@@ -350,7 +350,7 @@ def pool_logs(
     """Pool the results of several logs of one axis.
 
     The friction model is the one with the lower sum of the information criteria. The values of the closed loops are
-    pooled if all logs have a closed loop with the same law, else those of the inverse dynamics.
+    pooled if all logs have a closed loop with the same law, otherwise those of the inverse dynamics.
 
     again  function that identifies a log again, given its index and a friction model
 
@@ -443,7 +443,7 @@ class _Laws:
 
     @property
     def taken(self) -> Identified:
-        """The log with the most accurate mass."""
+        """The log with the most accurate estimate of the mass."""
         return min(self.logs, key=lambda log: log.mass.error / log.mass.value)
 
     def remarks(self) -> list[str]:

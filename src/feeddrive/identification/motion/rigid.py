@@ -88,12 +88,13 @@ class RigidFit(Result):
     validation  prediction of unused rows
     criterion   information criterion (lower is better) of the friction models that were compared
     counts      residual due to quantization of the readings, relative to the force, in used and in unused rows
-    dead_time   samples from the logged force to its effect, without the hold; its error is 0 if it was not fitted
+    dead_time   samples from the logged force to its effect, without the half sample of the zero-order hold; its error
+                is 0 if it was not fitted
     how         the preparation of the rows, with the delay of the fit
     instruments True if the set motion was used as instruments: the values are then free of the errors caused by
                 quantization and by the reaction of the control to disturbances
     left_out    number of excluded rows by cause (`motion_log.CAUSES`)
-    periods     periods of a force along the travel; infinite for a force proportional to the position
+    periods     periods of a position-dependent force; infinite for a force proportional to the position
     bends       True if the log shows elasticity of the axis: part of the force follows the fourth position derivative
     travel      smallest and largest position in the log
     """
@@ -262,7 +263,7 @@ def identify_rigid(
     how        filters and delays; the delay is then fixed.  Default: `Preparation()`, with the dead time as another
                unknown, since a wrong one would bias viscous friction
     folds      number of stretches in the cross-validation, each predicted by a fit of the others
-    dead_time  initial value of the dead time, in samples without the hold; default: 0
+    dead_time  initial value of the dead time in samples, without the half sample of the zero-order hold; default: 0
 
     Without `how` the log is fitted twice, in rows of 10 ms and of 5 ms. The finer rows are used if the others do not
     determine the mass to within 5 % and the finer ones are more precise. Errors include the disagreement of the two
@@ -354,11 +355,11 @@ def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: in
 
 @dataclass(frozen=True)
 class Terms:
-    """The forces besides those of mass and friction: a force along the travel, and the elasticity of the axis.
+    """The forces besides those of mass and friction: a position-dependent force, and the elasticity of the axis.
 
         slope (x - middle) + Σ (sine sin 2πx/period + cosine cos 2πx/period) + bend d⁴x/dt⁴
 
-    periods  the periods of the force along the travel; infinite: proportional to the position
+    periods  the periods of the position-dependent force; infinite: proportional to the position
     bends    True to include the last term. Well below its resonance f, a two-mass axis requires the force
              M (a ± d²a/dt² / (2πf)²), a the acceleration: + for an encoder at the load, since the motor is then ahead
     suspected  True if least squares finds elasticity that instruments do not confirm; it may be due to quantization
@@ -396,7 +397,7 @@ def _twice(values: np.ndarray, T: float) -> np.ndarray:
 
 
 def place_names(periods: Sequence[float]) -> list[str]:
-    """Return the names of the parameters of a force along the travel."""
+    """Return the names of the parameters of a position-dependent force."""
     names = []
     for period in periods:
         names += ["slope"] if np.isinf(period) else ["sine", "cosine"]
@@ -404,7 +405,7 @@ def place_names(periods: Sequence[float]) -> list[str]:
 
 
 def place_columns(position: np.ndarray, periods: Sequence[float], middle: float) -> np.ndarray:
-    """Return the columns of a force along the travel, shape (n, p): x - middle, or sin and cos of 2π x / period."""
+    """Return the columns of a position-dependent force, shape (n, p): x - middle, or sin and cos of 2π x / period."""
     columns = []
     for period in periods:
         turned = 2.0 * np.pi * position / period
@@ -420,11 +421,11 @@ def _middle(log: MotionLog) -> tuple[float, float, float]:
 def _by_evidence(log: MotionLog, rows: Prepared, used: np.ndarray, instruments: np.ndarray | None) -> Terms:
     """Return the terms that the log supports by evidence.
 
-    The candidates are the elasticity of the axis, a force proportional to the position, and a force that is periodic
-    along the travel. Its period is one turn of a rotary axis (the weight of an arm); on other axes it is the one that
-    explains most of the residual. A term is accepted if it lowers the information criterion by `_EVIDENCE`, exceeds
-    `_SURE_TERM` robust standard errors, and does not hide the mass (see `_hides`). Elasticity must be confirmed by
-    instruments; if only least squares finds it, it is kept as a term while the others are tested, and then removed.
+    The candidates are the elasticity of the axis, a force proportional to the position, and a force that is periodic in
+    position. Its period is one turn of a rotary axis (the weight of an arm); on other axes it is the one that explains
+    most of the residual. A term is accepted if it lowers the information criterion by `_EVIDENCE`, exceeds `_SURE_TERM`
+    robust standard errors, and does not hide the mass (see `_hides`). Elasticity must be confirmed by instruments; if
+    only least squares finds it, it is kept as a term while the others are tested, and then removed.
     """
     begin, end, _ = _middle(log)
     columns = columns_of(rows, "directional")
@@ -484,7 +485,7 @@ def _hides(columns: np.ndarray, wider: np.ndarray) -> bool:
 
 
 def _strongest(position: np.ndarray, columns: np.ndarray, residual: np.ndarray, travel: float) -> float:
-    """Return the period along the travel that explains most of the residual beyond the columns, or 0 if none fits."""
+    """Return the period in position that explains most of the residual beyond the columns, or 0 if none fits."""
     if travel <= 0.0:
         return 0.0
     # between the longest that repeats in the travel and the shortest whose rows still show its shape
@@ -555,7 +556,7 @@ class _Solved:
 
 
 def instruments_of(log: MotionLog, rows: Prepared) -> np.ndarray | None:
-    """Return instruments in these rows, columns of unit norm, shape (n, q); None without a set position.
+    """Return instruments in these rows, columns of unit norm, shape (n, q); None if there is no set position.
 
     They are the set velocity in each direction, the set acceleration and the set jerk, each after the low passes of
     `FILTERED`, which span the usual responses of a position loop, and indicators of the two directions of motion.
@@ -708,10 +709,10 @@ def _without_pulses(log: MotionLog, rows: Prepared, instruments: np.ndarray | No
     """Return a mask of the rows that excludes those in which an unknown force acts for a short time.
 
     The residual of such a row exceeds `_PULSE` robust standard deviations, 1.4826 · median |r - median r|. Its
-    neighbors, into which the low pass spreads the force, are excluded, too. The fit is repeated without these rows
-    until no more are found. All rows are kept if more than `_MOST_PULSES` of them would be excluded, since this is then
-    the usual residual, or if a parameter depends on the excluded rows (see `_needs`), such as the ramps of an elastic
-    axis.
+    neighbors, into which the low-pass filter spreads the force, are excluded, too. The fit is repeated without these
+    rows until no more are found. All rows are kept if more than `_MOST_PULSES` of them would be excluded, since this is
+    then the usual residual, or if a parameter depends on the excluded rows (see `_needs`), such as the ramps of an
+    elastic axis.
     """
     columns = columns_of(rows, "directional")
     columns = columns[:, np.any(columns != 0.0, axis=0)]
@@ -944,7 +945,7 @@ _DRIFT = 2  # times that, and samples, by which the delays of the two halves of 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DelayFit(Result):
-    """The dead time in samples, without the half sample of the hold, with its standard error.
+    """The dead time in samples, without the half sample of the zero-order hold, with its standard error.
 
     delays, residual  tried delays in samples, and the relative residual of the inverse dynamics with each, both of
                       shape (m,)
@@ -1040,7 +1041,7 @@ def find_delay(
 
 
 def _dead_time(solved: _Solved) -> tuple[float, float]:
-    """Return the dead time in samples, without the hold, and its standard error, which is 0 if the delay was fixed."""
+    """Return the dead time in samples, without that of the zero-order hold, and its standard error (0 if fixed)."""
     late = solved.delay - motion_log.HOLD
     if not solved.free:
         return late, 0.0
@@ -1110,10 +1111,10 @@ def _check(log: MotionLog, best: int, delays: np.ndarray, residual: np.ndarray, 
 
 
 def _rough(residual: np.ndarray) -> float:
-    """Return twice the largest decrease of a residual on the way from its minimum to longer or shorter delays.
+    """Return twice the largest decrease of a residual going from its minimum toward longer or shorter delays.
 
     Around the true delay a residual increases on both sides. If quantization enters the force through a velocity gain,
-    the residual is as ragged as the force, and its minimum is no evidence about clocks.
+    the residual is as ragged as the force, and its minimum says nothing about the offset of the clocks.
     """
     best = int(np.argmin(residual))
     sides = residual[best:], residual[best::-1]

@@ -30,7 +30,8 @@ _SURE = 0.1  # standard error over value up to which a parameter of such a combi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Agreement(Result):
-    """The agreement of measured and fitted responses: the RMS of ln(fitted/measured) on used and on unused lines.
+    """The agreement of measured and fitted responses: the RMS of ln(fitted/measured) at used and at unused frequency
+    lines.
 
     drawn        the model as a smooth curve, with short steps in the complex plane; its variance is J C Jᴴ, with
                  the covariance C of the parameters and the derivatives J, and does not include model errors
@@ -58,12 +59,16 @@ class Agreement(Result):
 
     @property
     def poor(self) -> bool:
-        """True if the prediction error on unused lines exceeds 3 dB RMS: the model does not describe this response."""
+        """True if the prediction error at unused frequency lines exceeds 3 dB RMS: the model does not describe this
+        response.
+        """
         return self.unused > _POOR
 
     @property
     def worst(self) -> tuple[float, float]:
-        """The frequency in Hz and magnitude in dB of the largest fit error, averaged over five neighboring lines."""
+        """The frequency in Hz and magnitude in dB of the largest fit error, averaged over five neighboring frequency
+        lines.
+        """
         worst = (0.0, 0.0)
         for measured, fitted in zip(self.measured, self.fitted, strict=True):
             apart = np.abs(np.log(fitted.response / measured.response))
@@ -124,7 +129,7 @@ class LineModel(Protocol):
         ...
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> Self:
-        """Return the model on other lines in Hz, one array per response."""
+        """Return the model at other frequencies in Hz, one array per response."""
         ...
 
 
@@ -173,7 +178,7 @@ def _variance(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray | None:
 def predicted(
     model: Model, unknowns: Sequence[Unknown], responses: Sequence[FRF], refined: Refined
 ) -> tuple[float, float]:
-    """Return the RMS of ln(G/Gm) on used lines, and on unused lines by five-fold cross-validation.
+    """Return the RMS of ln(G/Gm) at used frequency lines, and at unused ones by five-fold cross-validation.
 
     Each of the five fits leaves out every fifth line, starting at another one, so that each line is predicted once.
     Lines whose noise exceeds 30 % are ignored.
@@ -199,7 +204,7 @@ def predicted(
 
 
 def lines_above_noise(frf: FRF) -> np.ndarray:
-    """Return a mask of the lines above the noise, or of all lines if hardly any is above it.
+    """Return a mask of the frequency lines above the noise, or of all lines if hardly any is above it.
 
     The variance of a line is estimated from few averages, so that some lines in the noise seem to be certain by chance.
     Therefore the median over the neighboring lines must also be below `OPEN_LINE`.
@@ -214,7 +219,9 @@ def lines_above_noise(frf: FRF) -> np.ndarray:
 
 
 def advice(name: str, band: tuple[float, float], mass: float, error: float, units: ResponseUnits) -> str:
-    """Return the reason why these lines do not identify a parameter, and what to measure next; `band` is in Hz."""
+    """Return the reason why these frequency lines do not identify a parameter, and what to measure next; `band` is in
+    Hz.
+    """
     low, high = band
     last = name.rsplit(".", 1)[-1]
     known = Text(f"its standard error is {Quantity(error):2}")
@@ -270,7 +277,7 @@ def beyond(resonance: Estimate, band: tuple[float, float]) -> list[str]:
 
 
 def entangled(names: Sequence[str], refined: Refined) -> list[str]:
-    """Return remarks on parameters of which the lines determine only a combination.
+    """Return remarks on parameters of which the frequency lines determine only a combination.
 
     They follow from the singular values of the Jacobian with columns scaled to length one: if one of them is
     nearly zero, the parameters can change together in its direction without a visible effect.

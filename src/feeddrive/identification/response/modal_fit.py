@@ -1,4 +1,4 @@
-"""Modal fit of one or several frequency responses without start values: frequencies, damping ratios, residues."""
+"""Modal fit of one or several frequency responses without starting values: frequencies, damping ratios, residues."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -131,7 +131,7 @@ class ModalResponse:
         return 2 * self.modes + 2
 
     def on(self, frequencies: Sequence[np.ndarray], /) -> Self:
-        """Return the model on other lines in Hz."""
+        """Return the model at other frequencies in Hz."""
         return replace(self, s=tuple(2j * np.pi * f for f in frequencies))
 
     def shapes(self, s: np.ndarray, parameters: np.ndarray) -> np.ndarray:

@@ -64,7 +64,7 @@ class PlantFit(Result):
     estimates         every fitted parameter with its standard errors; `covariance` is in their order
     derived           derived quantities: antiresonance, resonance, inertia ratio, total mass
     not_identifiable  the reason by parameter, and what to measure next; `plant` contains the value that was used
-    agreement         agreement with the responses, on used and on unused lines
+    agreement         agreement with the responses, at used and at unused frequency lines
     remarks           further remarks based on the residuals and the errors
     """
 
@@ -85,7 +85,7 @@ class PlantFit(Result):
         return estimates_by_name[name]
 
     def blocks(self) -> tuple[Plant, Actuator]:
-        """Return plant and actuator as blocks of an axis, which is rotary if the fit is in rad and N m.
+        """Return the plant and actuator as blocks of an axis, which is rotary if the fit is in rad and N m.
 
         Raises ParameterError for units other than kg and N/m or kg m2 and N m/rad.
         """
@@ -139,7 +139,7 @@ class Task:
 
     @property
     def band(self) -> tuple[float, float]:
-        """The lowest and the highest line, Hz."""
+        """The lowest and the highest frequency line, Hz."""
         return min(f.frequency[0] for f in self.frfs), max(f.frequency[-1] for f in self.frfs)
 
     def model(self, names: Sequence[str]) -> TracedPlant:
@@ -154,7 +154,7 @@ class Task:
         return TracedPlant(self.plant, names, lines, fixed)
 
     def unknowns(self, names: Sequence[str]) -> list[Unknown]:
-        """Return initial value, scale and bounds of each parameter."""
+        """Return the initial value, scale and bounds of each parameter."""
         leaves = dict(tree.leaves(self.plant))
         low, high = (2.0 * np.pi * f for f in self.band)
         mass = float(self.plant.rigid_mass())
@@ -204,7 +204,8 @@ def solve(task: Task, names: Sequence[str], *, logarithmic: bool, steps: int = S
 def finished(
     task: Task, names: Sequence[str], neutral: Sequence[str] = (), stated: Mapping[str, float] | None = None
 ) -> PlantFit:
-    """Fit until convergence, fixing parameters of `neutral` that the lines do not determine, and return the fit.
+    """Fit until convergence, fixing parameters of `neutral` that the frequency lines do not determine, and return the
+    fit.
 
     `neutral` lists optional parameters in the order in which they are fixed, at zero or at their `stated` value.  The
     errors of the other parameters are computed as if the fixed ones were unknown.
@@ -274,7 +275,7 @@ def finished(
 def _covariance(
     task: Task, names: Sequence[str], refined: Refined, weighted: bool, gone: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the parameters; those fixed during the fit count as unknown."""
+    """Return the robust and the plain covariance of the parameters; those fixed during the fit count as unknown."""
     every = [*names, *gone]
     at = np.concatenate([refined.values, [*gone.values()]])
     both = covariances_at(
@@ -410,7 +411,9 @@ class TracedPlant:
 def _core(
     model: LinearModel, frequency: np.ndarray, T: float | None, dead_time: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return s at all lines and aliases, the factor of dead time and hold, and response and derivatives of the core."""
+    """Return s at all frequency lines and aliases, the factor of dead time and zero-order hold, and response and
+    derivatives of the core.
+    """
     aliases = np.zeros(1) if T is None else np.arange(-(most := _aliases(frequency, T)), most + 1) / T
     s = 2j * np.pi * (frequency + aliases[:, None]).ravel()
     factor = np.exp(-s * dead_time)
@@ -482,14 +485,16 @@ def fit_plant(
     force_per_unit: float | None = None,
     travel_per_unit: float | None = None,
 ) -> PlantFit:
-    """Fit any plant block, starting from its values, to the responses of motor and load encoder.
+    """Fit any plant block, starting from its values, to the responses of the motor and the load encoder.
 
         x/f = e^(-s·dead_time) / (1 + s/ω) · Sᵢ (M s² + C s + K)⁻¹ S_driveᵀ,   both responses together
 
     motor, load        position (or velocity, acceleration, by their unit) over the drive's force, at least one of them
     fixed              known parameters by name; they keep that value
-    absent             parameters, such as friction, that keep the value of `plant` if the lines do not determine them
-    dead_time          dead time, s; None: it is fitted.  For a response with a sample time it does not include the hold
+    absent             parameters, such as friction, that keep the value of `plant` if the frequency lines do not
+                       determine them
+    dead_time          dead time, s; None: it is fitted.  For a response with a sample time it does not include the
+                       zero-order hold
     held               True if the input of a sampled response is a command held over each sample; False for a measured
                        current or force
     current_loop       bandwidth, Hz; None: the force follows without lag, unless `find_current_loop` is set
@@ -498,8 +503,8 @@ def fit_plant(
     travel_per_unit    m per unit of their output (lead/2π for rad).  Without these, the result is in the units of the
                        responses
 
-    The cost is that of `refine`: residuals weighted by the variances where these are known, else complex logarithmic
-    ratios.
+    The cost is that of `refine`: residuals weighted by the variances where these are known, otherwise complex
+    logarithmic ratios.
     Raises ParameterError for different units, an unknown name and too few lines.
     Not suitable for poor initial values; `fit_two_mass` and `fit_modal_axis` find their own.
     """
@@ -536,9 +541,9 @@ def fit_two_mass(
         (m1 s² + (b1 + c) s + k) x1 - (c s + k) x2 = e^(-s·dead_time) f,   (m2 s² + (b2 + c) s + k) x2 = (c s + k) x1
 
     The arguments are those of `fit_plant`; initial values are `begin`, or follow from a modal fit:  m2/m1 =
-    residue/free at the motor, k = ω² m1 m2/(m1 + m2).  Viscous friction that the lines do not determine is fixed at
-    zero and reported as not identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)), inertia
-    ratio m2/m1, total mass.
+    residue/free at the motor, k = ω² m1 m2/(m1 + m2).  Viscous friction that the frequency lines do not determine is
+    fixed at zero and reported as not identifiable.  Derived: antiresonance √(k/m2), resonance √(k (m1 + m2)/(m1 m2)),
+    inertia ratio m2/m1, total mass.
 
     Raises NotIdentifiableError if only the load's response is given and no mass is fixed: it determines the total
     mass and the resonance, but not the mass ratio.
@@ -752,7 +757,7 @@ class ModelBand:
     """The band in which two masses and a spring explain a response.
 
     low, high   ends of the band, Hz
-    whole       True if it contains all lines
+    whole       True if it contains all frequency lines
     begin       initial plant for a fit, from some lines of the band; empty if the lines contain no resonance
     scatter     deviation of the fits to narrower bands beyond their standard errors, by parameter: the effect of
                 systematic measurement errors
@@ -795,10 +800,10 @@ class ModelBand:
 def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: bool = True) -> ModelBand:
     """Return the widest band, from the lowest line up, in which two masses and a spring explain a response.
 
-    A drive's response extends to several kHz, where there are structural modes beyond the first one; a fit to all lines
-    would mistake one of these for the spring.  Bands with upper ends an octave apart are fitted.  Among those that
-    contain the fitted resonance, the widest one is selected whose error beyond the noise is at most 2 %, or at most 1.5
-    times the smallest error.  If no band contains a resonance, all lines are used.
+    A drive's response extends to several kHz, where there are structural modes beyond the first one; a fit to all
+    frequency lines would mistake one of these for the spring.  Bands with upper ends an octave apart are fitted.  Among
+    those that contain the fitted resonance, the widest one is selected whose error beyond the noise is at most 2 %, or
+    at most 1.5 times the smallest error.  If no band contains a resonance, all lines are used.
 
     band   range of the lines to be considered, Hz
     held   as for `fit_plant`
@@ -830,10 +835,11 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
 
 
 def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
-    """Return, by parameter, the RMS difference between the first fit and those to narrower bands, beyond the noise.
+    """Return, for each parameter, the RMS difference between the first fit and those to narrower bands, beyond the
+    noise.
 
-    If the model is correct, the variance of the difference between an estimate from some lines and one from all lines
-    is the difference of their variances.
+    If the model is correct, the variance of the difference between an estimate from some frequency lines and one from
+    all lines is the difference of their variances.
     """
     first, *others = ({e.name: e for e in (*fit.estimates, *fit.derived)} for fit in fits)
     scatter: dict[str, float] = {}
@@ -849,7 +855,7 @@ def _scatter(fits: Sequence[PlantFit]) -> dict[str, float]:
 
 
 def on_lines(frf: FRF, lines: np.ndarray) -> FRF:
-    """Return the response restricted to some of its lines, which are given by index or mask."""
+    """Return the response restricted to some of its frequency lines, which are given by index or mask."""
     coherence, variance = (None if row is None else row[lines] for row in (frf.coherence, frf.variance))
     return replace(
         frf, frequency=frf.frequency[lines], response=frf.response[lines], coherence=coherence, variance=variance
@@ -857,7 +863,7 @@ def on_lines(frf: FRF, lines: np.ndarray) -> FRF:
 
 
 def _misses(fit: PlantFit) -> float:
-    """Return the RMS of ln(fitted/measured) on unused lines beyond the measurement noise, if it is known.
+    """Return the RMS of ln(fitted/measured) at unused frequency lines beyond the measurement noise, if it is known.
 
     It is a mean and not a median, since a structural mode affects only a few lines, but strongly.
     """
@@ -901,7 +907,9 @@ class AxisFits(Result):
         return self.fits[self.chosen]
 
     def table(self) -> Table:
-        """Return a table with one row per structure: parameters, RMS error on unused lines in dB, autocorrelation."""
+        """Return a table with one row per structure: parameters, RMS error at unused frequency lines in dB,
+        autocorrelation.
+        """
         rows: list[Sequence[Cell]] = [
             [
                 name,
@@ -980,7 +988,7 @@ def fit_axis(
 
 
 def simplest(fits: Mapping[str, PlantFit]) -> str:
-    """Return the structure with the fewest parameters among those that predict unused lines best.
+    """Return the structure with the fewest parameters among those that predict unused frequency lines best.
 
     A structure whose total mass is not determined by the lines is excluded if another structure determines it, since a
     tuning needs the mass.

@@ -84,11 +84,12 @@ def taken(
     force_per_unit: float | None,
     travel_per_unit: float | None,
 ) -> tuple[dict[str, FRF], ResponseUnits]:
-    """Return the available responses in SI, cut to a band in Hz, with their input and output quantities.
+    """Return the available responses in SI units, cut to a band in Hz, with their input and output quantities.
 
     force_per_unit    N per unit of the input, such as the force constant of a motor in N/A
     travel_per_unit   m per unit of the output, such as lead/2π for an angle in rad
-    Raises ParameterError if there is no response, if one is 0, if their units differ or if too few lines are left.
+    Raises ParameterError if there is no response, if one is 0, if their units differ or if too few frequency lines are
+    left.
     """
     there = {name: _in_si(as_frf(frf)) for name, frf in responses.items() if frf is not None}
     if not there:
@@ -166,7 +167,8 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A response with the standard deviation of its lines, which is relative if no variance was measured (`relative`).
+    """A response with the standard deviation of its frequency lines, which is relative if no variance was measured
+    (`relative`).
 
     With a variance the residual is (G - Gm)/σ, σ² = variance + (model error · |Gm|)²; without one it is ln(G/Gm), which
     gives peaks and valleys the same weight, divided by the standard deviation that follows from the coherence of
@@ -179,7 +181,7 @@ class Measured:
 
     @property
     def lines(self) -> int:
-        """The number of lines."""
+        """The number of frequency lines."""
         return self.frf.frequency.size
 
 
@@ -242,7 +244,7 @@ def refine(
     steps: int = STEPS,
     model_error: float = 0.0,
 ) -> Refined:
-    """Minimize the cost by the Levenberg-Marquardt method, on the lines in `use`.
+    """Minimize the cost by the Levenberg-Marquardt method, over the frequency lines in `use`.
 
     The initial values are `start`, by default those of the unknowns.  The cost is Σ ρ(r), ρ = 2 s² c² (√(1 + (r/sc)²) -
     1), c = 2, s the median magnitude of the residuals: quadratic except for outlying lines, whose influence is
@@ -322,7 +324,7 @@ def _inner(unknowns: Sequence[Unknown], values: np.ndarray) -> np.ndarray:
 
 
 def _outer(unknowns: Sequence[Unknown], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return parameter values and their derivatives with respect to the internal parameters."""
+    """Return the parameter values and their derivatives with respect to the internal parameters."""
     values = np.array(
         [np.exp(v) if unknown.positive else v * unknown.scale for unknown, v in zip(unknowns, u, strict=True)]
     )
@@ -439,7 +441,7 @@ def covariances_at(
     logarithmic: bool,
     model_error: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariances of all parameters at given values, without a fit.
+    """Return the robust and the plain covariance of all parameters at given values, without a fit.
 
     The parameters may include some that were fixed in the fit because they are not identifiable: counting them as
     unknown increases the errors of the others.
@@ -462,7 +464,7 @@ def _turns(whole: Sequence[np.ndarray]) -> np.ndarray:
 def _covariances(
     r: np.ndarray, slopes: np.ndarray, scale: np.ndarray, free: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return robust and plain covariance of the values; `scale` converts from the internal parameters.
+    """Return the robust and the plain covariance of the values; `scale` converts from the internal parameters.
 
     The covariance of an estimate with Σ ψ(r) ∂r = 0, ψ = ρ'(r)/2, is mean ψ² / (mean ψ')² (JᵀJ)⁻¹ (Huber 1981).
     A difference between even and odd lines beyond noise is distortion or model error, which is added to the robust

@@ -204,7 +204,7 @@ class Unit:
 
     @property
     def code(self) -> MachineCode:
-        """The machine code, loaded from disk if stored there, else compiled quickly."""
+        """The machine code, loaded from disk if stored there, otherwise compiled quickly."""
         if self._code is None:
             with _lock:
                 # another thread may have compiled it while this one waited for the lock

@@ -8,9 +8,9 @@ The whole time loop is one function:
     void name(i64 count, i64 first, double *constants, double *inputs, double *states, double *outputs, double **tables,
               i64 row, i64 column)
 
-Constants, and states followed by the cells of ring buffers, are laid out as [number][lane], and outputs as
-[sample][number][lane].  Inputs are the same for all lanes; `row` is their stride from sample to sample and `column`
-that from number to number, so each input may be a separate row.  Separate rows for the outputs made the loop 8 %
+Constants, and states followed by the cells of ring buffers, are laid out as [value][lane], and outputs as
+[sample][value][lane].  Inputs are the same for all lanes; `row` is their stride from sample to sample and `column` the
+stride from value to value, so each input may be a separate row.  Separate rows for the outputs made the loop 8 %
 slower.  Values that do not change from sample to sample are computed before the loop.
 """
 

@@ -1,4 +1,4 @@
-"""Rows 1.a to 1.c: the equations of the paper, in the ideal loop."""
+"""Claims 1.a to 1.c: the equations of the paper, in the ideal loop."""
 
 from dataclasses import dataclass, replace
 
@@ -78,7 +78,7 @@ def _run(law: DADSC | CascadePPI, disturbance: np.ndarray, setpoint: np.ndarray 
 
 
 def equations() -> tuple[list[Claim], list[Picture]]:
-    """Return the claims and pictures of rows 1.a to 1.c."""
+    """Return claims 1.a to 1.c, which check the equations, and their pictures."""
     # the second law has g2 = 0.9 g1/Q, so that the coupling of estimate and s does not vanish
     law, ppi = testbed.dadsc(300.0), testbed.cascade(300.0)
     coupled = replace(law, adaptation_ratio=0.9)

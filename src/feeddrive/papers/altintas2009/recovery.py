@@ -1,7 +1,7 @@
-"""Rows 1.e, 1.f and 1.m to 1.q: disturbance recovery, also for machine modes and against simultaneous disturbances.
+"""Claims 1.e, 1.f, 1.m to 1.q: disturbance recovery, also for machine modes and against simultaneous disturbances.
 
-Row 1.e: force step and interrupted milling.  Row 1.f: a machine mode, compensated by the axis.
-Rows 1.m to 1.q: stiffness versus frequency, bandwidths, and simultaneous cutting, friction and a machine mode during
+Claims 1.e: force step and interrupted milling.  Claims 1.f: a machine mode, compensated by the axis.
+Claims 1.m to 1.q: stiffness versus frequency, bandwidths, and simultaneous cutting, friction and a machine mode during
 motion.
 """
 
@@ -83,7 +83,7 @@ def _observed(run: Run) -> dict[str, Observation]:
 
 
 def estimation() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Return the claims, table and pictures of row 1.e."""
+    """Return claims 1.e, their table and their pictures."""
     cutting = milling(DURATION)
     cut = {q: _run(cutting, q) for q in (None, RESOLUTION)}
     seen = {q: _observed(run) for q, run in cut.items()}
@@ -229,8 +229,8 @@ def compensated(
 
 
 def tool_error(rate: float, compensation: tuple[Compensation, ...], load: Load, frequency: float = 35.0) -> np.ndarray:
-    """Return x - x_s - x_r at the tool in m, where x_s is the deflection of the tool side due to the reaction of the
-    drive force.
+    """Return the error x - x_s - x_r at the tool in m, where x_r = 0 is the set position, and x_s the deflection of the
+    tool side, on which the load force acts with the opposite sign.
     """
     control = loop(dadsc(rate), compensation=compensation)
     run = simulate(control, REST, load=load, duration=MODE_DURATION, record=("position_load", "load_force"))
@@ -243,7 +243,7 @@ def _rms(error: np.ndarray, skip: int = MODE_SKIP) -> float:
 
 
 def machine_modes() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Return the claims, table and picture of row 1.f."""
+    """Return claims 1.f, their table and their picture."""
     sine = SineForce(amplitude=100.0, frequency=35.0)
     named = {
         "no compensation": tool_error(600.0, (), sine),
@@ -441,8 +441,8 @@ def _band(seen: np.ndarray, force: np.ndarray) -> float:
 
 
 def bandwidths() -> list[Claim]:
-    """Check that the bandwidth of the recovery is independent of law and gains, and that the bandwidth of the law's own
-    estimate equals the adaptation rate.
+    """Check that the bandwidth of the recovery is independent of the law and its gains, and that the bandwidth of the
+    law's own estimate equals the adaptation rate.
     """
     pulse = np.zeros(10_001)
     # 2 ms: a spectrum without zeros below 500 Hz

@@ -1,4 +1,4 @@
-"""Rows 1.d and 1.g to 1.i: dynamic stiffness and its limit due to dead time, tracking, and a step with force
+"""Claims 1.d and 1.g to 1.i: dynamic stiffness and its limit due to dead time, tracking, and a step with force
 saturation.
 """
 
@@ -47,7 +47,7 @@ def _ideal(law: Law, lines: np.ndarray = F) -> np.ndarray:
 
 
 def rigidity() -> tuple[list[Claim], list[Picture]]:
-    """Return the claims and pictures of row 1.d."""
+    """Return claims 1.d and their pictures."""
     claims, pictures = _equal_velocity_gain()
     return [*claims, *_literal(), *_equal_integral(), *_fair(), *_rejection()], pictures
 
@@ -247,7 +247,7 @@ def _rejection() -> list[Claim]:
 
 
 def delays() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Return the claims, table and picture of row 1.i."""
+    """Return claims 1.i, their table and their picture."""
     samples = (0, 1, 2, 3)
     # all three rates together, so that the triple pole stays triple
     names = [f"axis.x.control.law.{name}" for name in DADSC.tunables]
@@ -314,7 +314,7 @@ STEP, LIMIT, LENGTH = 5e-3, 400.0, 6000
 
 
 def motion() -> tuple[list[Claim], list[Picture]]:
-    """Return the claims and pictures of rows 1.g and 1.h."""
+    """Return claims 1.g and 1.h and their pictures."""
     claims, pictures = _tracking()
     more, other = _saturation()
     return claims + more, pictures + other

@@ -1,4 +1,4 @@
-"""Rows 1.j to 1.l: the shipped blocks, compared with an independent evaluation of their equations."""
+"""Claims 1.j to 1.l: the shipped blocks, compared with an independent evaluation of their equations."""
 
 from typing import Any
 

@@ -228,7 +228,7 @@ def _solved(
     T: float,
     load: float,
 ) -> tuple[float, float]:
-    """Return position and velocity at the end of a sample, with F = c + d x and (m/T + b) v = m v(k-1)/T + F + F_d."""
+    """Return the position and velocity at the end of a sample, for F = c + d x, (m/T + b) v = m v(k-1)/T + F + F_d."""
     at = before + T * speed
     here = answer(at)[1]
     # the law is affine in the reading: a difference of any width is exact

@@ -58,7 +58,8 @@ class Case:
 
     gain      ratio of true to assumed input gain, a M̂ / (a M)
     friction  "tanh", or "set" for Coulomb friction with a true standstill
-    chip      "actual": from the motion of tool and table over the last tooth period; "constant" as in the paper's table
+    chip      "actual": from the motion of the tool and the table over the last tooth period; "constant" as in the
+              paper's table
     radial_depth  radial depth of cut, m; None for slotting
     opposite  True if the cutting force on y is that of a second leg towards -x
     """

@@ -1,4 +1,4 @@
-"""Rows 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
+"""Claims 3.zc to 3.zh: the shipped law, observer, cutter and reference, compared with an independent evaluation."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +46,7 @@ def _roots(taylor_states: int) -> np.ndarray:
 
 
 def _observed(taylor_states: int, y: np.ndarray, force: np.ndarray, believed: float) -> np.ndarray:
-    """Compute position, velocity and disturbance by (13) to (15) with scipy; u is held, y is interpolated linearly."""
+    """Compute the position, velocity and disturbance by (13) to (15) with scipy; u is held, y interpolated linearly."""
     from scipy.linalg import expm
 
     order = 2 + taylor_states

@@ -71,7 +71,7 @@ class Linear:
 
 
 def loop_figures() -> Part:
-    """Check margins, crossover and stiffness of the loop with the default gains."""
+    """Check the margins, crossover and stiffness of the loop with the default gains."""
     ppc, ppi = Linear(testbed.placed()), Linear(testbed.cascade())
     ratio = {f: ppc.stiffness(f) / ppi.stiffness(f) for f in NAMED}
     # a loop without crossover fails its claim, since NaN is within no bounds

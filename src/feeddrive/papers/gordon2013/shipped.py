@@ -1,4 +1,4 @@
-"""Rows 2.h and 2.i: the shipped gains, poles and commands, compared with an independent evaluation, and their
+"""Claims 2.h and 2.i: the shipped gains, poles and commands, compared with an independent evaluation, and their
 effect.
 """
 

@@ -53,7 +53,7 @@ class Part:
 
 
 def placed(law: PolePlacement = DESIGN, feedforward: tuple[Feedforward, ...] = (FULL,)) -> Loop:
-    """Return the axis under pole placement, with inverse dynamics and without friction."""
+    """Return the axis under pole-placement control, with inverse dynamics and without friction."""
     today = cascade()
     return replace(today, control=replace(today.control, law=law, feedforward=feedforward))
 

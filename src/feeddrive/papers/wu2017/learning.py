@@ -1,8 +1,8 @@
-"""Rows 4.a to 4.f and 4.l to 4.n: errors over the trials, and the circle of two axes.
+"""Claims 4.a to 4.f and 4.l to 4.n: errors over the trials, and the circle of two axes.
 
-Rows 4.a to 4.f: three sets of basis functions, with constant and changing references.
+Claims 4.a to 4.f: three sets of basis functions, with constant and changing references.
 
-Row 4.n: learned parameters versus a learned signal, with a repeated and with a changing task.
+Claims 4.n: learned parameters versus a learned signal, with a repeated and with a changing task.
 """
 
 import dataclasses
@@ -195,7 +195,7 @@ CASES: dict[str, tuple[object, object]] = {
 
 
 def signals() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Return the claims, tables and pictures of row 4.n."""
+    """Return claims 4.n, their tables and their pictures."""
     by_case: dict[tuple[str, str, bool], np.ndarray] = {}
     rows: list[list[str | float | None]] = []
     for smooth in (True, False):

@@ -1,4 +1,4 @@
-"""Rows 4.g to 4.j: the error model against the simulated loop, rates of convergence, noise and condition number."""
+"""Claims 4.g to 4.j: the error model against the simulated loop, rates of convergence, noise and condition number."""
 
 import dataclasses
 
@@ -33,7 +33,7 @@ _RECORDED = ("following_error", "force", "requested", "trip")
 
 
 def rates() -> tuple[list[Claim], list[Table], list[Picture]]:
-    """Return the claims, tables and pictures of rows 4.g to 4.j."""
+    """Return claims 4.g to 4.j, their tables and their pictures."""
     by_mass, mass_table, curve = _by_mass()
     gain_table = _by_gain()
     scatter, scatter_table = _scatter()

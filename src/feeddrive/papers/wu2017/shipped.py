@@ -1,4 +1,4 @@
-"""Rows 4.o to 4.r: the shipped compensator, error model and update, compared with an independent evaluation, and the
+"""Claims 4.o to 4.r: the shipped compensator, error model and update, compared with an independent evaluation, and the
 claim G = 1.
 """
 

@@ -456,11 +456,12 @@ class _Begun(NamedTuple):
 
 
 class Joiner:
-    """The joiner that connects the segments of consecutive chains into runs.
+    """A joiner, which connects the segments of consecutive chains (`Chain`) into runs, the sections between two stops.
 
-    sharpest, lonely  as in `join`
-    held      largest number of lines of an unfinished cluster that are held back; a fifth of this number if these lines
-              have a total length of 50 mm or more
+    sharpest  sine of half of the largest corner angle without a stop, as in `join`
+    lonely    limit of the length of the segments next to a corner, as in `join`
+    held      a cluster (lines too short for separate blends) that may continue in the next chain is held back while it
+              has fewer lines than this; from a fifth of this number, only if they are shorter than 50 mm in total
     """
 
     def __init__(self, sharpest: float = 0.35, lonely: float = LONELY, held: int = 5000) -> None:

@@ -1,13 +1,13 @@
-"""Segments of the machine's axes from the moves of a part program, and the blend that rounds a joint of two segments.
+"""Segments in axis coordinates from the moves of a part program, and the blend that rounds the joint of two segments.
 
-Moves become lines, arcs and splines of the machine's axes, with feed and tolerance.  If a move involves both linear and
+Moves become lines, arcs and splines in axis coordinates, with feed and tolerance.  If a move involves both linear and
 rotary axes, its path length covers all of them, and 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for
 a move without these it refers to U V W; for a move of A B C alone it is in degrees.
 
-A blend is a polynomial of seventh degree that matches both segments in three derivatives.  At the distance L before and
-after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected over a
-parameter length B = L (1.4 + 0.3 (1 + t0·t1)), where t0 and t1 are the directions at the joint.  The distance to the
-segments is bounded, not sampled: blend and segments are polynomials of the same parameter (arcs are approximated to
+A blend is a polynomial of seventh degree that matches both segments up to the third derivative.  At the distance L
+before and after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected
+over a parameter length B = L (1.4 + 0.3 (1 + t0·t1)), where t0 and t1 are the directions at the joint.  The distance to
+the segments is bounded, not sampled: blend and segments are polynomials of the same parameter (arcs are approximated to
 within R (φ/2)⁸/8!), and the convex hull of the Bernstein points of their difference contains this difference.
 """
 
@@ -533,7 +533,7 @@ def _length(move: Going, axes: tuple[int, ...]) -> float:
 
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
-    """Return length and shape of an arc, as in `Pieces`."""
+    """Return the length and shape of an arc, as in `Pieces`."""
     shape = np.zeros((len(columns), 8))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])

@@ -455,7 +455,9 @@ def _led(moving: dict[str, float], start: list[float], incremental: bool) -> tup
 
 
 def _length(start: list[float], end: list[float]) -> float:
-    """Return the length of a straight move to which its feed refers: along X Y Z, else U V W, else A B C (degrees)."""
+    """Return the length of a straight move to which its feed refers: along X Y Z, or without these U V W, or A B C
+    (degrees).
+    """
     for axes in ((0, 1, 2), (6, 7, 8), (3, 4, 5)):
         length = math.hypot(*(end[axis] - start[axis] for axis in axes))
         if length > 0:

@@ -54,8 +54,8 @@ def _widened(low: float, high: float, down: float, up: float, more: float, out: 
 
 @kernel
 def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add to the rows of `out` the ranges by which velocity .. snap of an axis may differ from motion along the
-    tangent, due to curvature.
+    """Add to the rows of `out` the ranges by which the velocity, acceleration, jerk and snap of an axis may differ from
+    those of motion along the tangent, due to curvature.
 
     c is r' of the axis at the corner, `most` are bounds on r' .. r'''', and `away` is a bound on the distance to the
     corner; u' .. u'''' are the values at the start of an interval of h seconds.
@@ -806,7 +806,7 @@ class Crossings:
     """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
     allow.
 
-    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     def __init__(self, limits: np.ndarray) -> None:

@@ -2,8 +2,8 @@
 
 The original plan has u'' = u''' = 0 at each node, and each ramp obeys the strictest limits of all pieces that it
 crosses.  Here u'² is a spline in u between two states of that plan, and all its coefficients are optimized
-simultaneously (`spline`).  The result, in time intervals of constant snap, is used if it is proven and faster;
-otherwise the original plan is kept.
+simultaneously (`spline`).  The result, in time intervals of constant snap, is used if it is proven to keep the limits
+and is faster; otherwise the original plan is kept.
 """
 
 from collections.abc import Iterator

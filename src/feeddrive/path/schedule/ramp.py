@@ -228,7 +228,7 @@ class Path(NamedTuple):
     begin   u at the start of each of n pieces, and at the end of the last, m, shape (n + 1,)
     most    bounds of the first .. fourth derivative of each axis with respect to u, shape (n, N, 4)
     caps    speed limits of each piece, shape (n, 2)
-    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
 
     begin: Floats
@@ -263,7 +263,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 @kernel
 def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
-    """Return duration and snap of one of the seven phases of a ramp up."""
+    """Return the duration and snap of one of the seven phases of a ramp up."""
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap

@@ -36,11 +36,11 @@ class Override(NamedTuple):
     factor: np.ndarray
 
     def at(self, time: float) -> float:
-        """Return the factor at a time, s."""
+        """Return the factor at a time in s."""
         return float(self.factor[np.searchsorted(self.time, time, side="right") - 1])
 
     def moves_again(self, time: float) -> float:
-        """Return the first time at or after `time` at which the factor is not 0, s."""
+        """Return the first time, in s, at or after `time` at which the factor is not 0."""
         k = int(np.searchsorted(self.time, time, side="right")) - 1
         if self.factor[k] > 0.0:
             return time
@@ -125,7 +125,7 @@ class _Plan(NamedTuple):
 class Schedule:
     """The planner of runs whose sections are added successively.
 
-    limits  limits of velocity .. snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     window  number of pieces planned together; more where ramps are longer
     time    time up to which the motion is final, s; with an override the caller adds pauses from other sources
     """
@@ -318,8 +318,8 @@ class Schedule:
         return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
-        """Return a part in time intervals of constant snap: two ramps of seven phases and a plateau for each
-        stretch.
+        """Return one part of the motion as time intervals of constant snap: two ramps of seven phases and a plateau for
+        each stretch.
         """
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))

@@ -107,7 +107,7 @@ class Compare(Room):
         return Said({**answer.words, "go": "tune"}, answer.charts)
 
     def _written(self, name: str, control: Control, asked: CompareRequest, machine: MachineFile) -> Path:
-        """Write the machine file with a law of the comparison, and record a request that writes the same file."""
+        """Write the machine file with one of the compared laws, and record a request that writes the same file."""
         law = re.sub(r"\W+", "_", name).strip("_").lower() or "law"
         # a law that was taken before keeps its file, to which an undo may return
         out = free_name(self.desk.folder / "compared", law)

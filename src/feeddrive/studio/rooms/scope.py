@@ -321,7 +321,9 @@ class Scope(Room):
         return units.scaled(number, factor)
 
     def _middle(self, channel: str) -> float | None:
-        """Return a level that the signal crosses: the mean of its minimum and maximum in view; None without data."""
+        """Return a level that the signal crosses: the mean of its minimum and maximum in view; None if there are no
+        data.
+        """
         shown = self._shown()
         if shown is None or shown.channels.get(channel) != self.scope.channels[channel]:
             return None

@@ -39,7 +39,7 @@ class Recipe:
 
     commands  shell commands, one per line
     python    Python script
-    job       job file that simulates the move of the page with reference and current controller; empty without a
+    job       job file that simulates the move of the page with reference and current controller; empty if there is no
               machine
     """
 

@@ -128,7 +128,7 @@ class Tour(Room):
 
     @property
     def words(self) -> dict[str, Any] | None:
-        """The current step for the page; None without a tour."""
+        """The current step for the page; None if there is no tour."""
         # every message has the current step, also those that a finished job sends
         self._follow()
         if self.at is None:

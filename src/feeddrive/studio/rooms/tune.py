@@ -38,7 +38,7 @@ def verdict_words(look: Look, limits: Limits, units: Units) -> list[dict[str, An
 
 
 def figure_words(look: Look, units: Units) -> str:
-    """Return crossover, margins and minimum stiffness of the worst operating point, with their frequencies."""
+    """Return the crossover, margins and minimum stiffness of the worst operating point, with their frequencies."""
     leading, parts = look.leading, list[str]()
     margins = leading.margins
     if margins.crossover is not None:
