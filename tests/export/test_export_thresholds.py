@@ -166,7 +166,8 @@ def test_the_check_on_a_plc_takes_the_cycles_that_the_document_says() -> None:
     assert found
     made = exported("cascade_ppi, plain")
     unit = structured_text.check(made.layout, made.program)
-    text = f"{made.program.text()}\n{unit.text()}"
+    parts = structured_text.check_parts(made.program, unit)
+    text = "\n".join([made.program.text(), *(part.text() for part in parts)])
     block = structured_text_machine.program(text).blocks["axis_x_check"].instance()
     cycles = 1
     while not block.call().done:
