@@ -46,6 +46,11 @@ def missing() -> str:
     return ""
 
 
+def not_built() -> str:
+    """Why a quick test is skipped, or an empty text."""
+    return missing() or ("" if is_built() else "NOT RUN: the slow tests build matiec first, in 40 s of CPU")
+
+
 def is_built() -> bool:
     """Whether the compiler was built by an earlier test: building it takes 40 s of CPU."""
     return not missing() and (_place() / "iec2c").is_file()
@@ -115,7 +120,7 @@ def storm(routine: Routine, tunable: Mapping[str, str], count: int, seed: int) -
     for i in enable:
         inputs[:, i] = np.where(block % 3 == 1, (random.random(count) < 0.5).astype(float), inputs[:, i])
     rain = random.random(inputs.shape) < 0.1 * (block % 7 == 5)[:, None]
-    rain[:, enable] = False  # a BOOL on a PLC
+    rain[:, enable] = False  # a BOOL on a PLC has no broken value
     broken = random.choice(np.array([np.nan, np.inf, -np.inf, 1e300, -1e200, 5e-324, 1e-310, -1e-315]), inputs.shape)
     inputs = np.where(rain, broken, inputs)
     inputs[:, enable] = (inputs[:, enable] > 0.5).astype(float)
@@ -181,6 +186,24 @@ def both(layout: Layout, program: Program, given: Storm, folder: Path) -> Both:
     names = tuple(variable.name for variable in routine.outputs)
     text, c = (np.ascontiguousarray(found[:, i * n : (i + 1) * n]) for i in range(2))
     return Both(names, text, c, found[:, -2], found[:, -1])
+
+
+def agree(layout: Layout, program: Program, count: int, seed: int, folder: Path) -> None:
+    """Assert that compiled text and C answer the same in a storm: all bits of the outputs, and the rules refused."""
+    given = storm(layout.routine, program.names, count, seed)
+    found = both(layout, program, given, folder)
+    assert found.different() == 0
+    assert np.array_equal(found.rule_of_text, found.rule_of_c)
+    columns = {name: found.c[:, i] for i, name in enumerate(found.names)}
+    for name, column in columns.items():
+        if name.endswith("force"):
+            assert np.all(np.isfinite(column))
+        elif name.endswith("enabled"):
+            assert 0.2 < np.mean(column) < 0.9
+        elif name.endswith("trip"):
+            assert np.sum(np.diff(column) > 0.0) > count / 1000
+    assert np.any(found.rule_of_c > 0.0), "no change of parameters was refused"
+    assert np.any((found.rule_of_c[1:] == 0.0) & (found.rule_of_c[:-1] > 0.0))
 
 
 def _main(layout: Layout, program: Program) -> str:

@@ -317,12 +317,12 @@ def test_ferror_is_the_next_round_number_above_twice_the_error(linear_motor: Loo
 
 
 @pytest.mark.parametrize(
-    ("sent", "taken", "taken_all"), [(19, 20, True), (20, 1, False), (1, 21, False), (0, 1, False), (1, 0, False)]
+    ("sent", "taken", "taken_all"), [(152, 20, True), (153, 1, False), (1, 21, False), (0, 1, False), (1, 0, False)]
 )
 def test_a_streamer_has_twenty_pins(
     sent: int, taken: int, taken_all: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MAX_PINS in LinuxCNC's streamer.h; one pin of the streamer says that a row is valid."""
+    """MAX_PINS and MAX_STREAMERS in LinuxCNC's streamer.h; one pin of a streamer says that a row is valid."""
 
     def session(*_: Any) -> str:
         (tmp_path / "out.bin").write_bytes(np.zeros((2, taken)).tobytes())
@@ -333,7 +333,7 @@ def test_a_streamer_has_twenty_pins(
     if taken_all:
         assert halrun(*row).rows.shape == (2, taken)
     else:
-        with pytest.raises(ParameterError, match="a run has 1 to 19 numbers in and 1 to 20 out"):
+        with pytest.raises(ParameterError, match="has 1 to 152 numbers in and 1 to 20 out"):
             halrun(*row)
 
 

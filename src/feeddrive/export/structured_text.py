@@ -24,6 +24,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.language.naming import Name
 from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import Variable, off_outputs, run
 from feeddrive.version import __version__
 
@@ -426,7 +427,7 @@ class Printer:
             Declared("started", "BOOL", "FALSE", "whether there is a state"),
             Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
             Declared("fresh", "BOOL"),
-            Declared("switched_on", "BOOL"),
+            *(Declared(switched, "BOOL") for switched in self._switches().values()),
             Declared("active", f"{self.name}_parameters", "", "parameters in use"),
             Declared("design", f"{self.name}_design"),
             Declared("state", f"{self.name}_state"),
@@ -439,12 +440,15 @@ class Printer:
         lines = self.computed(section, [*step.states, *step.outputs])
         lines += ["", "(* the outputs, and the state for the next sample *)"]
         for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
-            lines += self._put(variable.name, section.statements.texts[node])
+            lines += self._put(variable, section.statements.texts[node])
         lines += section.assign(self._targets(step.states))
         first = _FIRST.format(
             inputs="".join(f",\n            {declared.name} := {declared.name}" for declared in reset_inputs),
             T=st.literal(T, self.real),
             tolerance=st.literal(CYCLE_TOLERANCE * T, self.real),
+        )
+        first += "".join(
+            f"{switched} := {enable} AND (NOT cycle_wrong);\n" for enable, switched in self._switches().items()
         )
         return Unit(
             self.name,
@@ -469,14 +473,24 @@ class Printer:
     def _off(self) -> list[str]:
         """Return the assignments of the outputs for invalid parameters, with the safe force of the machine file."""
         printed: list[str] = []
+        kinds = {variable.name: quantity(variable.path) for variable in self.routine.outputs}
         for name, value in off_outputs(self.routine).items():
-            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(st.literal(value, self.real))
+            text = {"trip": "INT#0", "enabled": "FALSE"}.get(kinds[name]) or bare(st.literal(value, self.real))
             printed.append(f"{name} := {text};")
         return printed
 
     def _inputs(self) -> list[Declared]:
-        special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
-        return [special.get(v.name, Declared(v.name, self.real, "", _meaning(v))) for v in self.routine.inputs]
+        return [
+            Declared(v.name, "BOOL", "FALSE", "TRUE: the loop shall run")
+            if quantity(v.path) == "enable"
+            else Declared(v.name, self.real, "", _meaning(v))
+            for v in self.routine.inputs
+        ]
+
+    def _switches(self) -> dict[str, str]:
+        """Return, for each input `enable`, the name of the variable that is FALSE in a task with another cycle, too."""
+        names = (v.name for v in self.routine.inputs if quantity(v.path) == "enable")
+        return {name: f"{name.removesuffix('enable')}switched_on" for name in names}
 
     def _output(self, variable: Variable) -> Declared:
         codes = ", ".join(f"{code:.0f} {text}" for code, text in TRIPS.items())
@@ -484,16 +498,16 @@ class Printer:
             "trip": ("INT", f"0 none, {codes}"),
             "enabled": ("BOOL", "TRUE while the loop runs, FALSE while it is off or tripped"),
         }
-        kind, meaning = special.get(variable.name, (self.real, _meaning(variable)))
+        kind, meaning = special.get(quantity(variable.path), (self.real, _meaning(variable)))
         return Declared(variable.name, kind, "", meaning)
 
-    def _put(self, name: str, text: str) -> list[str]:
+    def _put(self, output: Variable, text: str) -> list[str]:
         """Return the assignment of an output, converted to its declared type."""
-        if name == "trip":
-            return [f"trip := {self.real}_TO_INT({text});"]
-        if name == "enabled":
-            return [f"enabled := {text} > {st.literal(0.5, self.real)};"]
-        return Assignment(name, text).lines()
+        if quantity(output.path) == "trip":
+            return [f"{output.name} := {self.real}_TO_INT({text});"]
+        if quantity(output.path) == "enabled":
+            return [f"{output.name} := {text} > {st.literal(0.5, self.real)};"]
+        return Assignment(output.name, text).lines()
 
     def _wide(self, text: str) -> str:
         """Convert a stored number to LREAL."""
@@ -524,8 +538,8 @@ class Printer:
         for node, (kind, i) in layout.leaves.items():
             if kind == "table":
                 section.table(node, routine.tables[i][0], [float(x) for x in routine.tables[i][2]])
-            elif kind == "input" and routine.inputs[i].name == "enable":
-                section.switch(node)
+            elif kind == "input" and quantity(routine.inputs[i].path) == "enable":
+                section.switch(node, self._switches()[routine.inputs[i].name])
         return section
 
     def section(
@@ -576,7 +590,6 @@ retuned := retune;
 
 (* A law is designed for its sample time: in a task with another cycle the loop stays off. *)
 cycle_wrong := NOT (ABS(cycle_time - {T}) <= {tolerance});
-switched_on := enable AND (NOT cycle_wrong);
 """
 
 
@@ -792,10 +805,12 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     real = "LREAL" if layout.precision == "double" else "REAL"
     tried, expected = _tried(layout, program, seed)
     changes = tried.changes
-    signals = {v.name: tried.inputs[:, i] for i, v in enumerate(routine.inputs)}
-    wanted = {v.name: expected[:, i] for i, v in enumerate(routine.outputs)}
-    constants = [_array(name, f"given_{signal}", signal, row, real) for signal, row in signals.items()]
-    constants += [_array(name, f"wanted_{signal}", signal, row, real) for signal, row in wanted.items()]
+    signals, wanted = [v.name for v in routine.inputs], [v.name for v in routine.outputs]
+    constants = [
+        _array(name, f"{what}_{v.name}", quantity(v.path), row, real)
+        for what, variables, rows in (("given", routine.inputs, tried.inputs), ("wanted", routine.outputs, expected))
+        for v, row in zip(variables, rows.T, strict=True)
+    ]
     retunes = [f"(k = {sample})" for sample in changes]
     calls = [f"{signal} := given_{signal}[k]" for signal in signals]
     calls += [f"retune := {' OR '.join(retunes) or 'FALSE'}", "parameters := parameters"]
@@ -874,7 +889,7 @@ def _changes(changes: Mapping[int, Mapping[str, float]], program: Program) -> li
 
 
 def _array(prefix: str, name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return the declaration of a constant array with samples of a signal, in the signal's type in the controller."""
+    """Return the declaration of a constant array with samples of a signal, in the type of that quantity."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":

@@ -560,15 +560,15 @@ class Section:
         self._tables[name] = Declared(name, Array(self.prefix, self.real, len(row)), f"[{values}]")
         self.statements.texts[node] = name
 
-    def switch(self, node: int) -> None:
-        """Replace the comparison of the enable input with 0.5 by the Boolean variable `switched_on`."""
+    def switch(self, node: int, switched: str) -> None:
+        """Replace the comparison of an input `enable` with 0.5 by a Boolean variable."""
         for index, operation in enumerate(self.graph.nodes):
             if (
                 operation[0] == "lt"
                 and operation[2] == node
                 and self.graph.nodes[operation[1]] == ("const", (0.5).hex())
             ):
-                self.statements.texts[index] = "switched_on"
+                self.statements.texts[index] = switched
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
         """Return the statements for some nodes, under headings that name the blocks that compute them."""
