@@ -1,4 +1,4 @@
-"""Exported C of other compilers and on other processors (qemu-user), bit for bit; tests/foreign_machines.py is the whole.
+"""Exported C of other compilers and on other processors (qemu-user), bit for bit; see tests/foreign_machines.py.
 
 What is not installed is skipped, loudly.
 """

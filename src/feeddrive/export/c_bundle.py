@@ -255,7 +255,7 @@ def streamed(
 
 
 def _packed(layout: Layout, tried: Trial) -> np.ndarray:
-    """Return a trial as the numbers of the program's input: blocks of samples, and the values of all parameters between blocks."""
+    """Return a trial as numbers for the program: blocks of samples, and the values of all parameters between blocks."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
