@@ -96,94 +96,16 @@ def _registers(text: str) -> int:
 
 _ARITHMETIC = ("vadd", "vsub", "vmul", "vnmul", "vabs", "vneg", "vcvt", "vcmp", "vcmpe", "vcvtr")
 _FUSED = ("vmla", "vmls", "vnmla", "vnmls", "vfma", "vfms", "vfnma", "vfnms")
-_MANY = frozenset("push pop vpush vpop stm ldm stmia ldmia stmdb vldm vldmia vstm vstmia".split())  # noqa: SIM905
-_SINGLE = frozenset(  # one cycle
-    [
-        "add",
-        "adc",
-        "adr",
-        "sub",
-        "sbc",
-        "rsb",
-        "mul",
-        "mla",
-        "mls",
-        "cmp",
-        "cmn",
-        "and",
-        "eor",
-        "orr",
-        "orn",
-        "bic",
-        "mvn",
-        "tst",
-        "teq",
-        "lsl",
-        "lsr",
-        "asr",
-        "ror",
-        "mov",
-        "movw",
-        "movt",
-        "ubfx",
-        "sbfx",
-        "bfi",
-        "bfc",
-        "uxtb",
-        "uxth",
-        "sxtb",
-        "sxth",
-        "clz",
-        "it",
-        "ite",
-        "itt",
-        "itet",
-        "ittt",
-        "itte",
-        "itee",
-        "iteet",
-        "ittet",
-        "ittee",
-        "itttt",
-        "ittte",
-        "iteee",
-        "itete",
-        "itett",
-        "nop",
-        "rev",
-        "vmrs",
-        "vmsr",
-        "smull",
-        "umull",
-    ]
+_MANY = {"push", "pop", "vpush", "vpop", "stm", "ldm", "stmia", "ldmia", "stmdb", "vldm", "vldmia", "vstm", "vstmia"}
+_LOADS = "ldr str ldrd strd ldrb ldrh strb strh ldrsb ldrsh vldr vstr"
+_BRANCHES = "b bl bx cbz cbnz"
+_SLOW = "vdiv vsqrt sdiv udiv vmov"
+_SINGLE = (
+    "add adc adr sub sbc rsb mul mla mls cmp cmn and eor orr orn bic mvn tst teq lsl lsr asr ror mov movw movt ubfx sbfx "
+    "bfi bfc uxtb uxth sxtb sxth clz it ite itt itet ittt itte itee iteet ittet ittee itttt ittte iteee itete itett nop "
+    "rev vmrs vmsr smull umull"
 )
-_OTHERS = frozenset(
-    [
-        "vdiv",
-        "vsqrt",
-        "vmov",
-        "vldr",
-        "vstr",
-        "ldr",
-        "str",
-        "ldrd",
-        "strd",
-        "ldrb",
-        "ldrh",
-        "strb",
-        "strh",
-        "ldrsb",
-        "ldrsh",
-        "b",
-        "bl",
-        "bx",
-        "cbz",
-        "cbnz",
-        "sdiv",
-        "udiv",
-    ]
-)
-_KNOWN = _MANY | _SINGLE | _OTHERS | {*_ARITHMETIC, *_FUSED}
+_KNOWN = {*_MANY, *" ".join((_LOADS, _BRANCHES, _SLOW, _SINGLE)).split(), *_ARITHMETIC, *_FUSED}
 
 
 def _bare(text: str) -> str:

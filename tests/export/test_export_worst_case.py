@@ -28,7 +28,8 @@ NAMES = {
 }
 ROW = re.compile(
     r"^\| (?P<law>[^|]+) \| (?P<core>M4F|M7), (?P<precision>\w+) \| `(?P<optimise>-O\w)` "
-    r"\| (?P<least>\d+) \| (?P<most>\d+) \| (?P<bound>\d+) \| (?P<cycles>\d*) \| (?P<cycle_bound>\d*) \| (?P<stack>\d+) \| (?P<stack_bound>\d+) \|$",
+    r"\| (?P<least>\d+) \| (?P<most>\d+) \| (?P<bound>\d+) \| (?P<cycles>\d*) \| (?P<cycle_bound>\d*) "
+    r"\| (?P<stack>\d+) \| (?P<stack_bound>\d+) \|$",
     re.MULTILINE,
 )
 ROWS = [match.groupdict() for match in ROW.finditer(DOCUMENT.read_text(encoding="utf-8"))]
