@@ -101,9 +101,9 @@ _LOADS = "ldr str ldrd strd ldrb ldrh strb strh ldrsb ldrsh vldr vstr"
 _BRANCHES = "b bl bx cbz cbnz"
 _SLOW = "vdiv vsqrt sdiv udiv vmov"
 _SINGLE = (
-    "add adc adr sub sbc rsb mul mla mls cmp cmn and eor orr orn bic mvn tst teq lsl lsr asr ror mov movw movt ubfx sbfx "
-    "bfi bfc uxtb uxth sxtb sxth clz it ite itt itet ittt itte itee iteet ittet ittee itttt ittte iteee itete itett nop "
-    "rev vmrs vmsr smull umull"
+    "add adc adr sub sbc rsb mul mla mls cmp cmn and eor orr orn bic mvn tst teq lsl lsr asr ror mov movw movt "
+    "ubfx sbfx bfi bfc uxtb uxth sxtb sxth clz it ite itt itet ittt itte itee iteet ittet ittee itttt ittte iteee "
+    "itete itett nop rev vmrs vmsr smull umull"
 )
 _KNOWN = {*_MANY, *" ".join((_LOADS, _BRANCHES, _SLOW, _SINGLE)).split(), *_ARITHMETIC, *_FUSED}
 

@@ -17,10 +17,20 @@ from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.export import linuxcnc_session as session
-from feeddrive.export.design import Trial
+from feeddrive.export.design import Trial, read_design
 from feeddrive.export.fmu import answers, model_header, variables
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc import input_pin, servo_period
+from feeddrive.export.linuxcnc import (
+    Limits,
+    axis_hal,
+    axis_ini,
+    controller_comp,
+    desk_ini,
+    input_pin,
+    joints,
+    limits,
+    servo_period,
+)
 from feeddrive.export.linuxcnc_session import halrun, stream_pin
 from feeddrive.export.structured_text import check, check_parts, program
 from feeddrive.export.targets import write_all, write_export
@@ -193,20 +203,15 @@ def test_an_fmu_of_all_controls_says_which_axis_tripped() -> None:
 
 
 @needs_linuxcnc
-def test_a_component_of_all_controls_has_the_simulators_bits_in_hal(tmp_path: Path) -> None:
-    write_export("gantry", "linuxcnc", tmp_path / "out", together=True)
-    found = verify_export(tmp_path / "out", samples=10_000)
-    assert found.holds
-    assert found.trips > 10
-
-
-@needs_linuxcnc
 @pytest.mark.slow(reason="controls and plants of two machines, compiled and run in halrun")
 @pytest.mark.parametrize("name", ["crossed", "gantry"])
 def test_all_controls_and_axes_in_hal_are_the_simulation(name: str, tmp_path: Path) -> None:
     """The component of the controls and that of the coupled axes, as on the desk, against `simulate`, bit for bit."""
     machine = crossed() if name == "crossed" else read_machine(name).machine()
     place = write_export(written(tmp_path, machine), "linuxcnc", tmp_path / "out", together=True)[1].parent
+    found = verify_export(place, samples=10_000)
+    assert found.holds
+    assert found.trips > 10
     run = simulate(machine, PATH)
     routine, given = sampled(machine, run)
     commands = [i for i, v in enumerate(routine.inputs) if quantity(v.path) != "reading"]
@@ -252,22 +257,46 @@ def portal() -> Machine:
 
 
 def test_two_drives_of_a_beam_have_one_letter_in_linuxcnc(tmp_path: Path) -> None:
-    """trivkins takes a letter twice; both drives make the move from which the limits come."""
-    _, readme = write_export(written(tmp_path, portal()), "linuxcnc", tmp_path / "out", together=True, joint=1)
-    place = readme.parent
-    desk, ini, hal = ((place / name).read_text() for name in ("desk.ini", "axes.ini", "axes.hal"))
+    """trivkins takes a letter twice; the axis of the letter has one section, each joint its own."""
+    design = read_design(written(tmp_path, portal()), name="axes", together=True)
+    wired = joints(design, 1)
+    desk, hal = desk_ini(design.routine, wired), axis_hal(design.routine, wired, design.title, "by a test")
     assert "KINEMATICS = trivkins coordinates=ZXYY kinstype=BOTH\nJOINTS = 4" in desk
+    limit = Limits(0.5, 2.5, 5e-4, -0.5, 0.5, 2e-4, 900.0, True)
+    ini = axis_ini(design.routine, wired, dict.fromkeys(("x", "y", "y2"), limit), design.title, "by a test")
     assert ini.count("[AXIS_Y]") == 1
     assert [f"[JOINT_{i}]" in ini for i in range(5)] == [False, True, True, True, False]
-    limits_of_y = [line for line in ini.splitlines() if line.startswith("MAX_VELOCITY")]
-    assert limits_of_y[2] == limits_of_y[3] == limits_of_y[4]
     for line in (
         "net axes-y2-position-cmd joint.3.motor-pos-cmd => axes.y2.position-cmd",
         "net axes-y2-fault axes.y2.fault => joint.3.amp-fault-in",
     ):
         assert line in hal
     with pytest.raises(ParameterError, match="joint = 7 must be from 0 to 6"):
-        write_export(tmp_path / "table.toml", "linuxcnc", tmp_path / "no", together=True, joint=7)
+        joints(design, 7)
+
+
+def test_a_component_of_all_controls_has_the_pins_of_each_axis_and_common_ones() -> None:
+    """Parameters of an axis begin with it, those of a coupling do not; a fault of one axis takes `ok` away."""
+    routine = controller_routine(crossed(), "axes")
+    comp = controller_comp(routine, "under test", "by a test")
+    declared = [line.split()[3] for line in comp.splitlines() if line.startswith(("pin ", "param "))]
+    assert {"x.position-cmd", "y.enable", "x.force-cmd", "y.fault-code", "x.law.Kv", "couplings.0.contour-gain"} <= set(
+        declared
+    )
+    assert [declared.count(name) for name in ("ok", "reset", "heartbeat", "parameter-rule")] == [1, 1, 1, 1]
+    assert "enum { AXES = 2 };" in comp
+    assert "fine = fine && fault_now[1] == 0;" in comp
+
+
+@pytest.mark.slow(reason="a coupled machine of three axes is simulated until a move fits")
+def test_both_drives_of_a_beam_make_the_move_from_which_the_limits_come(tmp_path: Path) -> None:
+    place = write_export(written(tmp_path, portal()), "linuxcnc", tmp_path / "out", together=True)[1].parent
+    ini = (place / "axes.ini").read_text()
+    fastest = [line for line in ini.splitlines() if line.startswith("MAX_VELOCITY")]
+    assert fastest[2] == fastest[3] == fastest[4], "axis and joints of the letter Y"
+    bounds = limits(portal(), ["y", "y2"])
+    assert bounds.peak_error < 0.7e-3
+    assert limits(portal(), ["y"]).velocity < bounds.velocity, "one drive alone works against the beam"
 
 
 @needs_linuxcnc

@@ -35,7 +35,7 @@ def test_every_loop_that_a_machine_file_can_hold_is_run_on_foreign_machines() ->
     assert sum("axis" in name for name in loops()) >= 15
 
 
-@pytest.mark.parametrize("machine", all_but(["clang -O2", "aarch64", "s390x"], MACHINES, "one loop on every machine"))
+@pytest.mark.parametrize("machine", all_but(["s390x"], MACHINES, "the same on others"))
 def test_a_loop_has_the_simulators_bits_on_another_machine(machine: str) -> None:
     needs(machine)
     assert different("cascade_ppi, learned force", MACHINES[machine], 2_000, 3) == 0

@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.export import linuxcnc_session as session
 from feeddrive.export.design import read_design
 from feeddrive.export.linuxcnc import hal, input_pin, write_linuxcnc
-from feeddrive.export.linuxcnc_session import HalError
+from feeddrive.export.linuxcnc_session import HalError, output_pin
+from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import MissingProgramError
+from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import run
 
 
@@ -148,6 +151,55 @@ def test_every_servo_cycle_of_a_program_is_the_simulators(tmp_path, machine, axi
     assert abs(position[enabled][-1]) < 0.2
     assert np.max(np.abs(rows[:, 2])) > 100.0, "the planner gives its acceleration"
     _check_derivatives(rows[enabled], routine.sample_time)
+
+
+CIRCLE = """\
+G21 G90 G64
+G1 X20 Y0 F6000
+G2 X20 Y0 I-20 J0 F6000
+G1 X-5 Y7
+G0 X0 Y0
+M2
+"""
+
+
+def test_every_servo_cycle_of_two_axes_under_cross_coupled_control_is_the_simulators(tmp_path):
+    """One component for both joints; a circle in G-code; each cycle replayed bit for bit."""
+    machine = read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=60.0))
+    source = tmp_path / "table.toml"
+    source.write_text(machine_toml(machine, "table"))
+    design = read_design(source, name="axes", together=True)
+    write_linuxcnc(design, tmp_path / "desk")
+    routine, folder = design.routine, tmp_path / "desk"
+    (folder / "program.ngc").write_text(CIRCLE)
+    (folder / "runner.py").write_text(RUNNER.replace("{index}", "0"))
+    (folder / "runner.py").chmod(0o755)
+    outputs = [output_pin(v.path) for v in routine.outputs if quantity(v.path) in ("force", "trip")]
+    pins = [f"axes.{input_pin(v.path)}" for v in routine.inputs] + [f"axes.{pin}" for pin, _ in outputs]
+    pins += ["axes.x.fault-code", "axes.y.fault-code"]
+    kinds = "".join("s" if pin.endswith("code") else "b" if pin.endswith("enable") else "f" for pin in pins)
+    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
+    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
+    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
+    (folder / "record.hal").write_text("\n".join(record) + "\n")
+    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
+    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
+    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
+    assert "DONE, overruns: 0" in printed, printed
+    assert "SAID" not in printed, printed
+    rows = np.fromfile(folder / "out.bin").reshape(-1, len(pins))
+    width = len(routine.inputs)
+    given = rows[:, :width].copy()
+    lengths = [i for i, v in enumerate(routine.inputs) if quantity(v.path) != "enable"]
+    given[:, lengths] /= 1000.0  # as the component does
+    assert np.all(rows[:, -2:] == 0.0)
+    expected = run(routine, given)
+    chosen = [i for i, v in enumerate(routine.outputs) if quantity(v.path) in ("force", "trip")]
+    answer = np.ascontiguousarray(rows[:, width:-2])
+    assert np.array_equal(answer.view(np.uint64), np.ascontiguousarray(expected[:, chosen]).view(np.uint64))
+    x, y = (rows[:, pins.index(f"axes.{axis}.position-cmd")] for axis in "xy")
+    assert np.ptp(x) > 39.0, "it went around the circle"
+    assert np.ptp(y) > 39.0
 
 
 def _check_derivatives(rows, T):

@@ -24,7 +24,7 @@ from feeddrive.language.errors import DivergedError, ParameterError, StructureEr
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.guard import TRIPS
 from feeddrive.loop.loop import Loop, quantity
-from feeddrive.loop.machine import System
+from feeddrive.loop.machine import Machine, System
 from feeddrive.loop.routine import Routine, Variable, machine_routine, plant_routine
 from feeddrive.loop.simulate import simulate
 
@@ -443,8 +443,9 @@ def write_linuxcnc(design: Design, out: str | Path, *, joint: int | None = None)
     wired = joints(design, joint)
     routine, title, made_by = design.routine, design.title, design.made_by
     check_name(f"{design.name}_plant", "the name of the axis on the desk")
-    if design.together:
-        plant = layout(machine_routine(design.system, f"{design.name}_plant"))
+    system = design.system
+    if isinstance(system, Machine):
+        plant = layout(machine_routine(system, f"{design.name}_plant"))
         physics = f"Physics of the axes {design.axis} of '{design.machine.name}'"
     else:
         plant = layout(plant_routine(design.loop, f"{design.name}_plant"))

@@ -207,14 +207,14 @@ def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
 
 def _finite(layout: Layout, node: int) -> int | None:
     """Return the node of x if a node is (-LARGEST <= x) AND (x <= LARGEST), else None."""
-    match layout.graph.nodes[node]:
-        case ("and", low, high):
-            least, most = (layout.graph.nodes[i] for i in (low, high))
-            ends = [("const", (sign * LARGEST).hex()) for sign in (-1.0, 1.0)]
-            if least[0] == most[0] == "le" and least[2] == most[1]:
-                found = [layout.graph.nodes[i] for i in (least[1], most[2])]
-                return most[1] if found == ends else None
-    return None
+    name, *sides = layout.graph.nodes[node]
+    if name != "and":
+        return None
+    least, most = (layout.graph.nodes[i] for i in sides)
+    if least[0] != "le" or most[0] != "le" or least[2] != most[1]:
+        return None
+    ends = [layout.graph.nodes[i] for i in (least[1], most[2])]
+    return most[1] if ends == [("const", (sign * LARGEST).hex()) for sign in (-1.0, 1.0)] else None
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
