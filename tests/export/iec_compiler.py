@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,7 +75,7 @@ def built() -> Path:
             made.mkdir()
             shutil.copy(source / "iec2c", made / "iec2c")
             shutil.copytree(source / "lib", made / "lib")
-            if not place.exists():
+            with suppress(OSError):  # another process was faster
                 os.replace(made, place)
     return place
 
