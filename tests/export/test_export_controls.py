@@ -17,7 +17,7 @@ from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.reference.circle import Circle
 from feeddrive.export import linuxcnc_session as session
-from feeddrive.export.design import Trial, read_design
+from feeddrive.export.design import Trial, read_design, trial
 from feeddrive.export.fmu import answers, model_header, variables
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import (
@@ -116,6 +116,14 @@ def test_what_cannot_be_one_is_refused(tmp_path: Path) -> None:
     with pytest.raises((StructureError, ParameterError)):
         write_all(source, "c", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_coupling_of_the_physics_has_no_part_in_a_live_change_of_the_controls() -> None:
+    """It is absent among the couplings of the controls, which once ended the check of a change with a TypeError."""
+    routine = controller_routine(read_machine("gantry").machine(), "axes")
+    tried = trial(routine, 200, 1, changes=4)
+    assert len(tried.changes) == 4
+    assert not any("couplings" in variable.path for variable in routine.parameters)
 
 
 def test_controls_without_a_coupling_are_one_if_asked(tmp_path: Path) -> None:
