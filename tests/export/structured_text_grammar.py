@@ -104,6 +104,15 @@ class Structure(NamedTuple):
     fields: tuple[Variable, ...]
 
 
+class ArrayType(NamedTuple):
+    """TYPE name : ARRAY[first..last] OF type; END_TYPE."""
+
+    name: str
+    first: int
+    last: int
+    kind: str
+
+
 class Block(NamedTuple):
     """A FUNCTION (`result` is its type) or a FUNCTION_BLOCK, with its sections by keyword."""
 
@@ -157,7 +166,7 @@ _KEYWORDS = {
 _LEVELS = (("OR",), ("XOR",), ("AND",), ("=", "<>"), ("<", ">", "<=", ">="), ("+", "-"), ("*", "/", "MOD"))
 
 
-def parse(text: str) -> tuple[Structure | Block, ...]:
+def parse(text: str) -> tuple[Structure | ArrayType | Block, ...]:
     """All declarations of a source text. Raises IllegalTextError with the line of what the standard does not take."""
     return _Parser(text).source()
 
@@ -217,16 +226,21 @@ class _Parser:
         self.at += 1
         return word
 
-    def source(self) -> tuple[Structure | Block, ...]:
-        found: list[Structure | Block] = []
+    def source(self) -> tuple[Structure | ArrayType | Block, ...]:
+        found: list[Structure | ArrayType | Block] = []
         while self.tokens[self.at][0] != "end":
-            found.append(self.structure() if self.next("TYPE") else self.block())
+            found.append(self.type() if self.next("TYPE") else self.block())
         return tuple(found)
 
-    def structure(self) -> Structure:
+    def type(self) -> Structure | ArrayType:
         self.take("TYPE")
         name = self.form("name")
         self.take(":")
+        if self.took("ARRAY"):
+            array = ArrayType(name, *self.array())
+            self.take(";")
+            self.take("END_TYPE")
+            return array
         self.take("STRUCT")
         fields = self.variables("END_STRUCT")
         self.take(";")
@@ -260,22 +274,22 @@ class _Parser:
     def variable(self) -> Variable:
         name = self.form("name")
         self.take(":")
-        kind: str | tuple[int, int, str]
-        if self.took("ARRAY"):
-            self.take("[")
-            first = int(self.form("integer"))
-            self.take("..")
-            last = int(self.form("integer"))
-            self.take("]")
-            self.take("OF")
-            kind = (first, last, self.form("name"))
-        else:
-            kind = self.form("name")
+        kind: str | tuple[int, int, str] = self.array() if self.took("ARRAY") else self.form("name")
         value: Any = None
         if self.took(":="):
-            value = self.row() if isinstance(kind, tuple) else self.literal()
+            value = self.row() if self.next("[") else self.literal()
         self.take(";")
         return Variable(name, kind, value)
+
+    def array(self) -> tuple[int, int, str]:
+        """What stands behind ARRAY: first index, last index, type."""
+        self.take("[")
+        first = int(self.form("integer"))
+        self.take("..")
+        last = int(self.form("integer"))
+        self.take("]")
+        self.take("OF")
+        return first, last, self.form("name")
 
     def row(self) -> tuple[Literal, ...]:
         self.take("[")

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from structured_text_grammar import (
+    ArrayType,
     Assignment,
     Binary,
     Block,
@@ -54,7 +55,8 @@ def program(text: str, flush: bool = True) -> Program:
 class Program:
     """All types, functions and function blocks of a source text."""
 
-    def __init__(self, source: tuple[Structure | Block, ...], flush: bool) -> None:
+    def __init__(self, source: tuple[Structure | ArrayType | Block, ...], flush: bool) -> None:
+        self.arrays: dict[str, tuple[str, int, int, str]] = {}
         self.structs: dict[str, dict[str, tuple[Any, Any]]] = {}
         self.functions: dict[str, tuple[Any, list[tuple[str, Any]], str]] = {}
         self.blocks: dict[str, Unit] = {}
@@ -64,6 +66,8 @@ class Program:
             self.claim(item.name)
             if isinstance(item, Structure):
                 self._struct(item)
+            elif isinstance(item, ArrayType):
+                self.arrays[item.name] = (item.name, item.first, item.last, self.known(item.kind))
             elif item.result:
                 unit = Unit(self, item)
                 given = [(name, unit.types[name]) for name in unit.inputs]
@@ -123,10 +127,13 @@ class Unit:
         self.python = "\n".join([f"def body(s):  # {self.name}", *self.statements(item.statements, "    ")])
 
     def _type(self, kind: Any, value: Any) -> tuple[Any, Any]:
-        if not isinstance(kind, tuple):
+        if isinstance(kind, tuple):
+            # two anonymous types are never the same
+            raise IllegalTextError(f"{self.name}: an array without the name of a type")
+        if kind not in self.owner.arrays:
             return self.owner.known(kind), initial(kind, value)
-        low, high, inner = kind
-        made = ("ARRAY", low, high, self.owner.known(inner))
+        made = self.owner.arrays[kind]
+        _, low, high, inner = made
         if value is None:
             return made, [0.0] * (high - low + 1)
         if len(value) != high - low + 1:
@@ -360,6 +367,6 @@ class Instance:
                 raise IllegalTextError(f"{self.unit.name} has no input {name}")
             if self.unit.types[name] == "REAL":
                 value = short(value)
-            setattr(self.s, name, value.copy() if isinstance(value, Struct) else value)
+            setattr(self.s, name, value.copy() if isinstance(value, Struct | list) else value)
         self._body(self.s)
         return self.s

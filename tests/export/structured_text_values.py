@@ -12,6 +12,7 @@ from feeddrive.export.identifiers import ST_WORDS
 
 LEAST_NORMAL = 2.0**-1022
 LEAST_NORMAL_SHORT = 2.0**-126
+LEAST_LITERAL, MOST_LITERAL = 1.18e-38, 3.4e38
 REALS = ("LREAL", "REAL")
 INTEGERS = ("INT", "DINT")
 
@@ -85,6 +86,8 @@ def initial(kind: Any, value: Literal | None) -> Any:
 def real(given: Literal, wanted: str | None = None) -> tuple[float, str]:
     """Value and type of a real literal."""
     value = float(given.text)
+    if value != 0.0 and not LEAST_LITERAL <= abs(value) <= MOST_LITERAL:
+        raise IllegalTextError(f"{given.text} is beyond a short real, by which matiec reads every literal")
     if given.kind is None:
         if wanted is None and short(value) != value:
             raise IllegalTextError(f"{given.text} needs its type in front: a short real rounds it")

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from feeddrive.blocks.coupling.cross_beam import CrossBeam
+from feeddrive.blocks.coupling.cross_coupled import CrossCoupled
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.export import linuxcnc_session as session
 from feeddrive.export.design import read_design
 from feeddrive.export.linuxcnc import hal, input_pin, write_linuxcnc
-from feeddrive.export.linuxcnc_session import HalError
+from feeddrive.export.linuxcnc_session import HalError, output_pin
+from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.language.errors import MissingProgramError
+from feeddrive.loop.loop import quantity
+from feeddrive.loop.machine import Machine
 from feeddrive.loop.routine import run
 
 
@@ -148,6 +155,95 @@ def test_every_servo_cycle_of_a_program_is_the_simulators(tmp_path, machine, axi
     assert abs(position[enabled][-1]) < 0.2
     assert np.max(np.abs(rows[:, 2])) > 100.0, "the planner gives its acceleration"
     _check_derivatives(rows[enabled], routine.sample_time)
+
+
+CIRCLE = """\
+G21 G90 G64
+G1 X20 Y0 F6000
+G2 X20 Y0 I-20 J0 F6000
+G1 X-5 Y7
+G0 X0 Y0
+M2
+"""
+
+
+def test_every_servo_cycle_of_two_axes_under_cross_coupled_control_is_the_simulators(tmp_path):
+    """One component for both joints; a circle in G-code; each cycle replayed bit for bit."""
+    machine = read_machine("xy_table").machine(CrossCoupled(contour_axes=("x", "y"), contour_gain=60.0))
+    source = tmp_path / "table.toml"
+    source.write_text(machine_toml(machine, "table"))
+    design = read_design(source, name="axes", together=True)
+    write_linuxcnc(design, tmp_path / "desk")
+    routine, folder = design.routine, tmp_path / "desk"
+    (folder / "program.ngc").write_text(CIRCLE)
+    (folder / "runner.py").write_text(RUNNER.replace("{index}", "0"))
+    (folder / "runner.py").chmod(0o755)
+    outputs = [output_pin(v.path) for v in routine.outputs if quantity(v.path) in ("force", "trip")]
+    pins = [f"axes.{input_pin(v.path)}" for v in routine.inputs] + [f"axes.{pin}" for pin, _ in outputs]
+    pins += ["axes.x.fault-code", "axes.y.fault-code"]
+    kinds = "".join("s" if pin.endswith("code") else "b" if pin.endswith("enable") else "f" for pin in pins)
+    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
+    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
+    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
+    (folder / "record.hal").write_text("\n".join(record) + "\n")
+    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
+    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
+    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
+    assert "DONE, overruns: 0" in printed, printed
+    assert "SAID" not in printed, printed
+    rows = np.fromfile(folder / "out.bin").reshape(-1, len(pins))
+    width = len(routine.inputs)
+    given = rows[:, :width].copy()
+    lengths = [i for i, v in enumerate(routine.inputs) if quantity(v.path) != "enable"]
+    given[:, lengths] /= 1000.0  # as the component does
+    assert np.all(rows[:, -2:] == 0.0)
+    expected = run(routine, given)
+    chosen = [i for i, v in enumerate(routine.outputs) if quantity(v.path) in ("force", "trip")]
+    answer = np.ascontiguousarray(rows[:, width:-2])
+    assert np.array_equal(answer.view(np.uint64), np.ascontiguousarray(expected[:, chosen]).view(np.uint64))
+    x, y = (rows[:, pins.index(f"axes.{axis}.position-cmd")] for axis in "xy")
+    assert np.ptp(x) > 39.0, "it went around the circle"
+    assert np.ptp(y) > 39.0
+
+
+def test_both_drives_of_a_beam_follow_one_word_of_a_program(tmp_path):
+    """`coordinates=XYY`: both joints are homed, commanded alike and without a fault; the beam follows the program."""
+    file = read_machine("gantry")
+    y = file.loops["y"]
+    half = replace(y, axis=replace(y.axis, plant=Rigid(mass=110.0)))
+    y, y2 = (
+        replace(half, control=replace(half.control, law=replace(half.control.law, Kp=Kp))) for Kp in (3.3e4, 2.5e4)
+    )
+    beam = CrossBeam(axis="y", follower="y2", stiffness=4e7, damping=3000.0)
+    machine = Machine.of({"x": file.loops["x"], "y": y, "y2": y2}, (*file.couplings, beam))
+    source = tmp_path / "portal.toml"
+    source.write_text(machine_toml(machine, "portal"))
+    folder = tmp_path / "desk"
+    write_linuxcnc(read_design(source, name="axes", together=True), folder)
+    (folder / "program.ngc").write_text(CIRCLE)
+    (folder / "runner.py").write_text(RUNNER.replace("{index}", "0"))
+    (folder / "runner.py").chmod(0o755)
+    names = ["position-cmd", "fault-code", "running"]
+    pins = [f"axes.{axis}.{name}" for axis in ("x", "y", "y2") for name in names]
+    pins += [f"axes-plant.{axis}.load-position" for axis in ("y", "y2")]
+    kinds = "".join({"fault-code": "s", "running": "b"}.get(pin.rpartition(".")[2], "f") for pin in pins)
+    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
+    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
+    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
+    (folder / "record.hal").write_text("\n".join(record) + "\n")
+    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
+    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
+    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
+    assert "DONE, overruns: 0" in printed, printed
+    assert "SAID" not in printed, printed
+    found = dict(zip(pins, np.fromfile(folder / "out.bin").reshape(-1, len(pins)).T, strict=True))
+    assert all(np.all(found[f"axes.{axis}.fault-code"] == 0.0) for axis in ("x", "y", "y2"))
+    on = found["axes.y.running"] > 0.5  # off, the command of a joint is where its drive stands
+    assert np.sum(on) > 5000
+    assert np.array_equal(found["axes.y.position-cmd"][on], found["axes.y2.position-cmd"][on])
+    assert np.ptp(found["axes.y.position-cmd"]) > 39.0
+    skew = found["axes-plant.y.load-position"] - found["axes-plant.y2.load-position"]
+    assert 1e-4 < np.max(np.abs(skew)) < 0.1, "mm: the laws differ, and the beam holds them together"
 
 
 def _check_derivatives(rows, T):

@@ -14,8 +14,9 @@ from structured_text_grammar import IllegalTextError
 from structured_text_machine import program
 
 from feeddrive.export.identifiers import bare
-from feeddrive.export.structured_text_code import decimal, functions, literal
+from feeddrive.export.structured_text_code import decimal, functions, initial, literal
 from feeddrive.language import mathematics, ops
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.single import single_values
 from slow_share import all_but
@@ -53,10 +54,32 @@ SAMPLES = [
 def test_a_decimal_reads_back_to_the_same_bits(value: float) -> None:
     assert bits(float(decimal(value))) == bits(value)
     inside = literal(value)
-    assert bits(float(bare(inside).replace("LREAL#", ""))) == bits(value)
+    assert bits(constant(bare(inside), "LREAL")) == bits(value)
     assert "." in inside
     if "#" not in inside:
         assert float(np.float32(value)) == value
+
+
+@pytest.mark.parametrize("value", [3e38, 3.1e38, 1.3e-38, 1.1e-38, 1e150, -(2.0**-1022), 2.0**1023])
+def test_a_number_outside_of_short_reals_is_a_product_of_numbers_inside(value: float) -> None:
+    """matiec reads an LREAL literal by `strtof` and refuses one that overflows or underflows there."""
+    text = literal(value)
+    assert ("*" in text) == (not 1.2e-38 < abs(value) <= 3e38)
+    assert bits(constant(bare(text), "LREAL")) == bits(value)
+    if "*" in text:
+        with pytest.raises(ParameterError, match=r"law\.Kp = .* cannot be an initial value in Structured Text"):
+            initial(value, "LREAL", "law.Kp")
+    else:
+        assert float(initial(value, "LREAL", "law.Kp")) == value
+
+
+def test_the_machine_refuses_literals_and_arrays_that_matiec_refuses() -> None:
+    with pytest.raises(IllegalTextError, match="beyond a short real"):
+        constant("LREAL#1.0E39", "LREAL")
+    with pytest.raises(IllegalTextError, match="beyond a short real"):
+        constant("LREAL#1.0E-39", "LREAL")
+    with pytest.raises(IllegalTextError, match="without the name of a type"):
+        program(wrapped("y := x;", "    row : ARRAY[0..1] OF LREAL;\n"))
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False, allow_subnormal=False))

@@ -166,7 +166,8 @@ def test_the_check_on_a_plc_takes_the_cycles_that_the_document_says() -> None:
     assert found
     made = exported("cascade_ppi, plain")
     unit = structured_text.check(made.layout, made.program)
-    text = f"{made.program.text()}\n{unit.text()}"
+    parts = structured_text.check_parts(made.program, unit)
+    text = "\n".join([made.program.text(), *(part.text() for part in parts)])
     block = structured_text_machine.program(text).blocks["axis_x_check"].instance()
     cycles = 1
     while not block.call().done:
@@ -316,12 +317,12 @@ def test_ferror_is_the_next_round_number_above_twice_the_error(linear_motor: Loo
 
 
 @pytest.mark.parametrize(
-    ("sent", "taken", "taken_all"), [(19, 20, True), (20, 1, False), (1, 21, False), (0, 1, False), (1, 0, False)]
+    ("sent", "taken", "taken_all"), [(152, 20, True), (153, 1, False), (1, 21, False), (0, 1, False), (1, 0, False)]
 )
 def test_a_streamer_has_twenty_pins(
     sent: int, taken: int, taken_all: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MAX_PINS in LinuxCNC's streamer.h; one pin of the streamer says that a row is valid."""
+    """MAX_PINS and MAX_STREAMERS in LinuxCNC's streamer.h; one pin of a streamer says that a row is valid."""
 
     def session(*_: Any) -> str:
         (tmp_path / "out.bin").write_bytes(np.zeros((2, taken)).tobytes())
@@ -332,7 +333,7 @@ def test_a_streamer_has_twenty_pins(
     if taken_all:
         assert halrun(*row).rows.shape == (2, taken)
     else:
-        with pytest.raises(ParameterError, match="a run has 1 to 19 numbers in and 1 to 20 out"):
+        with pytest.raises(ParameterError, match="has 1 to 152 numbers in and 1 to 20 out"):
             halrun(*row)
 
 

@@ -206,9 +206,19 @@ class Streamed:
 
 
 def streamed(
-    layout: Layout, files: Mapping[str, str], tried: Trial, *, flags: Sequence[str] = FLAGS, command: str | None = None
+    layout: Layout,
+    files: Mapping[str, str],
+    tried: Trial,
+    *,
+    flags: Sequence[str] = FLAGS,
+    command: str | None = None,
+    emulator: Sequence[str] = (),
+    order: str = "=",
 ) -> Streamed:
     """Compile the C files of an exported controller and run the program on the samples of a trial.
+
+    emulator  command in front of the program, for a compiler of another processor
+    order     order of the bytes of a number there, as NumPy writes it: "=" that of this computer, ">" big-endian
 
     Raises MissingProgramError if there is no compiler, and FileError if compilation or the program fails.
     """
@@ -230,22 +240,22 @@ def streamed(
             (place / name).write_text(text, encoding="utf-8")
         sources = [f"{P}_stream.c", *(name for name in (f"{P}.c", f"{P}_configure.c") if name in files)]
         binary = compiled(place, sources, flags, command)
-        (place / "in").write_bytes(_packed(layout, tried))
+        (place / "in").write_bytes(_packed(layout, tried).astype(f"{order}f8").tobytes())
         with open(place / "in", "rb") as samples, open(place / "out", "wb") as answers:
-            done = subprocess.run([str(binary)], stdin=samples, stdout=answers, check=False)
+            done = subprocess.run([*emulator, str(binary)], stdin=samples, stdout=answers, check=False)
         if done.returncode == _REFUSED:
             words = " ".join([*compiler(command), *flags])
             raise FileError(f"{P}: what {words} makes of it refuses to run: not {SENTENCE}")
         if done.returncode != 0:
             raise FileError(f"{P}: the compiled program ended with status {done.returncode}")
-        outputs = np.fromfile(place / "out", dtype=np.float64).reshape(-1, len(routine.outputs))
+        outputs = np.fromfile(place / "out", dtype=f"{order}f8").astype(np.float64).reshape(-1, len(routine.outputs))
     if len(outputs) != len(tried.inputs):
         raise FileError(f"{P}: the compiled program answered {len(outputs)} of {len(tried.inputs)} samples")
     return Streamed(outputs, version(command), tuple(flags))
 
 
-def _packed(layout: Layout, tried: Trial) -> bytes:
-    """Return a trial as binary program input: blocks of samples, and the values of all parameters between blocks."""
+def _packed(layout: Layout, tried: Trial) -> np.ndarray:
+    """Return a trial as numbers for the program: blocks of samples, and the values of all parameters between blocks."""
     values = {v.path: v.value for v in layout.routine.parameters}
     pieces, start = [], 0
     for place in [*sorted(tried.changes), len(tried.inputs)]:
@@ -254,7 +264,7 @@ def _packed(layout: Layout, tried: Trial) -> bytes:
         if place in tried.changes:
             values |= tried.changes[place]
             pieces += [np.array([-1.0]), np.array(list(values.values()) or [0.0])]
-    return np.concatenate(pieces).astype(np.float64).tobytes()
+    return np.concatenate(pieces)
 
 
 def _answered(names: Sequence[str]) -> str:

@@ -393,12 +393,22 @@ STRICT = (
     "#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)",
     '#error "compile without -funsafe-math-optimizations and its parts: the bits would not be those of the simulation"',
     "#endif",
-    # 16 (ARM half precision): float and double are not widened
-    "#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0) && (FLT_EVAL_METHOD != 16)",
-    '#error "FLT_EVAL_METHOD is not 0, as on an x87: compile for SSE2, as with -msse2 -mfpmath=sse"',
-    "#endif",
-    "",
 )
+
+
+def strict(real: str) -> list[str]:
+    """Return the lines of the header that refuse compiler options with which the bits would be others."""
+    # 16 (ARM half precision): float and double are not widened; 1 (s390x in strict C99): float alone is
+    allowed = ("0", "16", "1") if real == "double" else ("0", "16")
+    return [
+        *STRICT,
+        f"#if defined(FLT_EVAL_METHOD) && {' && '.join(f'(FLT_EVAL_METHOD != {method})' for method in allowed)}",
+        '#error "FLT_EVAL_METHOD is not 0, as on an x87: compile for SSE2, as with -msse2 -mfpmath=sse"',
+        "#endif",
+        "",
+    ]
+
+
 CODE = -1
 """The result of `P_broken_rule` if the check of the arithmetic fails, whatever the parameters are."""
 SENTENCE = (
@@ -477,7 +487,7 @@ def header(layout: Layout, title: str, made_by: str) -> str:
         'extern "C" {',
         "#endif",
         "",
-        *STRICT,
+        *strict(real),
         f"#define {P.upper()}_SAMPLE_TIME {routine.sample_time!r} /* s, {routine.sample_time.hex()} */",
         "",
         "/* Value of `configured` after a successful configure; uninitialized memory has another one. */",

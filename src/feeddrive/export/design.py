@@ -234,8 +234,8 @@ def require_alone(design: Design, target: str) -> None:
     if coupled:
         raise ParameterError(
             f"{design.machine.file.name}: {coupled}, and {target} simulates the axis alone, where it would move "
-            f"otherwise: export the control to c, cortex-m, st, fmu2 or fmu3, and the plant of all axes with --plant, "
-            f"without --axis, to c, fmu2 or fmu3"
+            f"otherwise: export all controls as one with --together to linuxcnc, or the control to c, cortex-m, st, "
+            f"fmu2 or fmu3, and the plant of all axes with --plant, without --axis, to c, fmu2 or fmu3"
         )
 
 

@@ -253,16 +253,17 @@ def variables(routine: Routine) -> tuple[FmuVariable, ...]:
         )
     scalars += [
         FmuVariable(
-            i.name, "start" if quantity(i.path).startswith("start_") else "input", _kind(i.name), i.unit, i.meaning, 0.0
+            i.name, "start" if quantity(i.path).startswith("start_") else "input", _kind(i.path), i.unit, i.meaning, 0.0
         )
         for i in routine.inputs
     ]
     for output in routine.outputs:
-        scalars.append(FmuVariable(output.name, "output", _kind(output.name), output.unit, output.meaning, None))
+        scalars.append(FmuVariable(output.name, "output", _kind(output.path), output.unit, output.meaning, None))
     return tuple(scalars)
 
 
-def _kind(name: str) -> str:
+def _kind(path: str) -> str:
+    name = quantity(path)
     return "truth" if name in _TRUTHS else "enumeration" if name == "trip" else "number"
 
 
@@ -322,17 +323,22 @@ static void model_first(MODEL_CORE *core, const MODEL(inputs) *inputs, MODEL(out
 {
     MODEL_CORE copy = *core;
     MODEL(inputs) off = *inputs;
-    off.enable = 0.0;
+ENABLES
     MODEL(reset)(&copy, &off);
     MODEL(step)(&copy, &off, outputs);
 }
 
-/* At the first step: off, without a trip, where the axis is. */
+/* At the first step: off, without a trip, where the axes are. */
 static void model_start(MODEL_CORE *core, const MODEL(inputs) *inputs) { MODEL(reset)(core, inputs); }
 
 static void model_tune(MODEL_CORE *core, const MODEL(parameters) *parameters) { MODEL(retune)(core, parameters); }
 
-static int model_trip(const MODEL(outputs) *outputs) { return (int)outputs->trip; }
+/* The trip of one of the loops. */
+static int model_trip(const MODEL(outputs) *outputs, int loop)
+{
+    const double trips[] = {TRIPS};
+    return (int)trips[loop];
+}
 """
 _PLANT = """
 /* The axis at rest at its start position, and what its encoders read there. */
@@ -356,9 +362,10 @@ static void model_tune(MODEL_CORE *core, const MODEL(parameters) *parameters)
 }
 
 /* A plant has no guard. */
-static int model_trip(const MODEL(outputs) *outputs)
+static int model_trip(const MODEL(outputs) *outputs, int loop)
 {
     (void)outputs;
+    (void)loop;
     return 0;
 }
 """
@@ -371,10 +378,17 @@ def model_header(routine: Routine, token: str, variables: Sequence[FmuVariable])
     rows = ",\n".join(f"    {_row(variable)}" for variable in variables)
     names = ", ".join(json.dumps(text) for text in TRIP_NAMES.values())
     rules = ",\n        ".join(json.dumps(ascii_text(text)) for text in routine.sentences.values()) or '""'
+    ports = [""] if is_plant(routine) else [port.rstrip(".") for port in routine.origin.ports()]
+    loops = ", ".join(json.dumps(f"axis {port}: " if port else "") for port in ports)
+    enables = "\n".join(f"    off.{v.name} = 0.0;" for v in routine.inputs if quantity(v.path) == "enable")
+    trips = ", ".join(f"outputs->{v.name}" for v in routine.outputs if quantity(v.path) == "trip")
+    model = _PLANT if is_plant(routine) else _CONTROLLER.replace("ENABLES", enables).replace("TRIPS", trips)
     arithmetic = f"code == {CODE} ? {json.dumps(SENTENCE)} : "
     return (
         f"{head}{rows}\n}};\n\nenum {{ VARIABLE_COUNT = sizeof VARIABLES / sizeof VARIABLES[0] }};\n"
-        f"{_PLANT if is_plant(routine) else _CONTROLLER}\n"
+        f"{model}\n"
+        f"enum {{ LOOP_COUNT = {len(ports)} }};\n"
+        f"static const char *const LOOPS[] = {{{loops}}};\n\n"
         f"static const char *model_trip_name(int trip)\n{{\n    static const char *const names[] = {{{names}}};\n"
         f'    return trip >= 0 && trip < {len(TRIP_NAMES)} ? names[trip] : "unknown";\n}}\n\n'
         f"static const char *model_rule(int code)\n{{\n    static const char *const rules[] = {{{rules}}};\n"

@@ -20,6 +20,7 @@ from feeddrive.export.design import Answers, Design, Trial
 from feeddrive.export.linuxcnc import hal, input_pin, servo_period
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import Routine
 
 MODULES = "/usr/lib/linuxcnc/modules"
@@ -151,8 +152,13 @@ _NOBODY = "RTAPI_UID=65534"  # LinuxCNC does not run as root: the user id is pas
 _USER = "unshare --user --map-user=1000"  # and the root of these namespaces can only become a user again
 
 
-# MAX_PINS in LinuxCNC's streamer.h, of one streamer and of one sampler
-STREAMER_PINS = 20
+STREAMER_PINS = 20  # MAX_PINS in LinuxCNC's streamer.h, of one streamer and of one sampler
+STREAMERS = 8  # MAX_STREAMERS there
+
+
+def stream_pin(i: int) -> str:
+    """Return the HAL pin of input i of a run; the last pin of each streamer marks rows that are valid."""
+    return f"streamer.{i // (STREAMER_PINS - 1)}.pin.{i % (STREAMER_PINS - 1)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +189,7 @@ def halrun(
     folder      an empty folder for intermediate files
     period      period of the thread `servo-thread`, ns
     wiring      halcmd commands that load and add components between streamer and sampler, and connect
-                `streamer.0.pin.N` and `sampler.0.pin.N`
+                `stream_pin(i)` of input i and `sampler.0.pin.N`
     samples     the input rows, shape (n, len(types))
     types       types of the input pins, one letter each: f float, b bit, s signed, u unsigned
     taken       types of the recorded output pins, in the same notation
@@ -193,20 +199,27 @@ def halrun(
 
     Raises MissingProgramError if LinuxCNC is not installed, and HalError if the run fails or times out.
     """
-    if not 0 < len(types) < STREAMER_PINS or not 0 < len(taken) <= STREAMER_PINS:
-        raise ParameterError(f"a run has 1 to {STREAMER_PINS - 1} numbers in and 1 to {STREAMER_PINS} out")
-    (folder / "in.txt").write_text(_rows(samples, types), encoding="utf-8")
+    most = STREAMERS * (STREAMER_PINS - 1)
+    if not 0 < len(types) <= most or not 0 < len(taken) <= STREAMER_PINS:
+        raise ParameterError(
+            f"a run in HAL has 1 to {most} numbers in and 1 to {STREAMER_PINS} out, and this one {len(types)} and "
+            f"{len(taken)}"
+        )
+    pieces = [slice(i, i + STREAMER_PINS - 1) for i in range(0, len(types), STREAMER_PINS - 1)]
+    for i, piece in enumerate(pieces):
+        (folder / f"in{i}.txt").write_text(_rows(samples[:, piece], types[piece]), encoding="utf-8")
     (folder / "drain.py").write_text(_DRAIN, encoding="utf-8")
     (folder / "unpaced.c").write_text(_UNPACED, encoding="utf-8")
     lines = [
         f"loadrt threads name1=servo-thread period1={period}",
-        f"loadrt streamer depth={len(samples) + 2} cfg={types}b",
+        f"loadrt streamer depth={','.join([str(len(samples) + 2)] * len(pieces))} "
+        f"cfg={','.join(f'{types[piece]}b' for piece in pieces)}",
         f"loadrt sampler depth={len(samples) + 2} cfg={taken}",
-        "addf streamer.0 servo-thread",
+        *(f"addf streamer.{i} servo-thread" for i in range(len(pieces))),
         *wiring,
         "addf sampler.0 servo-thread",
-        f"net valid streamer.0.pin.{len(types)} => sampler.0.enable",
-        "loadusr -w halstreamer in.txt",
+        f"net valid streamer.0.pin.{len(types[pieces[0]])} => sampler.0.enable",
+        *(f"loadusr -w halstreamer -c {i} in{i}.txt" for i in range(len(pieces))),
         "start",
         *meanwhile,
         f"loadusr -w /usr/bin/python3 drain.py {len(samples)} {patience}",
@@ -281,6 +294,12 @@ OUTPUTS = {
 }
 
 
+def output_pin(path: str) -> tuple[str, str]:
+    """Return the pin of an output of the routine, and its type."""
+    pin, kind = OUTPUTS[quantity(path)]
+    return hal(path[: -len(quantity(path))]) + pin, kind
+
+
 def answers(
     routine: Routine,
     directory: Path,
@@ -310,8 +329,8 @@ def answers(
     Raises MissingProgramError and HalError as `halrun` does.
     """
     name = hal(routine.name)
-    pins = [*(input_pin(v.name) for v in routine.inputs), *(also or {})]
-    taken = [OUTPUTS[v.name] for v in routine.outputs] + list(more)
+    pins = [*(input_pin(v.path) for v in routine.inputs), *(also or {})]
+    taken = [output_pin(v.path) for v in routine.outputs] + list(more)
     wiring = [
         f"loadrt {routine.name}",
         f"addf {name} servo-thread",
@@ -319,12 +338,12 @@ def answers(
         # a session does not run in real time: late calls are no fault here
         f"setp {name}.late-limit 0",
         *setup,
-        *(f"net in-{i} streamer.0.pin.{i} => {name}.{pin}" for i, pin in enumerate(pins)),
+        *(f"net in-{i} {stream_pin(i)} => {name}.{pin}" for i, pin in enumerate(pins)),
         *(f"net out-{i} {name}.{pin} => sampler.0.pin.{i}" for i, (pin, _) in enumerate(taken)),
     ]
     rows = np.array(inputs, dtype=float)
     for i, variable in enumerate(routine.inputs):
-        if variable.name == "enable":
+        if quantity(variable.path) == "enable":
             rows[:, i] = rows[:, i] > 0.5
         else:
             rows[:, i] *= units_per_m
@@ -335,7 +354,7 @@ def answers(
         period or servo_period(routine),
         wiring,
         rows,
-        "".join("b" if pin == "enable" or pin in (also or {}) else "f" for pin in pins),
+        "".join("b" if pin.rpartition(".")[2] == "enable" or pin in (also or {}) else "f" for pin in pins),
         "".join(kind for _, kind in taken),
         meanwhile=meanwhile,
         at_end=at_end,

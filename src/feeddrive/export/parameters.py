@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -29,6 +29,7 @@ from feeddrive.export.drive_quantities import (
     read_cascade,
 )
 from feeddrive.export.linuxcnc_pid import COEFFICIENTS, GAINS, left_out, period, stock_law, stock_loop
+from feeddrive.export.pitch_tables import pitch_compensations, pitch_file, remark
 from feeddrive.export.targets import readme, write_bundle
 from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
@@ -734,6 +735,7 @@ def write_parameters(
             parts.append(Part(_PIDS, absent=reason))
         elif wanted_maker == "linuxcnc":
             lines, missing = halcmd_lines(cascade)
+            missing = _without_tables(wanted_maker, cascade, missing)
             # only the lines: `left_out` has already given the missing parts their paths
             lines = _in_paths(cascade.loop, lines)
             warning = _warning(stock_loop(cascade, stock_law(cascade, units=STOCK_UNITS)), cascade.loop)
@@ -742,11 +744,14 @@ def write_parameters(
             parts.append(Part(_PIDS, "linuxcnc.txt", warning, lines, missing))
         else:
             files["parameters.csv"] = csv_text(cascade, train, _head(design, cascade, train))
+    tables = [table for maker in wanted if (table := pitch_file(maker, cascade.loop)) is not None]
+    files |= {table.name: table.text for table in tables if table.name}
     files["README.md"] = readme(
         "parameters.md.j2",
         design,
         head=_head(design, cascade, train),
         parts=parts,
+        pitch=[(table, remark(table, turns=cascade.loop.axis.rotary)) for table in tables],
         not_checked=NOT_CHECKED.split(":")[0],
     )
     return write_bundle(design, "parameters", out, files, makers=wanted, lead=lead, gear=gear)
@@ -798,7 +803,7 @@ def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
 
     Filters are checked individually, all other parts by kind.
     """
-    parts = list(lost(cascade, (*maker.held, "filters"), maker.outside))
+    parts = _without_tables(maker.key, cascade, lost(cascade, (*maker.held, "filters"), maker.outside))
     for i, block in enumerate(cascade.loop.control.filters):
         why = maker.filters(block, i).why
         if why:
@@ -808,6 +813,15 @@ def _lost(maker: Maker, cascade: Cascade) -> list[LostPart]:
                 if part.path == f"control.filters.{i}"
             ]
     return [*parts, *maker.always]
+
+
+def _without_tables(maker: str, cascade: Cascade, parts: Iterable[LostPart]) -> list[LostPart]:
+    """Return the missing parts without the pitch compensation, if the maker has a file for its table."""
+    table = pitch_file(maker, cascade.loop)
+    written = pitch_compensations(cascade.loop) if table is not None and table.name else []
+    paths = {tree.in_paths(cascade.loop, f"control.compensation.{i}") for i in written}
+    paths |= {f"control.compensation.{i}" for i in written}
+    return [part for part in parts if part.path not in paths]
 
 
 def _warning(bare: Loop, whole: Loop) -> list[str]:

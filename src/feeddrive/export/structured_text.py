@@ -17,12 +17,14 @@ from feeddrive.export.c_bundle import stepped
 from feeddrive.export.design import CONTROL, Design, Trial, trial
 from feeddrive.export.identifiers import ST_WORDS, ascii_text, bare, identifier
 from feeddrive.export.layout import Field, Layout, LayoutRun
-from feeddrive.export.structured_text_code import Assignment, Declared, Section, Structure, Unit
+from feeddrive.export.structured_text_code import Array, Assignment, Declared, Section, Structure, Unit
 from feeddrive.export.targets import readme, write_bundle
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.block import LARGEST
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import Graph, arguments, reachable
 from feeddrive.language.naming import Name
 from feeddrive.loop.guard import TRIPS
+from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import Variable, off_outputs, run
 from feeddrive.version import __version__
 
@@ -189,10 +191,27 @@ def _is_tunable(printer: Printing, node: int) -> bool:
 def _inline(layout: Layout, node: int, section: Section, prefix: str) -> str:
     """Return the comparisons of a bounds check as one expression."""
     name, *values = layout.graph.nodes[node]
+    number = _finite(layout, node)
+    if number is not None:
+        # true of finite numbers alone, without the largest one, which some compilers refuse as a literal
+        text = section.statements.texts[number]
+        return f"(({text} - {text}) = 0.0)"
     if name == "and":
         return f"({' AND '.join(_inline(layout, i, section, prefix) for i in values)})"
     texts = [section.statements.texts.get(i) or st.literal(float.fromhex(layout.graph.nodes[i][1])) for i in values]
     return st.expression(name, texts, prefix)
+
+
+def _finite(layout: Layout, node: int) -> int | None:
+    """Return the node of x if a node is (-LARGEST <= x) AND (x <= LARGEST), else None."""
+    name, *sides = layout.graph.nodes[node]
+    if name != "and":
+        return None
+    least, most = (layout.graph.nodes[i] for i in sides)
+    if least[0] != "le" or most[0] != "le" or least[2] != most[1]:
+        return None
+    ends = [layout.graph.nodes[i] for i in (least[1], most[2])]
+    return most[1] if ends == [("const", (sign * LARGEST).hex()) for sign in (-1.0, 1.0)] else None
 
 
 def _refused(layout: Layout, holds: str, code: int) -> list[str]:
@@ -230,6 +249,7 @@ class Program:
     """
 
     structures: tuple[Structure, ...]
+    arrays: tuple[Array, ...]
     units: tuple[Unit, ...]
     fixed: Fixed
     names: Mapping[str, str]
@@ -241,7 +261,7 @@ class Program:
 
     def text(self) -> str:
         """Return the program as one source file."""
-        return "\n".join(part.text() for part in (*self.structures, *self.units))
+        return "\n".join(part.text() for part in (*self.structures, *self.arrays, *self.units))
 
 
 def program(layout: Layout, heading: str) -> Program:
@@ -271,11 +291,12 @@ class Printer:
         reset = self._reset()
         blocks = [configure(self), reset, self._retune(), self._step(reset.sections[st.INPUTS][1:])]
         own = [unit for real, used in self.used.items() for unit in st.functions(used, self.name, real)]
-        return Program(self._structures(), (*own, *blocks), self.fixed, self.parameters)
+        units = (*own, *blocks)
+        return Program(self._structures(), tuple(st.arrays(units)), units, self.fixed, self.parameters)
 
     def _structures(self) -> tuple[Structure, ...]:
         parameters = [
-            Declared(self.parameters[v.path], "LREAL", st.decimal(v.value), _meaning(v))
+            Declared(self.parameters[v.path], "LREAL", st.initial(v.value, "LREAL", v.path), _meaning(v))
             for v in self.routine.parameters
             if v.path in self.parameters
         ]
@@ -310,7 +331,7 @@ class Printer:
         value = self.fixed.fields.get(field.name)
         if value is None:
             return ""
-        return ("TRUE" if value else "FALSE") if field.truth else st.decimal(value, self.real)
+        return ("TRUE" if value else "FALSE") if field.truth else st.initial(value, self.real, field.name)
 
     def parameter(self, struct: str, i: int) -> str:
         """Return the expression for a parameter: its field in `struct`, or its value if it is fixed."""
@@ -403,7 +424,7 @@ class Printer:
             Declared("started", "BOOL", "FALSE", "whether there is a state"),
             Declared("retuned", "BOOL", "FALSE", "retune in the cycle before"),
             Declared("fresh", "BOOL"),
-            Declared("switched_on", "BOOL"),
+            *(Declared(switched, "BOOL") for switched in self._switches().values()),
             Declared("active", f"{self.name}_parameters", "", "parameters in use"),
             Declared("design", f"{self.name}_design"),
             Declared("state", f"{self.name}_state"),
@@ -416,12 +437,15 @@ class Printer:
         lines = self.computed(section, [*step.states, *step.outputs])
         lines += ["", "(* the outputs, and the state for the next sample *)"]
         for variable, node in zip(self.routine.outputs, step.outputs, strict=True):
-            lines += self._put(variable.name, section.statements.texts[node])
+            lines += self._put(variable, section.statements.texts[node])
         lines += section.assign(self._targets(step.states))
         first = _FIRST.format(
             inputs="".join(f",\n            {declared.name} := {declared.name}" for declared in reset_inputs),
             T=st.literal(T, self.real),
             tolerance=st.literal(CYCLE_TOLERANCE * T, self.real),
+        )
+        first += "".join(
+            f"{switched} := {enable} AND (NOT cycle_wrong);\n" for enable, switched in self._switches().items()
         )
         return Unit(
             self.name,
@@ -446,14 +470,24 @@ class Printer:
     def _off(self) -> list[str]:
         """Return the assignments of the outputs for invalid parameters, with the safe force of the machine file."""
         printed: list[str] = []
+        kinds = {variable.name: quantity(variable.path) for variable in self.routine.outputs}
         for name, value in off_outputs(self.routine).items():
-            text = {"trip": "INT#0", "enabled": "FALSE"}.get(name) or bare(st.literal(value, self.real))
+            text = {"trip": "INT#0", "enabled": "FALSE"}.get(kinds[name]) or bare(st.literal(value, self.real))
             printed.append(f"{name} := {text};")
         return printed
 
     def _inputs(self) -> list[Declared]:
-        special = {"enable": Declared("enable", "BOOL", "FALSE", "TRUE: the loop shall run")}
-        return [special.get(v.name, Declared(v.name, self.real, "", _meaning(v))) for v in self.routine.inputs]
+        return [
+            Declared(v.name, "BOOL", "FALSE", "TRUE: the loop shall run")
+            if quantity(v.path) == "enable"
+            else Declared(v.name, self.real, "", _meaning(v))
+            for v in self.routine.inputs
+        ]
+
+    def _switches(self) -> dict[str, str]:
+        """Return, for each input `enable`, the name of the variable that is FALSE in a task with another cycle, too."""
+        names = (v.name for v in self.routine.inputs if quantity(v.path) == "enable")
+        return {name: f"{name.removesuffix('enable')}switched_on" for name in names}
 
     def _output(self, variable: Variable) -> Declared:
         codes = ", ".join(f"{code:.0f} {text}" for code, text in TRIPS.items())
@@ -461,16 +495,16 @@ class Printer:
             "trip": ("INT", f"0 none, {codes}"),
             "enabled": ("BOOL", "TRUE while the loop runs, FALSE while it is off or tripped"),
         }
-        kind, meaning = special.get(variable.name, (self.real, _meaning(variable)))
+        kind, meaning = special.get(quantity(variable.path), (self.real, _meaning(variable)))
         return Declared(variable.name, kind, "", meaning)
 
-    def _put(self, name: str, text: str) -> list[str]:
+    def _put(self, output: Variable, text: str) -> list[str]:
         """Return the assignment of an output, converted to its declared type."""
-        if name == "trip":
-            return [f"trip := {self.real}_TO_INT({text});"]
-        if name == "enabled":
-            return [f"enabled := {text} > {st.literal(0.5, self.real)};"]
-        return Assignment(name, text).lines()
+        if quantity(output.path) == "trip":
+            return [f"{output.name} := {self.real}_TO_INT({text});"]
+        if quantity(output.path) == "enabled":
+            return [f"{output.name} := {text} > {st.literal(0.5, self.real)};"]
+        return Assignment(output.name, text).lines()
 
     def _wide(self, text: str) -> str:
         """Convert a stored number to LREAL."""
@@ -501,8 +535,8 @@ class Printer:
         for node, (kind, i) in layout.leaves.items():
             if kind == "table":
                 section.table(node, routine.tables[i][0], [float(x) for x in routine.tables[i][2]])
-            elif kind == "input" and routine.inputs[i].name == "enable":
-                section.switch(node)
+            elif kind == "input" and quantity(routine.inputs[i].path) == "enable":
+                section.switch(node, self._switches()[routine.inputs[i].name])
         return section
 
     def section(
@@ -553,7 +587,6 @@ retuned := retune;
 
 (* A law is designed for its sample time: in a task with another cycle the loop stays off. *)
 cycle_wrong := NOT (ABS(cycle_time - {T}) <= {tolerance});
-switched_on := enable AND (NOT cycle_wrong);
 """
 
 
@@ -589,8 +622,10 @@ def structured_text_files(design: Design) -> dict[str, str]:
     P = design.name
     printed = program(design.layout, header(design))
     tried = check(design.layout, printed)
-    parts = (*printed.structures, *printed.units, tried)
-    files = {f"{P}.st": printed.text(), f"{P}_check.st": tried.text(), f"{P}.xml": plcopen(P, parts)}
+    *of_check, _ = checking = check_parts(printed, tried)
+    parts = (*printed.structures, *printed.arrays, *of_check, *printed.units, tried)
+    text = "\n".join(part.text() for part in checking)
+    files = {f"{P}.st": printed.text(), f"{P}_check.st": text, f"{P}.xml": plcopen(P, parts)}
     files |= {f"twincat/{name}": content for name, content in map(twincat_file, parts)}
     files["README.md"] = _readme(design, printed)
     return files
@@ -643,12 +678,11 @@ def _time(design: Design) -> str:
 NAMESPACE = "http://www.plcopen.org/xml/tc6_0200"
 _XHTML = "http://www.w3.org/1999/xhtml"
 _PLACES = {st.INPUTS: "inputVars", st.OUTPUTS: "outputVars", st.VARIABLES: "localVars", st.CONSTANTS: "localVars"}
-_ARRAY = re.compile(r"ARRAY\[(\d+)\.\.(\d+)\] OF (\w+)")
 _ELEMENTARY = ("LREAL", "REAL", "BOOL", "INT", "DINT")
 _WHEN = "2000-01-01T00:00:00"  # the format requires a date; a fixed one makes the export reproducible
 
 
-def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
+def plcopen(name: str, parts: Iterable[Structure | Array | Unit]) -> str:
     """Return the text of the PLCopen project file."""
     parts = list(parts)
     project = ET.Element("project", {"xmlns": NAMESPACE})
@@ -672,6 +706,11 @@ def plcopen(name: str, parts: Iterable[Structure | Unit]) -> str:
             struct = ET.SubElement(kind, "struct")
             for field in part.declared():
                 _variable(struct, field)
+        elif isinstance(part, Array):
+            kind = ET.SubElement(ET.SubElement(data, "dataType", name=part.name), "baseType")
+            inner = ET.SubElement(kind, "array")
+            ET.SubElement(inner, "dimension", lower="0", upper=str(part.size - 1))
+            _type(ET.SubElement(inner, "baseType"), part.element)
         else:
             _unit(units, part)
     ET.SubElement(ET.SubElement(project, "instances"), "configurations")
@@ -715,24 +754,19 @@ def _document(parent: ET.Element, text: str) -> None:
     ET.SubElement(ET.SubElement(parent, "documentation"), "xhtml", xmlns=_XHTML).text = text
 
 
-def _type(parent: ET.Element, kind: str) -> None:
-    array = _ARRAY.fullmatch(kind)
-    if array:
-        inner = ET.SubElement(parent, "array")
-        ET.SubElement(inner, "dimension", lower=array[1], upper=array[2])
-        _type(ET.SubElement(inner, "baseType"), array[3])
-    elif kind in _ELEMENTARY:
-        ET.SubElement(parent, kind)
+def _type(parent: ET.Element, kind: str | Array) -> None:
+    if kind in _ELEMENTARY:
+        ET.SubElement(parent, str(kind))
     else:
-        ET.SubElement(parent, "derived", name=kind)
+        ET.SubElement(parent, "derived", name=str(kind))
 
 
 _HEAD = '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1" ProductVersion="3.1.4024.12">\n'
 
 
-def twincat_file(part: Structure | Unit) -> tuple[str, str]:
-    """Return the name and the content of the TwinCAT file of a structure, function or function block."""
-    if isinstance(part, Structure):
+def twincat_file(part: Structure | Array | Unit) -> tuple[str, str]:
+    """Return the name and the content of the TwinCAT file of a type, function or function block."""
+    if isinstance(part, Structure | Array):
         body = f"    <Declaration><![CDATA[{_cdata(part.text())}]]></Declaration>\n"
         return f"{part.name}.TcDUT", _wrapped("DUT", part.name, "", body)
     body = (
@@ -755,6 +789,7 @@ def _cdata(text: str) -> str:
 
 # few, since they are constants in the memory of the PLC
 SAMPLES = 100
+_SEEDS = 10  # attempts: outputs of random samples are next to never outside the range of literals
 _SAID = """\
 Tries {name} on this PLC: call it in any task until done. It gives {samples} stored samples to the controller, with
 a live change of parameters in between, and compares every output with the simulator's, all bits.
@@ -765,19 +800,14 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     """Return the function block `axis_x_check`, which compares the controller with stored samples."""
     routine, name = layout.routine, layout.routine.name
     real = "LREAL" if layout.precision == "double" else "REAL"
-    # no broken inputs: Structured Text has no literal for NaN or infinity
-    tried = trial(routine, SAMPLES, seed, changes=1, broken=0.0)
-    changes = {
-        # parameters that the export has fixed cannot change on the PLC
-        sample: {path: value for path, value in changed.items() if path in program.names}
-        for sample, changed in tried.changes.items()
-    }
-    tried = Trial(tried.inputs, changes)
-    expected = run(routine, tried.inputs, changes) if real == "LREAL" else stepped(layout, tried)
-    signals = {v.name: tried.inputs[:, i] for i, v in enumerate(routine.inputs)}
-    wanted = {v.name: expected[:, i] for i, v in enumerate(routine.outputs)}
-    constants = [_array(f"given_{signal}", signal, row, real) for signal, row in signals.items()]
-    constants += [_array(f"wanted_{signal}", signal, row, real) for signal, row in wanted.items()]
+    tried, expected = _tried(layout, program, seed)
+    changes = tried.changes
+    signals, wanted = [v.name for v in routine.inputs], [v.name for v in routine.outputs]
+    constants = [
+        _array(name, f"{what}_{v.name}", quantity(v.path), row, real)
+        for what, variables, rows in (("given", routine.inputs, tried.inputs), ("wanted", routine.outputs, expected))
+        for v, row in zip(variables, rows.T, strict=True)
+    ]
     retunes = [f"(k = {sample})" for sample in changes]
     calls = [f"{signal} := given_{signal}[k]" for signal in signals]
     calls += [f"retune := {' OR '.join(retunes) or 'FALSE'}", "parameters := parameters"]
@@ -817,7 +847,33 @@ def check(layout: Layout, program: Program, seed: int = 0) -> Unit:
     )
 
 
-def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str]:
+def check_parts(program: Program, block: Unit) -> list[Array | Unit]:
+    """Return the check block with the array types before it that the program lacks."""
+    return [*(array for array in st.arrays([block]) if array not in program.arrays), block]
+
+
+def _tried(layout: Layout, program: Program, seed: int) -> tuple[Trial, np.ndarray]:
+    """Return the samples of the check block and the expected outputs, of the first seed whose numbers are literals."""
+    for attempt in range(seed, seed + _SEEDS):
+        # no broken inputs: Structured Text has no literal for NaN or infinity
+        tried = trial(layout.routine, SAMPLES, attempt, changes=1, broken=0.0)
+        changes = {
+            # parameters that the export has fixed cannot change on the PLC
+            sample: {path: value for path, value in changed.items() if path in program.names}
+            for sample, changed in tried.changes.items()
+        }
+        tried = Trial(tried.inputs, changes)
+        double = layout.precision == "double"
+        expected = run(layout.routine, tried.inputs, changes) if double else stepped(layout, tried)
+        if all(map(st.is_literal, [*tried.inputs.flat, *expected.flat])):
+            return tried, expected
+    raise StructureError(
+        f"{layout.routine.name}: its outputs hold numbers for which Structured Text has no literals: export another "
+        f"target"
+    )
+
+
+def _changes(changes: Mapping[int, Mapping[str, float]], program: Program) -> list[str]:
     lines: list[str] = []
     for sample, changed in changes.items():
         lines.append(f"IF k = {sample} THEN")
@@ -829,12 +885,12 @@ def _changes(changes: dict[int, dict[str, float]], program: Program) -> list[str
     return lines
 
 
-def _array(name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
-    """Return the declaration of a constant array with samples of a signal, in the signal's type in the controller."""
+def _array(prefix: str, name: str, signal: str, row: Sequence[float] | np.ndarray, real: str) -> Declared:
+    """Return the declaration of a constant array with samples of a signal, in the type of that quantity."""
     if signal in ("enable", "enabled"):
         kind, texts = "BOOL", ["TRUE" if x > 0.5 else "FALSE" for x in row]
     elif signal == "trip":
         kind, texts = "INT", [f"{x:.0f}" for x in row]
     else:
         kind, texts = real, [st.decimal(float(x), real) for x in row]
-    return Declared(name, f"ARRAY[0..{len(texts) - 1}] OF {kind}", f"[{', '.join(texts)}]")
+    return Declared(name, Array(prefix, kind, len(texts)), f"[{', '.join(texts)}]")

@@ -15,10 +15,11 @@ import numpy as np
 from feeddrive.export.identifiers import ST_WORDS, bare, identifier
 from feeddrive.export.layout import word
 from feeddrive.language.block import Block
-from feeddrive.language.errors import StructureError
+from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.graph import ELEMENTARY, TRUTH, Graph, arguments, reachable
 from feeddrive.language.matrix import SQUARINGS, TOO_LARGE
 from feeddrive.language.naming import Name
+from feeddrive.language.quantity import Quantity
 
 # Program organisation units of Structured Text: declarations and expressions.
 #
@@ -33,11 +34,36 @@ INPUTS, OUTPUTS, VARIABLES, CONSTANTS = "VAR_INPUT", "VAR_OUTPUT", "VAR", "VAR C
 SECTIONS = (INPUTS, OUTPUTS, VARIABLES, CONSTANTS)
 
 
+@dataclass(frozen=True)
+class Array:
+    """A named array type, indexed from 0.
+
+    It has a name since two anonymous array types of one form are different types in IEC 61131-3: neither assignment nor
+    call may mix them.
+    """
+
+    prefix: str
+    element: str
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The name of the type: `axis_x_lreal_49`."""
+        return f"{self.prefix}_{self.element.lower()}_{self.size}"
+
+    def __str__(self) -> str:
+        return self.name
+
+    def text(self) -> str:
+        """Return the declaration as source text."""
+        return f"TYPE {self.name} : ARRAY[0..{self.size - 1}] OF {self.element}; END_TYPE\n"
+
+
 class Declared(NamedTuple):
     """The declaration of a variable or a field: name, type, initial value as text, meaning, and a comment above it."""
 
     name: str
-    kind: str
+    kind: str | Array
     value: str = ""
     meaning: str = ""
     above: str = ""
@@ -94,6 +120,12 @@ class Unit:
         return f"{self.declaration()}\n{self.implementation()}END_{self.keyword}\n"
 
 
+def arrays(units: Iterable[Unit]) -> list[Array]:
+    """Return the array types that the variables of some units have, each once."""
+    declared = (variable.kind for unit in units for section in unit.sections.values() for variable in section)
+    return list(dict.fromkeys(kind for kind in declared if isinstance(kind, Array)))
+
+
 def _declared(variables: Iterable[Declared]) -> list[str]:
     """Return one line per variable, with the meanings of short lines aligned."""
     variables = list(variables)
@@ -131,12 +163,25 @@ def _joined(lines: Iterable[str]) -> str:
 
 def huge(real: str) -> Declared:
     """Return the declaration of a variable whose value is so large that its square overflows to infinity."""
-    return Declared(HUGE, real, "1.0E300" if real == "LREAL" else "1.0E30", "its square is infinite")
+    return Declared(HUGE, real, "", "its square is infinite")
+
+
+def with_huge(lines: list[str], real: str) -> list[str]:
+    """Return the statements, after one that sets the variable `huge` if they read it."""
+    if not any(HUGE in line for line in lines):
+        return lines
+    # assigned, not an initial value: the literal would exceed the range that `literal` keeps to
+    return [f"{HUGE} := {bare(literal(_HUGE[real], real))};", *lines]
 
 
 REALS = ("LREAL", "REAL")  # IEEE 754 numbers of 64 and of 32 bits
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "eq": "=", "and": "AND", "or": "OR"}
 HUGE = "huge"  # a variable: its square is infinite, for which there is no literal
+_HUGE = {"LREAL": 2.0**630, "REAL": 2.0**100}
+# matiec, the compiler of OpenPLC and Beremiz, reads every literal by `strtof` and refuses one that a short real cannot
+# hold, an LREAL too: what lies outside is printed as a product of numbers inside
+LEAST_LITERAL, MOST_LITERAL = 1.2e-38, 3e38
+_SCALE = 2.0**120  # a power of two, so that the products are exact
 OWN = frozenset({"floor", "power_of_two", "exponent"}) | ELEMENTARY  # functions printed with the block
 
 
@@ -149,10 +194,38 @@ def literal(value: float, real: str = "LREAL") -> str:
     value = float(value)
     if math.isinf(value):
         return f"({HUGE} * {'(-' + HUGE + ')' if value < 0.0 else HUGE})"
+    if not is_literal(value):
+        return _product(value, real)
     sign, text = ("-", decimal(value, real)[1:]) if decimal(value, real).startswith("-") else ("", decimal(value, real))
     if real == "REAL" or short(value) != value:
         text = f"{real}#{text}"
     return f"(-{text})" if sign else text
+
+
+def initial(value: float, real: str, path: str) -> str:
+    """Return the decimal of an initial value. Raise ParameterError for one that not every compiler reads."""
+    if not is_literal(value):
+        raise ParameterError(
+            f"{path} = {Quantity(value):3} cannot be an initial value in Structured Text: compilers read 0 and numbers "
+            f"from {Quantity(LEAST_LITERAL):2} to {Quantity(MOST_LITERAL):1}; choose another, or export another target"
+        )
+    return decimal(value, real)
+
+
+def is_literal(value: float) -> bool:
+    """Return True if every compiler reads the number as one literal."""
+    return value == 0.0 or LEAST_LITERAL <= abs(value) <= MOST_LITERAL
+
+
+def _product(value: float, real: str) -> str:
+    """Return a number outside the range of literals as an exact product of a number inside and powers of two."""
+    factors, scale = 0, _SCALE if abs(value) > 1.0 else 1.0 / _SCALE
+    while not is_literal(value):
+        value, factors = value / scale, factors + 1
+    text = f"{'(-' if value < 0.0 else ''}{real}#{decimal(abs(value), real)}{')' if value < 0.0 else ''}"
+    for _ in range(factors):
+        text = f"({text} * {real}#{decimal(scale, real)})"
+    return text
 
 
 def decimal(value: float, real: str = "LREAL") -> str:
@@ -216,12 +289,25 @@ class Assignment:
 
 
 @dataclass
+class Call:
+    """The call of an instance of a function block."""
+
+    text: str
+    needs: frozenset[int]
+    owner: str | None = None
+
+    def lines(self) -> list[str]:
+        """Return the statement as text."""
+        return [self.text]
+
+
+@dataclass
 class Choice:
     """An IF statement with assignments and further IF statements in its branches."""
 
     condition: str
-    then: list[Assignment | Choice]
-    otherwise: list[Assignment | Choice]
+    then: list[Statement]
+    otherwise: list[Statement]
     needs: frozenset[int]
     owner: str | None = None
     makes: set[int] = field(default_factory=set)
@@ -237,11 +323,14 @@ class Choice:
         return [*printed, "ELSE", *_indented(rest), "END_IF;"]
 
 
-def _indented(statements: Iterable[Assignment | Choice]) -> list[str]:
+def _indented(statements: Iterable[Statement]) -> list[str]:
     return [INDENT + line for statement in statements for line in statement.lines()]
 
 
-def _append(done: list[Assignment | Choice], new: Assignment | Choice) -> None:
+Statement = Assignment | Call | Choice
+
+
+def _append(done: list[Statement], new: Statement) -> None:
     """Append a statement; merge an IF statement with the previous one if both have the same condition."""
     last = done[-1] if done else None
     if isinstance(last, Choice) and isinstance(new, Choice) and last.condition == new.condition:
@@ -253,8 +342,8 @@ def _append(done: list[Assignment | Choice], new: Assignment | Choice) -> None:
         done.append(new)
 
 
-def _no_array(size: int) -> str:
-    raise AssertionError(f"no place for a row of {size} numbers")
+def _no_variable(wanted: str, kind: str | Array) -> str:
+    raise AssertionError(f"no place for a variable {wanted} of the type {kind}")
 
 
 class Statements:
@@ -283,13 +372,13 @@ class Statements:
         self.makers = makers or {}
         self.bounds: set[int] = set()  # numbers written on the right of a comparison, such as constants
         self.used: set[str] = set()  # operations
-        self.array: Callable[[int], str] = _no_array
-        self.done: list[Assignment | Choice] = []
+        self.variable: Callable[[str, str | Array], str] = _no_variable
+        self.done: list[Statement] = []
         self._reads: dict[int, frozenset[int]] = {}  # nodes whose variables a node's text reads
         self._held: set[int] = set()
         self._inside: set[int] = set()  # choices nested in another choice
 
-    def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Assignment | Choice]:
+    def compute(self, roots: Iterable[int], held: Iterable[int] = ()) -> list[Statement]:
         """Return the statements for nodes, in the order of the law; nodes in `held` always become variables."""
         roots, self._held = list(roots), set(held)
         order = self._needed(roots)
@@ -334,15 +423,17 @@ class Statements:
                 if index not in self._inside:
                     self._choice(index)
             case "decays":
-                size, array = len(node) - 1, self.array(len(node) - 1)
+                size = len(node) - 1
+                array = self.variable("matrix", Array(self.prefix, self.real, size))
+                block = self.variable("deciding", own(self.prefix, f"decays_{size}", self.real))
                 self.used.add(f"decays_{size}")
                 # an array begins with zeros, and these entries are never written
                 entries = [(k, self.texts[i]) for k, i in enumerate(arguments(node)) if self.texts[i] != "0.0"]
                 reads = self._all_reads(arguments(node))
                 for k, text in entries:
                     self.done.append(Assignment(f"{array}[{k}]", text, reads))
-                called = f"{own(self.prefix, f'decays_{size}', self.real)}({array})"
-                self.done.append(Assignment(self._variable(index, "BOOL"), called, reads))
+                self.done.append(Call(f"{block}(matrix := {array});", reads))
+                self.done.append(Assignment(self._variable(index, "BOOL"), f"{block}.decays", reads))
             case name:
                 self.used.add(name)
                 values = arguments(node)
@@ -424,14 +515,14 @@ class Section:
         real: str,
         taken: Iterable[str],
     ) -> None:
-        self.blocks, self.graph, self.names, self.real = blocks, graph, names, real
+        self.prefix, self.blocks, self.graph, self.names, self.real = prefix, blocks, graph, names, real
         self.variables: list[Declared] = []
         self.places: dict[int, str] = {}  # target of a number that needs no separate variable
         self._tables: dict[str, Declared] = {}
         self._taken = {HUGE, *taken}
         self._lines: list[str] = []
         self.statements = Statements(graph, leaves, self._declare, names, prefix, real, makers)
-        self.statements.array = self.array
+        self.statements.variable = self.variable
 
     def _declare(self, index: int, kind: str) -> str:
         if index in self.places:
@@ -451,33 +542,33 @@ class Section:
         kept = self.statements.texts.get(node[2], "") if node[0] == "select" else ""
         return kept.removeprefix("state.") if kept.startswith("state.") else f"v{len(self.variables) + 1}"
 
-    def array(self, size: int) -> str:
-        """Declare an array and return its name."""
-        name = identifier("matrix", self._taken, ST_WORDS)
-        self.variables.append(Declared(name, f"ARRAY[0..{size - 1}] OF {self.real}"))
+    def variable(self, wanted: str, kind: str | Array) -> str:
+        """Declare a variable, such as an array, and return its name."""
+        name = identifier(wanted, self._taken, ST_WORDS)
+        self.variables.append(Declared(name, kind))
         return name
 
     def table(self, node: int, path: str, row: list[float]) -> None:
-        """Declare a table as a constant array. Raise StructureError for a table with too many entries."""
+        """Declare a table as a constant array. Raise StructureError for too many entries, and as `initial` does."""
         if len(row) > MOST_ENTRIES:
             raise StructureError(
                 f"{path} has {len(row)} entries, more than the {MOST_ENTRIES} that fit into a Structured Text array; "
                 f"leave it out, or export another target"
             )
         name = identifier(path.removeprefix("control."), self._taken, ST_WORDS)
-        values = ", ".join(decimal(value, self.real) for value in row)
-        self._tables[name] = Declared(name, f"ARRAY[0..{len(row) - 1}] OF {self.real}", f"[{values}]")
+        values = ", ".join(initial(value, self.real, path) for value in row)
+        self._tables[name] = Declared(name, Array(self.prefix, self.real, len(row)), f"[{values}]")
         self.statements.texts[node] = name
 
-    def switch(self, node: int) -> None:
-        """Replace the comparison of the enable input with 0.5 by the Boolean variable `switched_on`."""
+    def switch(self, node: int, switched: str) -> None:
+        """Replace the comparison of an input `enable` with 0.5 by a Boolean variable."""
         for index, operation in enumerate(self.graph.nodes):
             if (
                 operation[0] == "lt"
                 and operation[2] == node
                 and self.graph.nodes[operation[1]] == ("const", (0.5).hex())
             ):
-                self.statements.texts[index] = "switched_on"
+                self.statements.texts[index] = switched
 
     def compute(self, nodes: Iterable[int]) -> list[str]:
         """Return the statements for the given nodes, under headings that name the blocks that compute them."""
@@ -495,6 +586,7 @@ class Section:
             self._lines += statement.lines()
         if any(HUGE in line for line in self._lines):
             self.variables.append(huge(self.real))
+            self._lines = with_huge(self._lines, self.real)
         return self._lines
 
     def constants(self) -> list[Declared]:
@@ -625,21 +717,25 @@ def functions(used: Iterable[str], prefix: str, real: str = "LREAL") -> list[Uni
     for name in sorted(set(used) & OWN):
         _add(units, name, prefix, real)
     for name in sorted(operation for operation in used if operation.startswith("decays_")):
-        units[name] = _decays(int(name.removeprefix("decays_")), own(prefix, name, real), real)
+        units[name] = _decays(int(name.removeprefix("decays_")), prefix, real)
     return list(units.values())
 
 
-def _decays(size: int, name: str, real: str) -> Unit:
-    """Return the Structured Text function that tests whether the powers of a matrix decay to 0."""
-    n, array = math.isqrt(size), f"ARRAY[0..{size - 1}] OF {real}"
+def _decays(size: int, prefix: str, real: str) -> Unit:
+    """Return the function block that tests whether the powers of a matrix decay to 0.
+
+    It is not a function: matiec casts an array that is the argument of one to LREAL.
+    """
+    name, n, array = own(prefix, f"decays_{size}", real), math.isqrt(size), Array(prefix, real, size)
     numbers = {"one": literal(1.0, real), "large": literal(TOO_LARGE, real)}
     counts = [Declared(counter, "DINT") for counter in ("squaring", "i", "j", "k")]
     return Unit(
         name,
         f"Whether the powers of a matrix of {n} rows, which stand one behind the other, fall towards 0.",
-        "BOOL",
+        "",
         {
             INPUTS: [Declared("matrix", array)],
+            OUTPUTS: [Declared("decays", "BOOL")],
             VARIABLES: [
                 Declared("now", array),
                 Declared("next", array),
@@ -650,27 +746,27 @@ def _decays(size: int, name: str, real: str) -> Unit:
                 *counts,
             ],
         },
-        _DECAYS.format(name=name, n=n, last=n - 1, most=SQUARINGS, **numbers).split("\n"),
+        _DECAYS.format(n=n, last=n - 1, most=SQUARINGS, **numbers).split("\n"),
     )
 
 
 _DECAYS = """\
-{name} := FALSE;
+decays := FALSE;
 done := FALSE;
 squaring := 0;
 now := matrix;
 WHILE (NOT done) AND (squaring < {most}) DO
     broken := FALSE;
-    {name} := TRUE;
+    decays := TRUE;
     FOR i := 0 TO {last} DO
         norm := ABS(now[i * {n}]);
         FOR k := 1 TO {last} DO
             norm := norm + ABS(now[(i * {n}) + k]);
         END_FOR;
         broken := broken OR (NOT (norm < {large}));
-        {name} := {name} AND (norm < {one});
+        decays := decays AND (norm < {one});
     END_FOR;
-    done := broken OR {name};
+    done := broken OR decays;
     IF NOT done THEN
         FOR i := 0 TO {last} DO
             FOR j := 0 TO {last} DO
@@ -685,7 +781,7 @@ WHILE (NOT done) AND (squaring < {most}) DO
     END_IF;
     squaring := squaring + 1;
 END_WHILE;
-{name} := {name} AND (NOT broken);"""
+decays := decays AND (NOT broken);"""
 
 
 def _add(units: dict[str, Unit], name: str, prefix: str, real: str) -> None:
@@ -709,7 +805,8 @@ def _module(real: str) -> object:
 
 def _plain(name: str, prefix: str, real: str) -> Unit:
     numbers = {"point": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, **_RANGE[real]}
-    texts = {key: bare(literal(value, real)) for key, value in numbers.items()}
+    printed = ((key, literal(value, real)) for key, value in numbers.items())
+    texts = {key: text if "*" in text else bare(text) for key, text in printed}
     argument, variables = _VARIABLES[name]
     names = {"real": real, "name": own(prefix, name, real), "power": own(prefix, "power_of_two", real)}
     body = _BODIES[name].format(**names, **texts)
@@ -741,4 +838,5 @@ def _elementary(name: str, graph: Graph, root: int, prefix: str, real: str) -> U
     body = [line for statement in statements.compute([root], [root]) for line in statement.lines()]
     if any(HUGE in line for line in body):
         variables.insert(0, huge(real))
+        body = with_huge(body, real)
     return Unit(function, _SAID[name], real, {INPUTS: [Declared("x", real)], VARIABLES: variables}, body)

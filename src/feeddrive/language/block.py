@@ -458,8 +458,10 @@ def _plain(block: Block, variant: int | None = None) -> Block | None:
             else:
                 return None
         elif value is not None and declared.role == "part":
-            parts = [_plain(item, variant) for item in (value if isinstance(value, tuple) else (value,))]
-            if None in parts:
+            items = value if isinstance(value, tuple) else (value,)
+            # an absent part keeps its place: the index of the others is part of their path
+            parts = [None if item is None else _plain(item, variant) for item in items]
+            if any(part is None and item is not None for part, item in zip(parts, items, strict=True)):
                 return None
             if isinstance(value, tuple):
                 made_of: Any = type(value)

@@ -200,13 +200,13 @@ static int initialize(instance *one)
     return OK;
 }
 
-static void tell_trip(const instance *one, double time, int before, int after)
+static void tell_trip(const instance *one, double time, int loop, int before, int after)
 {
     if (after != before && after != 0) {
-        tell(one, WARNING, "logEvents", "tripped at %.9g s: %s (trip = %d); no force until enable is taken away", time,
-             model_trip_name(after), after);
+        tell(one, WARNING, "logEvents", "%stripped at %.9g s: %s (trip = %d); no force until enable is taken away",
+             LOOPS[loop], time, model_trip_name(after), after);
     } else if (after != before) {
-        tell(one, OK, "logEvents", "trip cleared at %.9g s", time);
+        tell(one, OK, "logEvents", "%strip cleared at %.9g s", LOOPS[loop], time);
     }
 }
 
@@ -241,11 +241,16 @@ static int advance(instance *one, double time, double step)
     now->began = 1;
     now->tuned = 0;
     for (k = 0.0; k < count; k += 1.0) {
-        const int before = model_trip(&now->outputs);
+        int before[LOOP_COUNT], loop;
+        for (loop = 0; loop < LOOP_COUNT; loop++) {
+            before[loop] = model_trip(&now->outputs, loop);
+        }
         const uint64_t mode = MODEL(flush_begin)();
         MODEL(step)(&now->core, &now->inputs, &now->outputs);
         MODEL(flush_end)(mode);
-        tell_trip(one, time + k * T, before, model_trip(&now->outputs));
+        for (loop = 0; loop < LOOP_COUNT; loop++) {
+            tell_trip(one, time + k * T, loop, before[loop], model_trip(&now->outputs, loop));
+        }
     }
     now->time = time + step;
     return OK;
