@@ -53,6 +53,18 @@ class Opened:
         self.settled()
         return str(self.page.get_attribute("#job", "data-state"))
 
+    def barriers(self) -> list[tuple[str, str]]:
+        """What keeps people from using the page as it is shown now, as rule and place: serious violations of WCAG."""
+        axe = pytest.importorskip("axe_core_python.sync_playwright", reason="NOT TESTED: pip install axe-core-python")
+        # all rules are applied; what was passed is not listed, element by element
+        found = axe.Axe().run(self.page, options={"resultTypes": ["violations"]})
+        return [
+            (each["id"], str(node["target"]))
+            for each in found["violations"]
+            if each["impact"] in ("serious", "critical")
+            for node in each["nodes"]
+        ]
+
 
 class Studio:
     """`feeddrive studio` as a person starts it, and the browser."""
