@@ -16,6 +16,10 @@ import slow_share
 # Before numpy is there: the tests share the cores already, and small matrices gain nothing by more threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Cyclic garbage is looked for after 20,000 new objects in place of 700: each tenth second of a test went into that, each
+# third of the collection and of the tests that parse the sources, and the heap of a worker does not grow by it.
+gc.set_threshold(20_000)
+
 # No deadline: a busy machine must not fail a proof; a found counterexample prints how to run it again.  CI draws the
 # same examples every time, so that a landing does not hang on chance; everybody else draws new ones, and so does
 # `--fresh-seed`, with which CI ends.
