@@ -114,9 +114,7 @@ class Studio:
 @pytest.fixture(scope="session", autouse=True)
 def _forked() -> Iterator[None]:
     """Jobs of pages that have no server of their own are forked, with what they need and without pictures."""
-    with pytest.MonkeyPatch.context() as patch:
-        if (context := forked_jobs.forking()) is not None:
-            patch.setattr(jobs, "_CONTEXT", context)
+    with forked_jobs.forked(jobs):
         yield
 
 
