@@ -58,7 +58,7 @@ def alone() -> Comparison:
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskCluster]:
     from dask_cluster import dask_cluster  # takes half a second, which each process of the engine would spend, too
 
-    with dask_cluster(tmp_path_factory.mktemp("cluster"), 2) as found:
+    with dask_cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:
         yield found
 
 

@@ -28,7 +28,7 @@ def main() -> None:
     """Run the command line and exit."""
     # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Python looks for cyclic garbage after 700 new objects: a twentieth of the time of a command, whose graphs have many
+    # Python looks for cyclic garbage after 700 new objects: a twentieth of a command's time, whose graphs have many
     gc.set_threshold(20_000)
     for number in ENDINGS:
         # only where nothing else is set: a signal ignored by nohup stays ignored
