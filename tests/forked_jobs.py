@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing.context import BaseContext
@@ -33,7 +33,7 @@ def forking() -> BaseContext | None:
 
 
 @contextmanager
-def forked(module: ModuleType) -> Iterator[None]:
+def forked(module: ModuleType) -> Generator[None]:
     """Meanwhile the processes of a module are forked, where there is a fork."""
     with pytest.MonkeyPatch.context() as patch:
         if (context := forking()) is not None:
