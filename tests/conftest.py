@@ -16,8 +16,8 @@ import slow_share
 # Before numpy is there: the tests share the cores already, and small matrices gain nothing by more threads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Cyclic garbage is looked for after 20,000 new objects in place of 700: that took a twelfth of the time of the tests, a
-# third of that of their collection, and half of that of those that parse all sources.
+# Cyclic garbage is looked for after 20,000 new objects in place of 700: that took a fifteenth of the time of the tests,
+# a third of that of their collection, and half of that of those that parse all sources.
 gc.set_threshold(20_000)
 
 # No deadline: a busy machine must not fail a proof; a found counterexample prints how to run it again.  CI draws the
