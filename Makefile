@@ -49,9 +49,10 @@ src/feeddrive/studio/page/index.html: $(shell find page/src -type f) page/index.
 wheel: $(VENV)/installed-dev
 	$(BIN)/python tests/released.py
 
-# without MAKEFLAGS, since the exports that tests build have makefiles of their own
+# without MAKEFLAGS, since the exports that tests build have makefiles of their own; pytest rewrites the assertions of all
+# files, a half of its collection, and keeps them for the next run, also where containers forbid to write what is compiled
 tests: $(VENV)/installed-dev
-	MAKEFLAGS= $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
+	MAKEFLAGS= PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n 2 -m slow

@@ -9,8 +9,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing.context import BaseContext
+from types import ModuleType
 
 import pytest
 
@@ -27,6 +30,15 @@ def forking() -> BaseContext | None:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
         ensure_running()
     return context
+
+
+@contextmanager
+def forked(module: ModuleType) -> Generator[None]:
+    """Meanwhile the processes of a module are forked, where there is a fork."""
+    with pytest.MonkeyPatch.context() as patch:
+        if (context := forking()) is not None:
+            patch.setattr(module, "_CONTEXT", context)
+        yield
 
 
 # in the process from which the others are forked; importing this module elsewhere loads nothing more

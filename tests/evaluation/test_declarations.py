@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+import forked_jobs
 from feeddrive.benchmark.benchmark import score
 from feeddrive.benchmark.report import summary
 from feeddrive.benchmark.rules import read_rules
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import Comparison, compare_laws
 from feeddrive.comparison.report import summary as compared
+from feeddrive.evaluation import engine as cores
 from feeddrive.evaluation.engine import Engine
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
@@ -36,6 +38,13 @@ LAWS = ["P-PI + compensator", "DADSC", "LADRC"]
 PLANT = "rotary_table"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _forked() -> Iterator[None]:
+    """Cores are processes that are forked with what they need; the tests of the engine have those that begin anew."""
+    with forked_jobs.forked(cores):
+        yield
+
+
 def laws(engine: Engine) -> Comparison:
     return compare_laws(read_machine("linear_motor"), laws=LAWS, reference=SHORT, starts=1, engine=engine)
 
@@ -49,7 +58,7 @@ def alone() -> Comparison:
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskCluster]:
     from dask_cluster import dask_cluster  # takes half a second, which each process of the engine would spend, too
 
-    with dask_cluster(tmp_path_factory.mktemp("cluster"), 2) as found:
+    with dask_cluster(tmp_path_factory.mktemp("cluster"), 2, "--no-nanny") as found:
         yield found
 
 

@@ -85,7 +85,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Generator[DaskCluster]:
     from dask_cluster import dask_cluster  # takes half a second, which each process of the engine would spend, too
 
     with dask_cluster(tmp_path_factory.mktemp("cluster"), 0) as own:
-        own.start_workers(2, environment={"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])})
+        places = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+        own.start_workers(2, "--no-nanny", environment={"PYTHONPATH": places})
         yield own
 
 

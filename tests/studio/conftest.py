@@ -53,6 +53,18 @@ class Opened:
         self.settled()
         return str(self.page.get_attribute("#job", "data-state"))
 
+    def barriers(self) -> list[tuple[str, str]]:
+        """What keeps people from using the page as it is shown now, as rule and place: serious violations of WCAG."""
+        axe = pytest.importorskip("axe_core_python.sync_playwright", reason="NOT TESTED: pip install axe-core-python")
+        # all rules are applied; what was passed is not listed, element by element
+        found = axe.Axe().run(self.page, options={"resultTypes": ["violations"]})
+        return [
+            (each["id"], str(node["target"]))
+            for each in found["violations"]
+            if each["impact"] in ("serious", "critical")
+            for node in each["nodes"]
+        ]
+
 
 class Studio:
     """`feeddrive studio` as a person starts it, and the browser."""
@@ -102,9 +114,7 @@ class Studio:
 @pytest.fixture(scope="session", autouse=True)
 def _forked() -> Iterator[None]:
     """Jobs of pages that have no server of their own are forked, with what they need and without pictures."""
-    with pytest.MonkeyPatch.context() as patch:
-        if (context := forked_jobs.forking()) is not None:
-            patch.setattr(jobs, "_CONTEXT", context)
+    with forked_jobs.forked(jobs):
         yield
 
 

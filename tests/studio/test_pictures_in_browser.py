@@ -171,7 +171,6 @@ def test_what_is_printed_is_light_in_the_width_of_the_sheet_and_the_page_is_dark
 
 @pytest.mark.parametrize("look", ["light", "dark"])
 def test_all_pictures_at_once_are_accessible_and_fit_a_tablet(studio: Any, look: str) -> None:
-    axe = pytest.importorskip("axe_core_python.sync_playwright", reason="NOT TESTED: pip install axe-core-python")
     page = (opened := studio.open(768, 1024)).page
     opened.go("tune")
     if look == "dark":
@@ -184,12 +183,5 @@ def test_all_pictures_at_once_are_accessible_and_fit_a_tablet(studio: Any, look:
         opened.settled()
         assert page.evaluate("document.activeElement.id") == f"see-{name}"
         assert page.locator(f"#picture-{name}").is_visible()
-    found = axe.Axe().run(page)
-    serious = [
-        (each["id"], node["target"])
-        for each in found["violations"]
-        for node in each["nodes"]
-        if each["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    assert opened.barriers() == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 768

@@ -32,6 +32,9 @@ class LazyPackage(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         place = self.__dict__["_public"].get(name)
+        if place is None and name.startswith("_"):
+            # what Python and its tools ask of any object; no person mistyped a public name
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         if place is None:
             value = self.__dict__["_other"](name)
         elif place == self.__name__:

@@ -172,7 +172,8 @@ def _placed(tree: Any, path: str, name: str) -> Iterator[tuple[str, str, Any]]:
     """Yield the path, dotted field name, and value of every leaf."""
     if isinstance(tree, (Block, tuple)):
         for field, child in _children(tree):
-            yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
+            if child is not None:
+                yield from _placed(child, _place(tree, path, field), _path(tree, name, field))
     elif tree is not None:
         yield path, name, tree
 
@@ -255,8 +256,10 @@ def _parts(tree: Any, path: str) -> Iterator[tuple[str, Block]]:
     """Yield the path and block of every block in a tree, outermost first."""
     if isinstance(tree, Block):
         yield path, tree
-    for field, child in _children(tree) if isinstance(tree, (Block, tuple)) else ():
-        yield from _parts(child, _place(tree, path, field))
+    for field, child in _children(tree):
+        # a leaf has no parts, and its path would take as long to form as that of a block
+        if isinstance(child, (Block, tuple)):
+            yield from _parts(child, _place(tree, path, field))
 
 
 def _place(tree: Any, path: str, field: str) -> str:

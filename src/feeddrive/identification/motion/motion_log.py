@@ -1,7 +1,8 @@
 """Input of an identification: a checked motion log, and its preparation for least squares."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -529,6 +530,7 @@ class Prepared:
     """The rows for least squares: time in s, and the filtered, decimated channels, each of shape (n,).
 
     filtered    velocity at each sample of the log, before decimation
+    applied     force at each sample of the log
     constant    a constant 1 after the filter, slightly reduced by its ripple
     places      sample indices of the rows in the log
     stretches   ranges of samples of the log that were filtered separately
@@ -544,6 +546,7 @@ class Prepared:
     constant: np.ndarray
     force: np.ndarray
     filtered: np.ndarray
+    applied: np.ndarray
     decimation: int
     places: np.ndarray
     stretches: tuple[slice, ...]
@@ -559,6 +562,18 @@ class Prepared:
     def force_with(self, force: np.ndarray, delay: float) -> np.ndarray:
         """Return another force, sampled like the log, in these rows, after a delay of `delay` samples."""
         return self.reduced(delayed(force, delay))
+
+    def forces_about(self, delay: float) -> np.ndarray:
+        """Return the force after a delay of `delay` samples between those of a sample less and more, shape (3, n)."""
+        return self._forces if delay == self.how.delay else self._forces_at(delay)
+
+    @cached_property
+    def _forces(self) -> np.ndarray:
+        """The forces at the delay of the preparation, from which each solution begins."""
+        return self._forces_at(self.how.delay)
+
+    def _forces_at(self, delay: float) -> np.ndarray:
+        return self.reduced(np.array([delayed(self.applied, delay + shift) for shift in (-1.0, 0.0, 1.0)]))
 
     def differenced(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the velocity and acceleration of another position, filtered like that of the log, at each sample."""
@@ -605,7 +620,8 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
         places = places[counts]
         held = log.held_force()
         if np.any(held):
-            near = _decimating(held.astype(float), factor)[places] > _TOUCHED
+            (near_limit,) = _decimating([held.astype(float)], factor)
+            near = near_limit[places] > _TOUCHED
             left_out["limit"] = int(np.sum(near))
             places = places[~near]
     if places.size < _LEAST_ROWS:
@@ -618,7 +634,20 @@ def prepare(log: MotionLog, how: Preparation) -> Prepared:
     channels = np.array([velocity, acceleration, np.ones_like(velocity), delayed(log.force, how.delay)])
     slow, changes, constant, applied = _reduced(channels, stretches, places, factor)
     return Prepared(
-        places * T, slow, changes, constant, applied, velocity, factor, places, stretches, cutoff, T, how, left_out
+        places * T,
+        slow,
+        changes,
+        constant,
+        applied,
+        velocity,
+        log.force,
+        factor,
+        places,
+        stretches,
+        cutoff,
+        T,
+        how,
+        left_out,
     )
 
 
@@ -647,11 +676,13 @@ def _stretches(velocity: np.ndarray, rows: slice, reach: int, rest: float = REST
 
 def _reduced(values: np.ndarray, stretches: tuple[slice, ...], places: np.ndarray, factor: int) -> np.ndarray:
     """Return the values at the rows `places`, after the decimation low-pass filter over each stretch separately."""
+    if not stretches:
+        return values[..., :0]
     parts = []
-    for stretch in stretches:
+    for stretch, passed in zip(stretches, _decimating([values[..., each] for each in stretches], factor), strict=True):
         inside = places[slice(*np.searchsorted(places, (stretch.start, stretch.stop)))] - stretch.start
-        parts.append(_decimating(values[..., stretch], factor)[..., inside])
-    return np.concatenate(parts, axis=-1) if parts else values[..., :0]
+        parts.append(passed[..., inside])
+    return np.concatenate(parts, axis=-1)
 
 
 @lru_cache(maxsize=32)
@@ -700,9 +731,15 @@ def zero_phase(values: np.ndarray, cutoff: float, sample_time: float, order: int
             f"cutoff = {Quantity(cutoff, 'Hz'):6} must be > 0 Hz and < {Quantity(nyquist, 'Hz'):6}, half the sampling "
             "rate"
         )
+    (passed,) = _forth_and_back(_butterworth(order, cutoff / nyquist), order, [values])
+    return passed
+
+
+@lru_cache(maxsize=32)
+def _butterworth(order: int, edge: float) -> Any:
     from scipy.signal import butter  # takes a second to import
 
-    return _forth_and_back(butter(order, cutoff / nyquist, output="sos"), order, values)
+    return np.asarray(butter(order, edge, output="sos"))
 
 
 def central_difference(values: np.ndarray, sample_time: float) -> np.ndarray:
@@ -720,12 +757,13 @@ def decimated(values: np.ndarray, factor: int) -> np.ndarray:
         raise ParameterError(f"decimation = {factor} must be >= 1")
     if factor == 1:
         return values
-    return _decimating(values, factor)[..., kept(values.shape[-1], factor)]
+    (passed,) = _decimating([values], factor)
+    return passed[..., kept(values.shape[-1], factor)]
 
 
-def _decimating(values: np.ndarray, factor: int) -> np.ndarray:
-    """Apply the low-pass filter of `decimated` over the last axis."""
-    return values if factor == 1 else _forth_and_back(_chebyshev(factor), _ORDER, values)
+def _decimating(parts: list[np.ndarray], factor: int) -> list[np.ndarray]:
+    """Apply the low-pass filter of `decimated` over the last axis of each part."""
+    return parts if factor == 1 else _forth_and_back(_chebyshev(factor), _ORDER, parts)
 
 
 @lru_cache(maxsize=32)
@@ -741,24 +779,44 @@ def kept(samples: int, factor: int) -> np.ndarray:
     return np.arange(samples - factor * (rows - 1) - 1, samples, factor)
 
 
-def _forth_and_back(sections: Any, order: int, values: np.ndarray) -> np.ndarray:
-    """Filter forward and backward in second-order sections; rounding would make a single polynomial unstable."""
+def _forth_and_back(sections: Any, order: int, parts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Filter each part forward and backward over its last axis, in second-order sections; the parts have one shape but
+    for their lengths. Rounding would make a single polynomial unstable.
+    """
     ends = 3 * order
-    if values.shape[-1] <= ends:
-        raise LogError(
-            f"the log has {values.shape[-1]} samples; its filter needs more than {ends}: record a longer one"
-        )
+    shortest = min(part.shape[-1] for part in parts)
+    if shortest <= ends:
+        raise LogError(f"the log has {shortest} samples; its filter needs more than {ends}: record a longer one")
     from scipy.signal import sosfilt  # takes a second to import
 
-    # `sosfiltfilt` with its states at rest computed once, not for each stretch
-    begin = 2.0 * values[..., :1] - values[..., ends:0:-1]
-    end = 2.0 * values[..., -1:] - values[..., -2 : -ends - 2 : -1]
-    extended = np.concatenate([begin, values, end], axis=-1)
-    rest = _at_rest(sections.tobytes(), len(sections))
-    rest = rest.reshape(len(sections), *(1,) * (values.ndim - 1), 2)
-    for _ in range(2):
-        extended = np.asarray(sosfilt(sections, extended, zi=rest * extended[..., :1])[0])[..., ::-1]
-    return extended[..., ends:-ends]
+    passed = list(parts)
+    rest = _at_rest(sections.tobytes(), len(sections)).reshape(len(sections), *(1,) * parts[0].ndim, 2)
+    for alike in _of_like_length([part.shape[-1] for part in parts]):
+        # `sosfiltfilt` of several parts in one call, with its states at rest computed once; what stands behind the
+        # end of a shorter one is after all that is returned of it
+        lengths = [parts[k].shape[-1] + 2 * ends for k in alike]
+        rows = np.empty((len(alike), *parts[0].shape[:-1], max(lengths)))
+        for row, n, part in zip(rows, lengths, (parts[k] for k in alike), strict=True):
+            row[..., :ends] = 2.0 * part[..., :1] - part[..., ends:0:-1]
+            row[..., ends : n - ends] = part
+            row[..., n - ends : n] = 2.0 * part[..., -1:] - part[..., -2 : -ends - 2 : -1]
+            row[..., n:] = row[..., n - 1 : n]
+        for _ in range(2):
+            rows = np.asarray(sosfilt(sections, rows, zi=rest * rows[..., :1])[0])
+            for row, n in zip(rows, lengths, strict=True):
+                row[..., :n] = row[..., n - 1 :: -1].copy()
+        for k, row, n in zip(alike, rows, lengths, strict=True):
+            passed[k] = row[..., ends : n - ends]
+    return passed
+
+
+def _of_like_length(lengths: Sequence[int]) -> Iterator[list[int]]:
+    """Yield the places of the lengths in groups, in each of which none is less than half of the longest."""
+    left = sorted(range(len(lengths)), key=lengths.__getitem__, reverse=True)
+    while left:
+        count = sum(2 * lengths[k] >= lengths[left[0]] for k in left)
+        yield left[:count]
+        left = left[count:]
 
 
 @lru_cache(maxsize=64)

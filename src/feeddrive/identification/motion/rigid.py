@@ -634,11 +634,12 @@ def _solve(
     strong, doubt = True, 0.0
     seen = None if instruments is None else instruments[used]
     for turn in range(_TURNS):
-        shifts = (-1.0, 0.0, 1.0) if free else (0.0,)
-        forces = rows.reduced(np.array([motion_log.delayed(log.force, delay + shift) for shift in shifts]))[:, used]
-        force, wide = forces[len(forces) // 2], inner
-        if free:
-            slope = 0.5 * (forces[2] - forces[0])
+        wide = inner
+        if not free:
+            force = rows.force_with(log.force, delay)[used]
+        else:
+            sooner, force, later = rows.forces_about(delay)[:, used]
+            slope = 0.5 * (later - sooner)
             # a motion of one frequency: a delay cannot be told from less mass and more damping
             if not np.any(slope) or _left(np.linalg.qr(inner)[0], slope) < LEAST_INDEPENDENT:
                 free = False
