@@ -27,6 +27,9 @@ def main() -> None:
     """Run the command line and exit."""
     # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Child processes are started by `python -c`, which would import modules from the working directory first: a
+    # numpy.py in a folder with logs of somebody else would be run.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     for number in ENDINGS:
         # only where nothing else is set: a signal ignored by nohup stays ignored
         if signal.getsignal(number) is signal.SIG_DFL:
