@@ -31,7 +31,7 @@ LOCK = ROOT / "locks" / "dev.txt"
 FOR_DEVELOPMENT = {"dev", "docs", "testing"}  # extras that no user of the wheel needs
 FMI = ("2.0.1", "3.0")  # versions of the headers
 _PACKAGE = re.compile(r"(?P<name>[A-Za-z0-9._-]+)(?:\[[^]]*\])?==(?P<version>[^ ;\\]+)(?: ; (?P<marker>[^\\]+))?")
-_NEEDED_BY = re.compile(r"    # (?:via|  ) (\S+)")
+_NEEDED_BY = re.compile(r"    #(?: via|  ) (\S+)")
 
 
 @dataclass
@@ -100,8 +100,10 @@ def license_of(name: str) -> list[dict[str, Any]]:
     if expression := stated.get("License-Expression"):
         return [{"expression": expression}]
     text = str(stated.get("License") or "").strip()
-    # some packages put the whole text there
-    return [{"license": {"name": text}}] if text and "\n" not in text else []
+    # some packages put the whole text there, and some state it as a classifier
+    kinds = [kind.rpartition(" :: ")[2] for kind in stated.get_all("Classifier", []) if kind.startswith("License :: ")]
+    names = [text] if text and "\n" not in text else kinds
+    return [{"license": {"name": name}} for name in names]
 
 
 def bundled(page: Mapping[str, Any]) -> list[dict[str, Any]]:

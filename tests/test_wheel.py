@@ -112,7 +112,7 @@ def test_the_bill_of_materials_names_what_is_in_the_wheel_and_what_it_needs(edit
     assert {name for name, part in by_name.items() if "scope" not in part} == {"uplot", "FMI headers"}
     required = {name for name, part in by_name.items() if part.get("scope") == "required"}
     # some of them named, some needed by those that are named
-    assert required >= {"numpy", "scipy", "llvmlite", "markupsafe", "click", "pillow"}
+    assert required >= {"numpy", "scipy", "llvmlite", "markupsafe", "fonttools", "pillow"}
     assert by_name["distributed"]["scope"] == by_name["msgpack"]["scope"] == "optional"
     assert not {"pytest", "ruff", "mkdocs", "playwright"} & by_name.keys()
     refs = [part["bom-ref"] for part in whole["components"]]
