@@ -134,18 +134,18 @@ def bundled(page: Mapping[str, Any]) -> list[dict[str, Any]]:
                 "properties": [{"name": "feeddrive:bundled", "value": "feeddrive/studio/page"}],
             }
         )
-    for version in FMI:
-        parts.append(
-            {
-                "type": "library",
-                "bom-ref": f"fmi-headers@{version}",
-                "name": "FMI headers",
-                "version": version,
-                "licenses": [{"expression": "BSD-2-Clause"}],
-                "externalReferences": [{"type": "website", "url": "https://fmi-standard.org"}],
-                "properties": [{"name": "feeddrive:bundled", "value": "feeddrive/export/fmi/headers"}],
-            }
-        )
+    parts += [
+        {
+            "type": "library",
+            "bom-ref": f"fmi-headers@{version}",
+            "name": "FMI headers",
+            "version": version,
+            "licenses": [{"expression": "BSD-2-Clause"}],
+            "externalReferences": [{"type": "website", "url": "https://fmi-standard.org"}],
+            "properties": [{"name": "feeddrive:bundled", "value": "feeddrive/export/fmi/headers"}],
+        }
+        for version in FMI
+    ]
     return parts
 
 
