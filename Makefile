@@ -3,16 +3,20 @@
 
 PYTHON ?= python3
 VENV := .venv
+LOCK := locks/dev.txt
+LOCKED ?= yes
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test page studio wheel types tests slow slow-share fresh mutate bench docs format stubs clean
+.PHONY: help demo test page studio wheel dist lock types tests slow slow-share fresh mutate bench docs format stubs clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
 	@echo "make studio  build the page of feeddrive studio (needs node and npm) and open it on a bundled axis"
 	@echo "make wheel   build source distribution and wheel, install it elsewhere, and try demo and studio from it"
+	@echo "make dist    source distribution, wheel and its bill of materials (SBOM, CycloneDX) into dist/"
+	@echo "make lock    renew locks/dev.txt: the versions and hashes of all that development and CI install (needs uv)"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
 	@echo "make fresh   the drawn tests on new seeds, which it prints (SEEDS=2: some 5 minutes on two cores)"
 	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/mutants.md); halve and double all constants"
@@ -49,6 +53,18 @@ src/feeddrive/studio/page/index.html: $(shell find page/src -type f) page/index.
 wheel: $(VENV)/installed-dev
 	$(BIN)/python tests/released.py
 
+# without build isolation: hatchling is that of the lock
+dist: $(VENV)/installed-dev
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation --outdir dist .
+	$(BIN)/python tests/sbom.py dist
+
+# for all systems and every Python from 3.11 on; UV=... names another uv
+UV ?= uv
+lock:
+	$(UV) pip compile pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes --upgrade \
+	    --quiet --custom-compile-command "make lock" --output-file $(LOCK)
+
 # without MAKEFLAGS, since the exports that tests build have makefiles of their own; pytest rewrites the assertions of all
 # files, a half of its collection, and keeps them for the next run, also where containers forbid to write what is compiled
 tests: $(VENV)/installed-dev
@@ -74,7 +90,7 @@ bench: $(VENV)/installed-dev
 	@for each in $$(grep -l '__name__ == "__main__"' benchmarks/*.py); do \
 	    echo "== $$each"; $(BIN)/python $$each || exit 1; done
 
-docs: $(VENV)/installed-docs
+docs: $(VENV)/installed-dev
 	$(BIN)/mkdocs build --strict
 
 # the public names of packages for editors and type checkers
@@ -96,10 +112,13 @@ $(VENV)/installed: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 
-$(VENV)/installed-dev: pyproject.toml | $(BIN)/python
+# what development and CI install: the files whose hashes are in the lock, and nothing that they would fetch to build.
+# LOCKED=no takes the newest versions that pyproject.toml allows, as where the lock has no file for a Python or a system
+$(VENV)/installed-dev: pyproject.toml $(LOCK) | $(BIN)/python
+ifeq ($(LOCKED),no)
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
-	@touch $@ $(VENV)/installed
-
-$(VENV)/installed-docs: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+else
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(LOCK)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+endif
 	@touch $@ $(VENV)/installed

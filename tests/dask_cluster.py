@@ -24,22 +24,35 @@ def free_port() -> int:
 
 
 class DaskCluster:
-    """A scheduler at `address` and workers of one thread each; a nanny starts a worker again that was killed."""
+    """A scheduler at `address` and workers of one thread each; a nanny starts a worker again that was killed.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    tls  a folder with the certificates that docs/security.md makes; without it the cluster uses no TLS
+    """
+
+    def __init__(self, folder: Path, tls: Path | None = None) -> None:
+        self._folder, self._tls = folder, tls
         self.port = free_port()
-        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.address = f"{'tls' if tls else 'tcp'}://127.0.0.1:{self.port}"
         self._running: list[subprocess.Popen[bytes]] = []
 
     def start_scheduler(self) -> None:
         """Start the scheduler, at the same address every time."""
-        self.scheduler = self._start("scheduler", "--port", str(self.port), "--no-dashboard", "--host", "127.0.0.1")
+        told = ("--port", str(self.port), "--no-dashboard", "--host", "127.0.0.1")
+        self.scheduler = self._start("scheduler", *told, *self._certificates("scheduler"))
 
     def start_workers(self, count: int, *options: str, environment: dict[str, str] | None = None) -> None:
         """Start some workers and wait until they are there."""
         here = len(self.pids()) + count
-        told = (self.address, "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1", *options)
+        told = (
+            self.address,
+            "--nthreads",
+            "1",
+            "--no-dashboard",
+            "--host",
+            "127.0.0.1",
+            *options,
+            *self._certificates("worker"),
+        )
         for _ in range(count):
             self._start("worker", *told, environment=environment)
         with self.client() as client:
@@ -48,7 +61,15 @@ class DaskCluster:
     @contextmanager
     def client(self) -> Generator[distributed.Client]:
         """A client of the test's own."""
-        with distributed.Client(self.address, timeout=30, set_as_default=False) as client:
+        security = None
+        if self._tls is not None:
+            security = distributed.Security(
+                tls_ca_file=str(self._tls / "authority.pem"),
+                tls_client_cert=str(self._tls / "client.pem"),
+                tls_client_key=str(self._tls / "client.key"),
+                require_encryption=True,
+            )
+        with distributed.Client(self.address, security=security, timeout=30, set_as_default=False) as client:
             yield client
 
     def pids(self) -> list[int]:
@@ -66,6 +87,13 @@ class DaskCluster:
                 each.kill()
                 each.wait()
 
+    def _certificates(self, name: str) -> tuple[str, ...]:
+        """Options with the certificate of a process; none without TLS."""
+        if self._tls is None:
+            return ()
+        files = {"--tls-ca-file": "authority.pem", "--tls-cert": f"{name}.pem", "--tls-key": f"{name}.key"}
+        return ("--protocol", "tls", *(word for key, file in files.items() for word in (key, str(self._tls / file))))
+
     def _start(self, *words: str, environment: dict[str, str] | None = None) -> subprocess.Popen[bytes]:
         log = (self._folder / f"{words[0]}_{len(self._running)}.log").open("wb")
         settings = {**os.environ, "OPENBLAS_NUM_THREADS": "1", **(environment or {})}
@@ -78,9 +106,9 @@ class DaskCluster:
 
 
 @contextmanager
-def dask_cluster(folder: Path, workers: int, *options: str) -> Generator[DaskCluster]:
+def dask_cluster(folder: Path, workers: int, *options: str, tls: Path | None = None) -> Generator[DaskCluster]:
     """A cluster with some workers, ended at the end of the block."""
-    cluster = DaskCluster(folder)
+    cluster = DaskCluster(folder, tls)
     try:
         cluster.start_scheduler()
         if workers:

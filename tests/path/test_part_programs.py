@@ -170,6 +170,50 @@ def test_an_error_of_rs274_has_the_line_of_the_program(tmp_path: Path):
     assert caught.value.line == 2
 
 
+CUT = "G21 G90\nG41.1 D2\nG1 X20 F100\nG1 X30\nG40\n{}\nG1 X40\nM2\n"
+
+
+@needs_rs274
+@pytest.mark.parametrize(
+    "line",
+    [
+        ";py,open('{}', 'w')",
+        "(py,import os)",
+        "G1 X35 ( PY,import os)",
+        "G1 X35 ; PyRun,module",
+        "(pyreload)",
+        "(a) (b);\tpy,import os",
+    ],
+)
+def test_python_in_a_comment_is_refused_and_not_run(line: str, tmp_path: Path):
+    """LinuxCNC's interpreter runs such a comment: a program that somebody sends would be a program."""
+    written = tmp_path / "written"
+    with pytest.raises(ProgramError, match="would run this comment as Python") as caught:
+        moves(tmp_path, CUT.format(line.format(written)), front_end="auto")
+    assert caught.value.line == 6
+    assert not written.exists()
+    assert moves(tmp_path, CUT.format("(copy of part 7) (pyramid) ; happy, py"), front_end="rs274")
+
+
+@needs_rs274
+def test_subroutines_beside_a_program_are_called_and_checked_too(tmp_path: Path):
+    """A file that a called file calls counts as well; other folders are closed, and so is Python in any of them."""
+    (tmp_path / "deep.ngc").write_text("o<deep> sub\nG1 X55\no<deep> endsub\nM2\n", encoding="utf-8")
+    (tmp_path / "near.ngc").write_text("o<near> sub\nO<De ep> call\no<near> endsub\nM2\n", encoding="utf-8")
+    path = program(tmp_path, CUT.format("o<near> call"))
+    assert any("STRAIGHT_FEED(55.0000" in each for each in texts(read_commands(path, front_end="rs274")))
+    written = tmp_path / "written"
+    (tmp_path / "deep.ngc").write_text(
+        f"o<deep> sub\n;py,open('{written}', 'w')\no<deep> endsub\nM2\n", encoding="utf-8"
+    )
+    with pytest.raises(ProgramError, match=r"deep\.ngc.*would run this comment as Python"):
+        moves(tmp_path, CUT.format("o<near> call"), front_end="rs274")
+    for name in (str(tmp_path / "deep"), "./deep", "../deep"):
+        with pytest.raises(ProgramError, match="beside the program only"):
+            moves(tmp_path, CUT.format(f"o<{name}> call"), front_end="rs274")
+    assert not written.exists()
+
+
 def test_an_rs274_that_dies_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     script = tmp_path / "rs274"
     printed = "  1 N1     STRAIGHT_TRAVERSE(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)"

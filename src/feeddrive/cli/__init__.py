@@ -30,6 +30,9 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Python looks for cyclic garbage after 700 new objects: a twentieth of a command's time, whose graphs have many
     gc.set_threshold(20_000)
+    # Child processes are started by `python -c`, which would import modules from the working directory first: a
+    # numpy.py in a folder with logs of somebody else would be run.
+    os.environ.setdefault("PYTHONSAFEPATH", "1")
     for number in ENDINGS:
         # only where nothing else is set: a signal ignored by nohup stays ignored
         if signal.getsignal(number) is signal.SIG_DFL:

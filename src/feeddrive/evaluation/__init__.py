@@ -9,6 +9,7 @@ make_lazy(
         "designs": "Designs",
         "engine": "Bar Engine",
         "robustness": "Design Rule",
+        "scheduler": "Certificates",
         "store": "Folder Store",
     },
 )

@@ -9,5 +9,6 @@ from feeddrive.evaluation.engine import Bar as Bar
 from feeddrive.evaluation.engine import Engine as Engine
 from feeddrive.evaluation.robustness import Design as Design
 from feeddrive.evaluation.robustness import Rule as Rule
+from feeddrive.evaluation.scheduler import Certificates as Certificates
 from feeddrive.evaluation.store import Folder as Folder
 from feeddrive.evaluation.store import Store as Store

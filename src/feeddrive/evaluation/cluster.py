@@ -24,8 +24,11 @@ from itertools import count, islice
 from typing import Any, Generic, TypeVar
 
 from feeddrive.evaluation.case import Case, attached, computed, detached
+from feeddrive.evaluation.scheduler import OPTIONS, Certificates, exposure, is_encrypted
+from feeddrive.files.atomic_io import refusal
 from feeddrive.language.errors import (
     FeeddriveError,
+    FileError,
     MissingExtraError,
     ParameterError,
     WorkerError,
@@ -50,18 +53,28 @@ _LOSSES = 3
 
 
 def finished(
-    cases: Iterable[C], address: str, progress: Progress, *, timeout: float = 10.0
+    cases: Iterable[C],
+    address: str,
+    progress: Progress,
+    *,
+    certificates: Certificates | None = None,
+    timeout: float = 10.0,
 ) -> Generator[tuple[C, Any]]:
     """Yield each case with its outcome on completion; closing the generator cancels the pending cases.
 
-    address  address of the scheduler, such as `tcp://10.0.0.5:8786`
-    timeout  longest time to wait for a response of the scheduler, s
+    address       address of the scheduler, such as `tls://10.0.0.5:8786`
+    certificates  of the client; None: those of Dask's configuration, if there are any
+    timeout       longest time to wait for a response of the scheduler, s
 
-    Raises MissingExtraError if dask.distributed is not installed, ParameterError for an address that does not respond
-    or a cluster with another version of feeddrive, WorkerError if the scheduler is lost or a case repeatedly kills its
-    worker, and any exception of `progress.check()`.
+    A scheduler that is neither local nor reached by TLS is warned of by a remark.
+
+    Raises MissingExtraError if dask.distributed is not installed, FileError for certificates that cannot be used, ParameterError
+    for an address that does not respond or a cluster with another version of feeddrive, WorkerError if the scheduler is
+    lost or a case repeatedly kills its worker, and any exception of `progress.check()`.
     """
-    with _client(address, timeout, progress) as client:
+    if warning := exposure(address):
+        progress.remark(warning)
+    with _client(address, certificates, timeout, progress) as client:
         _refuse_other_versions(client, address)
         yield from _Handed[C](client, address, progress).finished(iter(cases))
 
@@ -191,23 +204,25 @@ class _Handed(Generic[C]):
 
 
 @contextmanager
-def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
+def _client(address: str, certificates: Certificates | None, timeout: float, progress: Progress) -> Generator[Any]:
     """Yield a client of the cluster, which is closed at the end of the block."""
     try:
         from distributed import Client
     except ImportError:
         raise MissingExtraError("distributed", "cluster", "work on a cluster") from None
+    security = _security(certificates)
     try:
         # in another thread: a notebook already runs an event loop in this one, and asyncio.run would refuse
         with ThreadPoolExecutor(1) as apart:
-            apart.submit(asyncio.run, asyncio.wait_for(_answer(address), timeout)).result()
+            apart.submit(asyncio.run, asyncio.wait_for(_answer(address, security), timeout)).result()
         # not the default: a client of the calling program must stay the one that its own code uses
-        client = Client(address, timeout=timeout, set_as_default=False, name="feeddrive")
+        client = Client(address, security=security, timeout=timeout, set_as_default=False, name="feeddrive")
     except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
         reason = str(error).splitlines()[0] if str(error) else Text(f"nothing within {Quantity(timeout, 's'):6 SI}")
+        tls = f", and the certificates ({OPTIONS}), which must be of its authority" if is_encrypted(address) else ""
         raise ParameterError(
             f"no Dask scheduler answers at '{address}' ({reason}): start one (dask scheduler), or check the address; "
-            "it is what the scheduler printed, as tcp://10.0.0.5:8786"
+            f"it is what the scheduler printed, as tcp://10.0.0.5:8786{tls}"
         ) from None
     log = logging.getLogger("distributed.client")
     level = log.level
@@ -222,11 +237,38 @@ def _client(address: str, timeout: float, progress: Progress) -> Generator[Any]:
         log.setLevel(level)
 
 
-async def _answer(address: str) -> None:
+def _security(certificates: Certificates | None) -> Any:
+    """Return Dask's settings of TLS for these certificates; None, which stands for those of Dask's configuration.
+
+    Raises FileError for files that cannot be read, or are no certificates and key.
+    """
+    from distributed import Security
+
+    if certificates is None:
+        return None
+    ca_file, cert, key = str(certificates.ca_file), str(certificates.cert), str(certificates.key)
+    for file in (ca_file, cert, key):
+        try:
+            with open(file, "rb"):
+                pass
+        except OSError as error:
+            raise refusal(file, "read", error) from None
+    security = Security(tls_ca_file=ca_file, tls_client_cert=cert, tls_client_key=key, require_encryption=True)
+    try:
+        security.get_connection_args("client")
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        raise FileError(
+            f"{OPTIONS}: {ca_file}, {cert} and {key} are no certificate of an authority, certificate and its key in "
+            f"PEM format ({error}): docs/security.md makes them"
+        ) from None
+    return security
+
+
+async def _answer(address: str, security: Any) -> None:
     """Request the identity of the scheduler, since a client would wait forever for a server with another protocol."""
     from distributed import Security, rpc
 
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+    async with rpc(address, connection_args=(security or Security()).get_connection_args("client")) as scheduler:
         await scheduler.identity()
 
 

@@ -29,6 +29,7 @@ from queue import Empty
 from typing import Any, TypeVar
 
 from feeddrive.evaluation.case import Case, attached, computed, detached
+from feeddrive.evaluation.scheduler import Certificates
 from feeddrive.evaluation.store import Store
 from feeddrive.language.errors import ParameterError, WorkerError
 from feeddrive.language.progress import Progress, follow_parent, one_thread
@@ -245,22 +246,30 @@ class _Stages(Progress):
 class Engine:
     """The engine that computes cases, with a store of finished ones.
 
-    workers    number of cases computed in parallel on this machine; with more than 1, the calling program must be
-               importable without side effects, with its main code under `if __name__ == "__main__":`
-    scheduler  address of a Dask cluster that is used instead of this machine, such as tcp://10.0.0.5:8786
-    store      store of finished cases, which are not computed again; None to store nothing
+    workers       number of cases computed in parallel on this machine; with more than 1, the calling program must be
+                  importable without side effects, with its main code under `if __name__ == "__main__":`
+    scheduler     address of a Dask cluster that is used instead of this machine, such as tls://10.0.0.5:8786
+    store         store of finished cases, which are not computed again; None to store nothing
+    certificates  of this client for a scheduler with TLS; None: those of Dask's configuration, if there are any
     """
 
     workers: int = 1
     scheduler: str | None = None
     store: Store | None = None
+    certificates: Certificates | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.workers <= MOST_WORKERS:
             raise ParameterError(f"workers = {self.workers} must be 1 to {MOST_WORKERS}")
 
     @classmethod
-    def of(cls, workers: int | None, scheduler: str | None = None, store: Store | None = None) -> Engine:
+    def of(
+        cls,
+        workers: int | None,
+        scheduler: str | None = None,
+        store: Store | None = None,
+        certificates: Certificates | None = None,
+    ) -> Engine:
         """Return the engine for these options; without `workers` it uses all cores.
 
         Raises ParameterError if both workers and a scheduler, which has its own workers, are given.
@@ -269,7 +278,7 @@ class Engine:
             raise ParameterError(
                 f"workers = {workers} are of this machine, and the scheduler has its own: give one of them"
             )
-        return cls(cores() if workers is None else workers, scheduler, store)
+        return cls(cores() if workers is None else workers, scheduler, store, certificates)
 
     def evaluate(self, cases: Sequence[Case[T]], progress: Progress | Bar | None = None) -> list[T]:
         """Return the outcomes of cases in order, from the store if known; new outcomes are stored on completion.
@@ -315,7 +324,7 @@ class Engine:
             # imported late, since Dask is an extra
             from feeddrive.evaluation import cluster
 
-            yield from cluster.finished(cases, self.scheduler, bar.progress)
+            yield from cluster.finished(cases, self.scheduler, bar.progress, certificates=self.certificates)
         elif some[0].threaded:
             yield from by_threads(cases, self.workers, bar.progress)
         elif some[0].isolated or min(self.workers, len(some)) > 1:

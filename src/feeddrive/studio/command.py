@@ -6,7 +6,6 @@ Therefore the browser opens a redirect page, which contains the token and which 
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import select
 import shutil
@@ -20,6 +19,7 @@ from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 
+from feeddrive.evaluation.scheduler import is_loopback
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.growing import Pipe
 from feeddrive.language.errors import FileError, ParameterError
@@ -106,14 +106,6 @@ HOST = "127.0.0.1"  # reachable from this machine only
 _EVERY = ("0.0.0.0", "::")  # all addresses of the machine
 
 
-def _local(host: str) -> bool:
-    """Return True for an address that only this machine can reach."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 def _prepare(bench: Bench, folder: Path) -> None:
     """Compute the initial pictures, so that imports and compilation are complete before the first request."""
     desk = Desk(folder)
@@ -160,7 +152,7 @@ class StudioRequest(Request):
         """
         if self.tour and self.source is not None:
             raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
-        if self.password_file is None and not _local(self.host):
+        if self.password_file is None and not is_loopback(self.host):
             raise ParameterError(
                 f"--host {self.host}: others on the network could open the page: give a {OPTION} too, or leave "
                 "--host out and come through a tunnel (ssh -L)"
@@ -276,7 +268,7 @@ def serve_at(
     live = Followable((*request.follow, *brought), request.folder, pipe)
 
     def ready() -> None:
-        if not _local(request.host):
+        if not is_loopback(request.host):
             progress.remark(
                 f"Everyone on the network who knows the password can open this page and use this machine's processor "
                 f"through it, and what is sent is not encrypted: only for a network that you trust. Files stay in "

@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 
 from feeddrive.evaluation.engine import Engine
+from feeddrive.evaluation.scheduler import Certificates
 from feeddrive.language.errors import CancelledError, WorkerError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, unit_name
@@ -66,24 +67,26 @@ def sweep(
     workers: int | None = None,
     resume: bool = False,
     scheduler: str | None = None,
+    certificates: Certificates | None = None,
     allow: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Sweep:
     """Run all variants of a study and store the rows in `out` as a partitioned Parquet table (`Store`).
 
-    study      a study file, the name of a bundled study, or a `Study`
-    out        a directory, or an fsspec address such as s3://bucket/mill
-    workers    number of parallel workers (default: all cores); the rows are bit-identical for any number
-    resume     continue a sweep of this study in `out`; otherwise an existing sweep raises FileError
-    scheduler  address of a Dask cluster to use instead of this machine, such as tcp://10.0.0.5:8786
-    allow      modules whose figures the study may measure
+    study         a study file, the name of a bundled study, or a `Study`
+    out           a directory, or an fsspec address such as s3://bucket/mill
+    workers       number of parallel workers (default: all cores); the rows are bit-identical for any number
+    resume        continue a sweep of this study in `out`; otherwise an existing sweep raises FileError
+    scheduler     address of a Dask cluster to use instead of this machine, such as tls://10.0.0.5:8786
+    certificates  of this client for a scheduler with TLS; None: those of Dask's configuration, if there are any
+    allow         modules whose figures the study may measure
 
     Raises FileError if the study or store is invalid, or if the store can no longer be written; WorkerError if workers
     are unreachable or are lost repeatedly; CancelledError after a cancellation or Ctrl-C. After an error during the
     sweep, `resume` continues it.
     """
     # First, so that impossible options are refused before a file is read.
-    engine = Engine.of(workers, scheduler)
+    engine = Engine.of(workers, scheduler, certificates=certificates)
     study = read_study(study, allow)
     store, progress = Store(out), progress or Progress()
     begun = time.perf_counter()

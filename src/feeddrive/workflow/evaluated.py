@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from feeddrive.evaluation.engine import MOST_WORKERS, Engine
+from feeddrive.evaluation.scheduler import Certificates
 from feeddrive.evaluation.store import Folder
 from feeddrive.language.errors import CancelledError, ParameterError, WorkerError
 from feeddrive.language.text import Text
@@ -22,10 +23,22 @@ class EngineRequest(Request):
         last=True,
     )
     scheduler: str | None = option(
-        "Address of a Dask cluster that computes in place of this machine, as tcp://10.0.0.5:8786",
+        "Address of a Dask cluster that computes in place of this machine, as tls://10.0.0.5:8786",
         default=None,
         last=True,
     )
+    tls_ca_file: Path | None = option(
+        "Certificate of the authority of a cluster with TLS, PEM; default: that of Dask's configuration",
+        default=None,
+        last=True,
+    )
+    tls_cert: Path | None = option("Certificate of this client of a cluster with TLS, PEM", default=None, last=True)
+    tls_key: Path | None = option("Key of the certificate of this client, PEM", default=None, last=True)
+
+    @property
+    def certificates(self) -> Certificates | None:
+        """The certificates of this client. Raises the errors of `Certificates.of`."""
+        return Certificates.of(self.scheduler, self.tls_ca_file, self.tls_cert, self.tls_key)
 
 
 class EvaluationRequest(EngineRequest):
@@ -46,7 +59,7 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
     Raises ParameterError for `resume` without `keep` or `out`.
     """
     store = _store(keep, out, resume=request.resume)
-    engine = Engine.of(request.workers, request.scheduler, store)
+    engine = Engine.of(request.workers, request.scheduler, store, request.certificates)
     try:
         yield engine
     except (CancelledError, WorkerError) as error:

@@ -83,7 +83,7 @@ def run(request: RunRequest, progress: Progress) -> Outcome[JobResult]:
     job = read_job(request.job, request.log)
     # starting processes takes a second, longer than most jobs
     workers = 1 if request.workers is None and request.scheduler is None else request.workers
-    result = run_laws(job, progress, Engine.of(workers, request.scheduler))
+    result = run_laws(job, progress, Engine.of(workers, request.scheduler, certificates=request.certificates))
     files: dict[str, Path] = {}
     if request.out is not None:
         progress.step("report")

@@ -55,6 +55,7 @@ def sweep(request: SweepRequest, progress: Progress) -> Outcome[Sweep]:
         workers=request.workers,
         resume=request.resume,
         scheduler=request.scheduler,
+        certificates=request.certificates,
         allow=request.allow,
         progress=progress,
     )

@@ -307,7 +307,8 @@ def read_mat73(name: str, content: bytes, wanted: frozenset[str] | None) -> Colu
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     try:
         reader = subprocess.run(
-            [sys.executable, "-c", f"from {__name__} import answer; answer()"],
+            # -P: a module in the working directory, such as json.py, would be imported first, and run
+            [sys.executable, "-P", "-c", f"from {__name__} import answer; answer()"],
             input=request + b"\n" + content,
             capture_output=True,
             env=environment,

@@ -38,6 +38,9 @@ _NAME = re.compile(r"<[^>]*>")
 _NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
 _PRINTED = re.compile(r"\s*\d+ N(\d+|\.+)\s+(.*)")
 _AXES = re.compile(r"[uvw](?=[-+\d.#\[])")
+# LinuxCNC's interpreter runs the comments (py,CODE), (pyrun,FILE) and (pyreload) as Python; a `;` begins one, too
+_PYTHON = re.compile(r"[(;]\s*py(?:,|run|reload)", re.IGNORECASE)
+_O_WORD = re.compile(r"o\s*(?:<([^>]+)>|(\d+))", re.IGNORECASE)
 
 
 def needs_rs274(program: Path) -> bool:
@@ -81,7 +84,11 @@ def rs274_commands(
     tables_inch: bool = False,
     skip_deleted: bool = False,
 ) -> Generator[Command]:
-    """Yield the canonical commands of a program as LinuxCNC's interpreter prints them; see `Interpreter`."""
+    """Yield the canonical commands of a program as LinuxCNC's interpreter prints them; see `Interpreter`.
+
+    The interpreter runs in a folder of copies: of the program, and of the subroutine files beside it that it calls.
+    Comments that it would run as Python are refused, and so are subroutines in other folders.
+    """
     if shutil.which(PROGRAM) is None:
         raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
     with tempfile.TemporaryDirectory() as folder:
@@ -95,21 +102,61 @@ def rs274_commands(
                 table = Path(folder) / f"table{option}"
                 table.write_text(text, encoding="utf-8")
                 command += [option, str(table)]
-        output = Path(folder) / "canonical.txt"
-        code, complaint = _run([*command, str(copy), str(output)], program, output)
+        output, called = Path(folder) / "canonical.txt", Path(folder) / "called"
+        called.mkdir()
         try:
+            _copy_called(source.called, program.parent, called)
+            code, complaint = _run([*command, str(copy), str(output)], program, called, output)
             yield from _read(source, output, complaint, code, tools is None)
         finally:
             source.close()
 
 
-def _run(command: list[str], program: Path, output: Path) -> tuple[int, str]:
-    """Run the interpreter; return its exit status and its messages."""
+def _copy_called(called: set[str], beside: Path, folder: Path) -> None:
+    """Copy the files of subroutines that a program calls, directly or not, from the folder beside it to another one.
+
+    Raises the errors of `_called`.
+    """
+    left = sorted(called)
+    while left:
+        name = left.pop()
+        file, copy = beside / f"{name}.ngc", folder / f"{name}.ngc"
+        if copy.exists() or not file.is_file():
+            continue
+        reader = LineReader(file)
+        try:
+            with copy.open("w", encoding="utf-8") as copied:
+                while line := reader.read():
+                    left += _called(line)
+                    copied.write(line.text + "\n")
+        finally:
+            reader.close()
+
+
+def _called(line: Line) -> set[str]:
+    """Return the names of O words in a line, each of which may be a file.
+
+    Raises ProgramError for a comment that the interpreter would run as Python, and for a file in another folder.
+    """
+    if match := _PYTHON.search(line.text):
+        reason = f"{PROGRAM} would run this comment as Python, and no code in a program is run: remove it"
+        raise blocks.located(line, BlockError(reason, line.text[match.start() :][:20], column=match.start() + 1))
+    names = set[str]()
+    for match in _O_WORD.finditer(line.text):
+        # the interpreter ignores case and blanks in names
+        name = "".join((match[1] or match[2]).lower().split())
+        if "/" in name:
+            reason = f"{PROGRAM} may open subroutines beside the program only: copy the file there"
+            raise blocks.located(line, BlockError(reason, match[0][:20], column=match.start() + 1))
+        names.add(name)
+    return names
+
+
+def _run(command: list[str], program: Path, folder: Path, output: Path) -> tuple[int, str]:
+    """Run the interpreter in a folder; return its exit status and its messages."""
     with tempfile.TemporaryFile() as errors:
         # errors go to a file, as a pipe that is not read while the program runs would fill up and block it
-        run = subprocess.Popen(
-            command, cwd=program.parent, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
-        )
+        run = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors)
         begun = time.monotonic()
         try:
             while True:
@@ -165,10 +212,12 @@ class _Source:
         self._reader = LineReader(program)
         self._offsets = array("q")
         self._line = Line(self._reader.name, 0, "")
+        self.called = set[str]()  # names of its O words, each of which may be a file
         try:
             with copy.open("w", encoding="utf-8") as file:
                 while line := self._reader.read():
                     self._offsets.append(self._reader.last.offset)
+                    self.called |= _called(line)
                     file.write(_with_number(line) + "\n")
         except BaseException:
             self.close()
