@@ -68,9 +68,9 @@ def finished(
 
     A scheduler that is neither local nor reached by TLS is warned of by a remark.
 
-    Raises MissingExtraError if dask.distributed is not installed, FileError for certificates that cannot be used, ParameterError
-    for an address that does not respond or a cluster with another version of feeddrive, WorkerError if the scheduler is
-    lost or a case repeatedly kills its worker, and any exception of `progress.check()`.
+    Raises MissingExtraError if dask.distributed is not installed, FileError for certificates that cannot be used,
+    ParameterError for an address that does not respond or a cluster with another version of feeddrive, WorkerError if
+    the scheduler is lost or a case repeatedly kills its worker, and any exception of `progress.check()`.
     """
     if warning := exposure(address):
         progress.remark(warning)
