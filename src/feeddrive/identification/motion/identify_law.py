@@ -387,6 +387,9 @@ def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarr
     elif structure.lag is not None:
         step = 1e-3 * (1.0 - structure.lag.pole)
         other = replace(structure, lag=structure.lag._replace(pole=structure.lag.pole + step))
+    elif structure.eased is not None:
+        step = 1e-3 * (1.0 - structure.eased.pole)
+        other = replace(structure, eased=structure.eased._replace(pole=structure.eased.pole + step))
     else:
         return []
     moved = law_structures.regressors(replace(fitted, structure=other), rows)
@@ -401,10 +404,11 @@ def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
     same = [
         other
         for other in alike
-        if replace(other.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
-        == replace(one.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
+        if replace(other.structure, n=1, d=0, older=0, model=None, lag=None, eased=None, central=False)
+        == replace(one.structure, n=1, d=0, older=0, model=None, lag=None, eased=None, central=False)
         and (other.structure.model is None) == (one.structure.model is None)
         and (other.structure.lag is None) == (one.structure.lag is None)
+        and (other.structure.eased is None) == (one.structure.eased is None)
         and abs(math.log((other.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
     ]
     weights = np.exp(-0.5 * (np.array([other.criterion for other in same]) - one.criterion))
@@ -483,6 +487,12 @@ def _others(
         slope = np.zeros(size)
         slope[-1] = T / (pole * math.log(pole) ** 2)
         rows.append(("time_constant", "s", (tau, slope)))
+    if structure.eased is not None:
+        # the block passes on T/(lag + T) of a change
+        share = 1.0 - structure.eased.pole
+        slope = np.zeros(size)
+        slope[-1] = T / share**2
+        rows.append(("velocity_lag", "s", (T * structure.eased.pole / share, slope)))
     return rows
 
 
@@ -516,6 +526,7 @@ def _title(structure: Structure) -> str:
         parts += ["acceleration feedforward"] if structure.fed else []
     parts += ["friction feedforward"] if structure.friction is not None else []
     parts += ["low pass"] if structure.lag is not None else []
+    parts += ["low pass of the velocity"] if structure.eased is not None else []
     return parts[0] if len(parts) == 1 else f"{parts[0]} with {' and '.join(parts[1:])}"
 
 
@@ -574,6 +585,7 @@ def _control(reading: LawReading, smoothing: float, T: float, turning: bool, for
             Tn=reading.value("Tn") if structure.integral else None,
             velocity_feedforward=max(0.0, share),
             velocity_samples=structure.n,
+            velocity_lag=reading.value("velocity_lag") if structure.eased is not None else None,
             model_mass=reading.value("model_mass") if structure.model is not None else None,
             model_samples=1 if structure.model is None else structure.model.samples,
         )

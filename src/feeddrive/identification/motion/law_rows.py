@@ -86,6 +86,12 @@ class Basis:
         """The places of the columns without the directions of the set motion."""
         return np.array([k for k, name in enumerate(self.names) if not name.startswith(("sign", "moves"))])
 
+    @property
+    def reading_places(self) -> np.ndarray:
+        """The places of the columns that make the reading and its velocity, for no delay and more."""
+        past = {f"dx{j}" for j in range(_CHANGES)}
+        return np.array([k for k, name in enumerate(self.names) if name in ("e", "s") or name in past])
+
     def zero(self) -> Term:
         """Return the regressor 0."""
         return Term(np.zeros(self.size))

@@ -12,6 +12,7 @@ from feeddrive.identification.motion import law_structures
 from feeddrive.identification.motion.law_rows import (
     MOST_DELAY,
     MOST_SAMPLES,
+    Basis,
     LawRows,
     Reduced,
     Signals,
@@ -282,15 +283,18 @@ def _with_models(found: Search) -> Search:
 
 
 def _with_low_passes(found: Search) -> Search:
-    """Return a search with low passes of the command."""
+    """Return a search with low passes of the command, and with such of the velocity."""
     best, floor = found.best, found.floor
     # friction feedforward keeps the direction that explains most so far
     rows = found.rows if best.signals is found.rows.raw else found.rows.signed(best.signals)
-    more = _lags(rows.fewer(_FEWER), floor, friction=best.structure.friction is not None)
-    more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
-    for one in more[:1]:
-        more += _smoothed(found.rows, floor, one)
-    return found.with_fits(more)
+    few, friction = rows.fewer(_FEWER), best.structure.friction is not None
+    every = list[Scored]()
+    for place in (_lags, _eased):
+        more = sorted(_again(rows, floor, place(few, floor, friction=friction)), key=lambda one: one.criterion)
+        for one in more[:1]:
+            more += _smoothed(found.rows, floor, one)
+        every += more
+    return found.with_fits(every)
 
 
 def _is_loose(scored: Scored) -> bool:
@@ -391,19 +395,55 @@ def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
                 structure = Structure(CASCADE, True, n, d, fed=fed, friction=feed, lag=Lag(1.0 - share, old))
                 fitted = law_structures.fit(structure, rows.basis, parts[share])
                 coarse += [] if fitted is None else [fitted]
+    return _with_corners(rows, floor, coarse)
+
+
+def _eased(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
+    """Return fits with a low pass of the velocity alone, for the likeliest structures."""
+    basis, (Q, part) = rows.basis, _orthogonal(rows)
+    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
+    grid, step = _POLES, float(_POLES[1] / _POLES[0])
+    for _ in range(_ZOOMS):
+        for share in map(float, grid):
+            parts[share] = _extended(part, Q, law_structures.eased(rows, Lag(1.0 - share, 0.0)))
+            scans += [(left, share, pair) for pair, left in _scanned_eased(basis, parts[share], friction=friction)]
+        step **= 0.4
+        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    feed = 0 if friction else None
+    tried = (
+        (share, Structure(CASCADE, True, n, d, fed=fed, friction=feed, eased=Lag(1.0 - share, 0.0)))
+        for _, share, (n, d) in sorted(scans)[:_LIKELY]
+        for fed in ("", "backward")
+    )
+    fits = [law_structures.fit(structure, basis, parts[share]) for share, structure in tried]
+    return _with_corners(rows, floor, [one for one in fits if one is not None])
+
+
+def _scanned_eased(basis: Basis, part: Reduced, *, friction: bool) -> Iterator[tuple[tuple[int, int], float]]:
+    """Yield what the superset of all structures leaves for each n and d, with a velocity after a low pass."""
+    size, read = basis.size, basis.reading_places
+    passed = part.factor[:, size:]
+    for n in range(1, MOST_SAMPLES + 1):
+        for d in range(MOST_DELAY + 1):
+            speed, travel = basis.velocity(n, d), basis.travel(n, d)
+            own = passed @ np.stack([speed.on[read], travel.on[read]], axis=1)
+            terms = law_structures.wide(basis, n, d, friction=friction, speed=False)
+            yield (n, d), law_structures.left_by(Reduced(np.hstack([part.factor[:, :size], own]), part.right), terms)
+
+
+def _with_corners(rows: LawRows, floor: Floor, coarse: list[Fitted]) -> list[Scored]:
+    """Return fits of the likeliest structures with a low pass, each at its own corner."""
     coarse.sort(key=lambda one: one.ssr)
     # the best of each kind: another kind may be nearer to its minimum on the coarse grid
     kinds = dict[tuple[object, ...], Fitted]()
     for one in coarse:
-        assert one.structure.lag is not None
-        kinds.setdefault((one.structure.lag.old, one.structure.fed), one)
+        lag = one.structure.lag
+        kinds.setdefault((one.structure.fed, *((one.structure.n,) if lag is None else (lag.old,))), one)
     fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
     found = list[Fitted]()
-    for one in fine[:2] if len(fine) < 2 else sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
-        if one is None:
-            continue
+    for one in sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
         for structure in _variants(one.structure):
-            fitted = law_structures.sensible(structure, law_structures.lagged_problem(rows, structure))
+            fitted = law_structures.at_corner(rows, structure)
             found += [] if fitted is None else [fitted]
     found.sort(key=lambda one: floor.criterion(one.ssr, one.structure.parameters))
     found[:3] = [better for one in found[:3] if (better := _along_lag(rows, one.structure, _AROUND)) is not None]
@@ -606,15 +646,17 @@ def _slow_noise(rows: LawRows, top: Fitted) -> float:
 
 
 def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:
-    """Return the fit of a structure with the best corner of its low pass."""
+    """Return the fit of a structure with the best corner of its low pass, of the command or of the velocity."""
+    if structure.eased is not None:
+        at = law_structures.EasedProblems(rows, structure).at
+        return _profile(rows, at, (1.0 - structure.eased.pole) * about)
     lag = structure.lag
     assert lag is not None
 
-    def at(share: float) -> Fitted | None:
-        other = _passed(structure, share)
-        return law_structures.sensible(other, law_structures.lagged_problem(rows, other))
+    def passed(share: float) -> Fitted | None:
+        return law_structures.at_corner(rows, _passed(structure, share))
 
-    return _profile(rows, at, (1.0 - lag.pole) * about)
+    return _profile(rows, passed, (1.0 - lag.pole) * about)
 
 
 def _variants(structure: Structure) -> Iterator[Structure]:
@@ -662,7 +704,7 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     if not tried:
         return []
     top = min(tried, key=lambda one: one.criterion)
-    if top.structure.lag is not None:
+    if top.structure.lag is not None or top.structure.eased is not None:
         again = _along_lag(rows.signed(top.signals), top.structure, _CLOSE)
         if again is None:
             return [top]
