@@ -19,7 +19,7 @@ from feeddrive.identification import regression
 from feeddrive.identification.motion import law_search, law_structures
 from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
 from feeddrive.identification.motion.law_search import Instrumented, Scored, Search
-from feeddrive.identification.motion.law_structures import PID, Fitted, Structure
+from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
 from feeddrive.language.errors import NotIdentifiableError
@@ -39,6 +39,8 @@ SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law coun
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
+# relative, or in standard errors, up to which the gains of two fits are those of one law: what a tuning notices
+_SAME, _SAME_ERRORS = 0.05, 3.0
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
 
@@ -257,17 +259,14 @@ def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     """Return the laws that explain the log as well as the best one."""
     best = found.best
+    alike = [one for one in found.scored if one.criterion < best.criterion + ALIKE]
     # a law with one more gain that is 0 within its error is the same law
-    alike = [
-        one
-        for one in found.scored
-        if one.criterion < best.criterion + ALIKE and one.structure.parameters <= best.structure.parameters
-    ]
+    alike = [one for one in alike if not any(_holds(one.structure, other.structure) for other in alike)]
     readings = list[LawReading]()
-    for one in alike:
-        # fits that differ in samples alone are one law; a far 1/Tn is another one
-        if not any(reading.name == _title(one.structure) and _near(reading, one) for reading in readings):
-            readings.append(_reading(log, found, one, alike))
+    while alike:
+        reading, same = _reading(log, found, alike)
+        readings.append(reading)
+        alike = [one for one in alike if one not in same]
     unsure = min(readings, key=lambda reading: reading.doubt)
     readings = [reading for reading in readings if reading.doubt < SURE]
     if not readings:
@@ -361,16 +360,52 @@ def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -
 # Gains of a law from the coefficients of its columns.
 
 
-def _reading(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> LawReading:
-    """Return the law of a structure with its gains."""
-    rows = _rows(found, one)
+def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[LawReading, list[Scored]]:
+    """Return the law of the first structure with its gains, and all structures that are the same law."""
+    one, rows = alike[0], _rows(found, alike[0])
     columns = law_structures.regressors(one.fitted, rows)
-    columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
-    rest = found.residual(one)
-    covariance = regression.robust_covariance(columns, rest, smooth=8) + _scatter(one, alike, columns.shape[1])
+    columns = np.column_stack([columns, *_slopes(rows, one, columns)])
+    covariance = regression.robust_covariance(columns, found.residual(one), smooth=8)
+    errors = regression.errors(covariance)
+    same = [one, *(other for other in alike[1:] if _same(one.fitted, other.fitted, errors))]
+    covariance = covariance + _scatter(one, same, columns.shape[1])
     if one.structure.family == PID:
-        return _pid_reading(log.frame, one.fitted, covariance)
-    return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time)
+        return _pid_reading(log.frame, one.fitted, covariance), same
+    return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time), same
+
+
+def _holds(structure: Structure, other: Structure) -> bool:
+    """Return True if a structure is the other one with further parts."""
+    if structure.parameters <= other.parameters or structure.family != other.family:
+        return False
+    if any(getattr(structure, name) != getattr(other, name) for name in ("n", "d", "older")):
+        return False
+    parts = (
+        (structure.integral, other.integral),
+        (structure.forward == "free", other.forward == "free"),
+        (bool(structure.fed), bool(other.fed)),
+        (structure.friction is not None, other.friction is not None),
+        (structure.sides, other.sides),
+        (structure.model is not None, other.model is not None),
+        (structure.lag is not None, other.lag is not None),
+        (structure.eased is not None, other.eased is not None),
+        (structure.shifted, other.shifted),
+    )
+    return all(own or not its for own, its in parts)
+
+
+def _same(one: Fitted, other: Fitted, errors: np.ndarray) -> bool:
+    """Return True if two fits have the same gains: their samples, delays and further parts may differ."""
+    if one.structure.family != other.structure.family or one.structure.integral != other.structure.integral:
+        return False
+
+    def near(value: float, its: float, error: float) -> bool:
+        return abs(its - value) < max(_SAME * abs(value), _SAME_ERRORS * error)
+
+    gains = one.structure.gains
+    core = [name for name in ("Kp Kv", "Kp", "P", "I", "D") if name in gains]
+    alike = all(near(one[name], other[name], errors[gains.index(name)]) for name in core)
+    return alike and (not one.structure.curved or near(one.rate, other.rate, errors[one.values.size]))
 
 
 def _rows(found: Search, one: Scored) -> LawRows:
@@ -378,39 +413,38 @@ def _rows(found: Search, one: Scored) -> LawRows:
     return found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
 
 
-def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarray]:
-    """Return the derivative of the force with respect to the rate of a model or the pole of a low pass."""
-    structure, size = fitted.structure, fitted.values.size
+def _slopes(rows: LawRows, one: Scored, columns: np.ndarray) -> list[np.ndarray]:
+    """Return the derivatives of the force with respect to what is not a gain: smoothing, then a rate or a pole."""
+    fitted, structure, size = one.fitted, one.fitted.structure, one.fitted.values.size
+    step, slopes = 1e-3, list[np.ndarray]()
+
+    def slope(other: Structure, rows: LawRows, step: float) -> np.ndarray:
+        moved = law_structures.regressors(replace(fitted, structure=other), rows)
+        return (moved[:, :size] - columns[:, :size]) @ fitted.values / step
+
+    if structure.friction is not None and one.signals.smoothing > 0.0:
+        wider = replace(one.signals, smoothing=(1.0 + step) * one.signals.smoothing)
+        slopes.append(slope(structure, rows.signed(wider), step))
     if structure.model is not None:
-        step = 1e-3 * structure.model.rate
-        other = replace(structure, model=structure.model._replace(rate=structure.model.rate + step))
-    elif structure.lag is not None:
-        step = 1e-3 * (1.0 - structure.lag.pole)
-        other = replace(structure, lag=structure.lag._replace(pole=structure.lag.pole + step))
-    elif structure.eased is not None:
-        step = 1e-3 * (1.0 - structure.eased.pole)
-        other = replace(structure, eased=structure.eased._replace(pole=structure.eased.pole + step))
-    else:
-        return []
-    moved = law_structures.regressors(replace(fitted, structure=other), rows)
-    return [(moved[:, :size] - columns[:, :size]) @ fitted.values / step]
+        step *= structure.model.rate
+        slopes.append(
+            slope(replace(structure, model=structure.model._replace(rate=structure.model.rate + step)), rows, step)
+        )
+    for name in ("lag", "eased"):
+        lag: Lag | None = getattr(structure, name)
+        if lag is not None:
+            step *= 1.0 - lag.pole
+            slopes.append(slope(replace(structure, **{name: lag._replace(pole=lag.pole + step)}), rows, step))
+    return slopes
 
 
 def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
-    """Return the covariance of the coefficients among structures that differ in whole samples alone.
+    """Return the covariance of the coefficients among structures with the same gains.
 
-    Their dead times and differences are known only as far as the log tells them apart; each is weighed by its odds.
+    Their samples, delays and filters are known only as far as the log tells them apart; each is weighed by its odds.
     """
-    same = [
-        other
-        for other in alike
-        if replace(other.structure, n=1, d=0, older=0, model=None, lag=None, eased=None, central=False)
-        == replace(one.structure, n=1, d=0, older=0, model=None, lag=None, eased=None, central=False)
-        and (other.structure.model is None) == (one.structure.model is None)
-        and (other.structure.lag is None) == (one.structure.lag is None)
-        and (other.structure.eased is None) == (one.structure.eased is None)
-        and abs(math.log((other.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
-    ]
+    names = one.structure.gains
+    same = [other for other in alike if other.structure.gains == names]
     weights = np.exp(-0.5 * (np.array([other.criterion for other in same]) - one.criterion))
     weights /= np.sum(weights)
     total = np.zeros((size, size))
@@ -506,12 +540,15 @@ def _estimates(
     return tuple(made)
 
 
-def _unusual(reading: LawReading) -> tuple[bool, bool]:
-    """Return an order of readings: an older target is LinuxCNC's pid; else a cascade, the slower loop outside."""
+def _unusual(reading: LawReading) -> tuple[bool, bool, bool]:
+    """Return an order of readings: an older target is LinuxCNC's pid; else a cascade, the slower loop outside.
+
+    A velocity of so many samples that a low pass would do the same comes last.
+    """
     pid = reading.structure.family == PID
     plain = pid != (reading.structure.older > 0 or reading.structure.forward == "free")
     swapped = not pid and reading.structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
-    return plain, swapped
+    return plain, reading.structure.late > law_search.MOST_LAG, swapped
 
 
 def _title(structure: Structure) -> str:

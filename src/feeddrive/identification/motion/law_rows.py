@@ -261,6 +261,7 @@ class LawRows:
             starts=np.concatenate([[0], inside]),
             places=self.places[chosen] - begin,
             whole=self.whole[begin:end],
+            raw=self.raw.part(begin, end),
         )
         return replace(made, columns=made.centered(self.columns[chosen]), force=made.centered(made.force))
 
@@ -347,6 +348,16 @@ class Signals:
         """Return the signals of a log with set positions."""
         assert log.set_position is not None
         return cls(log.position, log.set_position, log.force, log.sample_time)
+
+    def part(self, begin: int, end: int) -> Signals:
+        """Return the samples `begin` to `end` - 1."""
+        cut = slice(begin, end)
+        return replace(self, x=self.x[cut], wanted=self.wanted[cut], force=self.force[cut])
+
+    @property
+    def fastest(self) -> float:
+        """The largest set speed."""
+        return float(np.max(np.abs(np.diff(self.wanted)))) / self.T
 
     def basis(self, basis: Basis) -> np.ndarray:
         """Return all basis columns over the whole log, shape (samples, basis)."""

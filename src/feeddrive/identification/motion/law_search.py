@@ -33,7 +33,8 @@ _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried fi
 _STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
 _MOST_DEAD = 3  # samples of dead time in a reference model
 _LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, which the superset lacks
-_LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
+_PAIRS = 2  # of n and d, with which the smoothed sign before a low pass is searched
+_LAGGED = 4  # kinds of law with a low pass whose corner is searched finely
 _ZOOMS = 4  # times that the grid of corners shrinks
 _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
@@ -42,6 +43,7 @@ _REFITTED = 2  # fits that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_SMOOTHED = 0.01  # relative change of the smoothing, from which on a search is repeated with it
 _DAMPINGS = np.geomspace(0.005, 0.15, 5)  # damping ratios of an axis that twists
 _USUAL_DAMPING = 0.03  # with which samples, delay and corner are scanned
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
@@ -49,10 +51,14 @@ _REFINED = 6  # fits by instruments whose twist is searched finely
 _TURNS = 2  # in which twist and corner are searched, each with the other one held
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
-_BANDS = np.geomspace(1e-3, 0.1, 5)  # of the usual error: half widths of a dead band that are tried
+_BANDS = np.geomspace(1e-3, 5.0, 9)  # of the usual error: half widths of a dead band that are tried
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
+# samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told apart
+# from others by so much of n ln(ssr): a low pass is no further from them
+_LATE, _TOLD = 1.0, 400.0
+EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
@@ -148,16 +154,16 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     n, d = found.structure.n, found.structure.d
     few = rows.fewer(_FEWER)
     basis, whole = few.basis, few.whole
-    e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
-    e = e - np.mean(e[few.places])
+    error, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
+    e = error - np.mean(error[few.places])
     bends = []
     for signal in (e, v):
         size = median_spread(signal[few.places]) or float(np.std(signal))
         bends += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
         bends += [np.abs(signal)]
-    # a dead band takes what is within it from the error, and its integral from that of the law
+    # a dead band about 0 takes what is within it from the error, and its integral from that of the law
     widths = _BANDS * median_spread(e[few.places])
-    within = [np.clip(e, -width, width) for width in widths if width > 0.0]
+    within = [np.clip(error, -width, width) for width in widths if width > 0.0]
     kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
     more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
     own = law_structures.regressors(found, few)
@@ -222,8 +228,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
-                # what is so late may be delayed by a low pass
-                if one.best.structure.late > MOST_LAG:
+                if _hidden(one):
                     return _with_low_passes(one)
                 return _with_models(one) if _is_loose(one.best) else one
             found += [] if one is None or one is first else [one]
@@ -249,8 +254,11 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
         yield below
 
 
-def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
-    """Return the search over the rows in `keep` without models and low passes, or None for too few rows."""
+def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search | None:
+    """Return the search over the rows in `keep` without models and low passes, or None for too few rows.
+
+    It is repeated at most `again` times with the smoothed direction that it found.
+    """
     rows = LawRows.of(signals, keep)
     if rows.force.size < _LEAST_ROWS:
         return None
@@ -267,8 +275,14 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     ]
     if not scored:
         return None
-    # the second time with the samples that the first smoothed sign brought out
-    return _with_more(Search(rows, floor, tried, tuple(scored)), (_smoothed, _smoothed, _shifted))
+    found = Search(rows, floor, tried, tuple(scored)).with_fits(())
+    # a sign that turns at once, where noise hides that it does not, would bias its level
+    found = found.with_fits(_smoothed(rows, floor, found.best))
+    better = found.best.signals
+    if again > 0 and abs(better.smoothing - signals.smoothing) > _SMOOTHED * better.smoothing:
+        # samples and filters made up for the wrong sign before, and the free law had it, too
+        return _searched(better, keep, again - 1)
+    return _with_more(found, (_shifted,))
 
 
 def _deeper(found: Search) -> Search:
@@ -288,13 +302,37 @@ def _with_low_passes(found: Search) -> Search:
     # friction feedforward keeps the direction that explains most so far
     rows = found.rows if best.signals is found.rows.raw else found.rows.signed(best.signals)
     few, friction = rows.fewer(_FEWER), best.structure.friction is not None
+    if friction:
+        few = few.signed(replace(few.raw, smoothing=_smoothing_behind(few, floor)))
+        rows = rows.signed(replace(rows.raw, smoothing=few.raw.smoothing))
     every = list[Scored]()
     for place in (_lags, _eased):
         more = sorted(_again(rows, floor, place(few, floor, friction=friction)), key=lambda one: one.criterion)
         for one in more[:1]:
-            more += _smoothed(found.rows, floor, one)
-        every += more
+            more += _smoothed(rows, floor, one)
+        every += [other for one in more for other in _exchanged(found.rows, floor, one)]
     return found.with_fits(every)
+
+
+def _exchanged(rows: LawRows, floor: Floor, one: Scored) -> list[Scored]:
+    """Return a fit with a low pass, and those of the same structure with Kv and 1/Tn exchanged."""
+    if not one.structure.curved:
+        return [one]
+    own = rows if one.signals is rows.raw else rows.signed(one.signals)
+    more = one.criterion - floor.criterion(one.fitted.ssr, 0)
+    fits = law_structures.all_at_corner(own, one.structure)
+    far = [fitted for fitted in fits if abs(math.log(fitted.rate / one.fitted.rate)) > EXCHANGED]
+    return [one, *(Scored(fitted, floor.criterion(fitted.ssr, 0) + more, one.signals) for fitted in far)]
+
+
+def _hidden(found: Search) -> bool:
+    """Return True if the law is so late that a low pass may be in it, which noise hides."""
+    best = found.best.structure
+    if best.late > MOST_LAG:
+        return True
+    least = min(found.tried.values())
+    others = [left for (n, _), left in found.tried.items() if n != best.n]
+    return best.late >= _LATE and found.floor.gain(min(others), least) < _TOLD
 
 
 def _is_loose(scored: Scored) -> bool:
@@ -372,21 +410,7 @@ def _models(rows: LawRows, floor: Floor) -> list[Scored]:
 
 def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
     """Return fits with a low pass of the command, for the likeliest structures; `friction`: with its feedforward."""
-    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
-    grid, step = _POLES, float(_POLES[1] / _POLES[0])
-    own = np.arange(rows.basis.size) if friction else rows.basis.motion
-    # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
-    for _ in range(_ZOOMS):
-        for share in map(float, grid):
-            columns = np.zeros_like(rows.columns)
-            columns[:, own] = law_structures.lagged(rows, 1.0 - share, own)
-            factor = reduced(columns[:, own], rows.force)
-            whole = np.zeros((factor.factor.shape[0], rows.basis.size))
-            whole[:, own] = factor.factor
-            parts[share] = Reduced(whole, factor.right)
-            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=friction).items()]
-        step **= 0.4
-        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    parts, scans = _scanned_lags(rows, friction=friction)
     coarse = list[Fitted]()
     for _, share, (n, d) in sorted(scans)[:_LIKELY]:
         for fed in ("", "backward"):
@@ -396,6 +420,72 @@ def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
                 fitted = law_structures.fit(structure, rows.basis, parts[share])
                 coarse += [] if fitted is None else [fitted]
     return _with_corners(rows, floor, coarse)
+
+
+def _scanned_lags(
+    rows: LawRows, *, friction: bool, more: np.ndarray | None = None
+) -> tuple[dict[float, Reduced], list[tuple[float, float, tuple[int, int]]]]:
+    """Return the reduced problems by 1 - pole, and what the superset of all structures leaves: (left, 1 - pole, n, d).
+
+    `more`: further columns of the superset, over the whole log.
+    """
+    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
+    grid, step = _POLES, float(_POLES[1] / _POLES[0])
+    own = np.arange(rows.basis.size) if friction else rows.basis.motion
+    if more is not None:
+        own = np.append(own, rows.basis.size + np.arange(more.shape[1]))
+        rows = replace(rows, whole=np.hstack([rows.whole, more]))
+    # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
+    for _ in range(_ZOOMS):
+        for share in map(float, grid):
+            factor = reduced(law_structures.lagged(rows, 1.0 - share, own), rows.force)
+            whole = np.zeros((factor.factor.shape[0], rows.whole.shape[1]))
+            whole[:, own] = factor.factor
+            parts[share] = Reduced(whole, factor.right)
+            scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=friction).items()]
+        step **= 0.4
+        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    return parts, scans
+
+
+def _smoothing_behind(rows: LawRows, floor: Floor) -> float:
+    """Return the smoothing (m/s) of a friction feedforward that passes through a low pass, or that of the rows.
+
+    Samples and a low pass make up for a wrong smoothing: a superset with signs of several smoothings tells them first.
+    """
+    levels = [replace(rows.raw, smoothing=float(speed) * rows.raw.fastest) for speed in _SMOOTH]
+    more = np.stack([signals.direction("sign0") for signals in levels], axis=1)
+    _, scans = _scanned_lags(rows, friction=True, more=more)
+    pairs = dict[tuple[int, int], float]()
+    for _, share, pair in sorted(scans):
+        pairs.setdefault(pair, share)
+    found = list[tuple[float, float]]()
+    for (n, d), share in list(pairs.items())[:_PAIRS]:
+        for fed in ("", "backward"):
+            smoothing = rows.raw.smoothing
+            structure = Structure(CASCADE, True, n, d, fed=fed, friction=0, lag=Lag(1.0 - share, 0.0))
+            for _ in range(_TURNS):
+                smoothing = _sign_along(rows, structure, smoothing)
+                fitted = _along_lag(rows.signed(replace(rows.raw, smoothing=smoothing)), structure, _CLOSE)
+                if fitted is None:
+                    break
+                structure = fitted.structure
+                found.append((floor.criterion(fitted.ssr, structure.parameters), smoothing))
+    return min(found)[1] if found else rows.raw.smoothing
+
+
+def _sign_along(rows: LawRows, structure: Structure, smoothing: float) -> float:
+    """Return the smoothing (m/s) with which a structure leaves least, or `smoothing` if none fits."""
+    problems, left = law_structures.SignProblems(rows, structure), dict[float, float]()
+
+    def at(speed: float) -> Fitted | None:
+        fitted = problems.fit(replace(rows.raw, smoothing=speed * rows.raw.fastest))
+        if fitted is not None:
+            left[fitted.ssr] = speed * rows.raw.fastest
+        return fitted
+
+    best = _profile(rows, at, _SMOOTH)
+    return smoothing if best is None else left[best.ssr]
 
 
 def _eased(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
@@ -437,8 +527,7 @@ def _with_corners(rows: LawRows, floor: Floor, coarse: list[Fitted]) -> list[Sco
     # the best of each kind: another kind may be nearer to its minimum on the coarse grid
     kinds = dict[tuple[object, ...], Fitted]()
     for one in coarse:
-        lag = one.structure.lag
-        kinds.setdefault((one.structure.fed, *((one.structure.n,) if lag is None else (lag.old,))), one)
+        kinds.setdefault((one.structure.fed, one.structure.n, one.structure.lag and one.structure.lag.old), one)
     fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
     found = list[Fitted]()
     for one in sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
@@ -686,7 +775,7 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     """Return the best structure with smoothed signs of its friction feedforward, and with a level by direction."""
     if best.structure.friction is None:
         return []
-    fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
+    fastest = rows.raw.fastest
     tried = list[Scored]()
     for sides in (False, True):
         structure = replace(best.structure, sides=sides, friction=0)
@@ -705,10 +794,7 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
         return []
     top = min(tried, key=lambda one: one.criterion)
     if top.structure.lag is not None or top.structure.eased is not None:
-        again = _along_lag(rows.signed(top.signals), top.structure, _CLOSE)
-        if again is None:
-            return [top]
-        return [top, Scored(again, floor.criterion(again.ssr, again.structure.parameters + 1), top.signals)]
+        return [top, *_in_turn(rows, floor, top)]
     # samples and other feedforwards made up for the wrong sign before
     changed = rows.signed(top.signals)
     part = changed.reduced()
@@ -722,6 +808,18 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
         for one in law_structures.minima(every, changed.basis, part)
     ]
     return [top, *again]
+
+
+def _in_turn(rows: LawRows, floor: Floor, top: Scored) -> list[Scored]:
+    """Return a fit with its low pass and its smoothed sign each at their best, in turn with the other one held."""
+    found, signals = list[Scored](), top.signals
+    for _ in range(_TURNS):
+        fitted = _along_lag(rows.signed(signals), top.structure, _CLOSE)
+        if fitted is None:
+            break
+        found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters + 1), signals))
+        signals = replace(signals, smoothing=_sign_along(rows, fitted.structure, signals.smoothing))
+    return found
 
 
 def _likely(floor: Floor, tried: dict[tuple[int, int], float]) -> list[tuple[int, int]]:

@@ -207,14 +207,17 @@ class Fitted:
 
     @property
     def sensible(self) -> bool:
-        """True if the law acts against the error, and its friction feedforward against friction."""
+        """True if the law acts against the error, and its friction feedforward against friction.
+
+        A position loop slower than the slowest integral is none: Kv took the place of an 1/Tn that is not there.
+        """
         kind = self.structure
         if kind.friction is not None and self["friction"] < 0.0:
             return False
         if kind.family == PID:
             return self["P"] > 0.0 and self["D"] > 0.0 and (not kind.integral or self["I"] > 0.0)
         forward = self["Kp ff"] > -0.05 * self["Kp"] if kind.forward == "free" else True
-        return self["Kp Kv"] > 0.0 and self["Kp"] > 0.0 and forward
+        return self["Kp"] > 0.0 and self["Kp Kv"] > _SLOWEST * self["Kp"] and forward
 
 
 class Problem(NamedTuple):
@@ -408,10 +411,17 @@ def lagged(rows: LawRows, pole: float, places: np.ndarray | slice = slice(None))
 
 
 def at_corner(rows: LawRows, structure: Structure) -> Fitted | None:
-    """Return the sensible fit of a structure with one low pass, of the command or of the velocity, or None."""
+    """Return the sensible fit of a structure with one low pass that leaves least, or None."""
+    return min(all_at_corner(rows, structure), key=lambda one: one.ssr, default=None)
+
+
+def all_at_corner(rows: LawRows, structure: Structure) -> list[Fitted]:
+    """Return all sensible fits of a structure with one low pass, of the command or of the velocity."""
     if structure.eased is not None:
-        return EasedProblems(rows, structure).at(1.0 - structure.eased.pole)
-    return sensible(structure, lagged_problem(rows, structure))
+        task = EasedProblems(rows, structure).problem(structure.eased)
+    else:
+        task = lagged_problem(rows, structure)
+    return [one for one in fits([structure], [task]) if one.sensible]
 
 
 def lagged_problem(rows: LawRows, structure: Structure) -> Problem:
@@ -508,15 +518,18 @@ class EasedProblems:
         """Return the fit with a low pass whose pole is 1 - `share`, or None."""
         assert self.structure.eased is not None
         lag = self.structure.eased._replace(pole=1.0 - share)
+        return sensible(replace(self.structure, eased=lag), self.problem(lag))
+
+    def problem(self, lag: Lag) -> Problem:
+        """Return the problem with a low pass."""
         more = filtered(self.rows, lag.coefficients(), self.inputs)
         on = self.Q.T @ more
         added = np.vstack([on, triangle(more - self.Q @ on)])
-        below = np.zeros((2, 2 * self.p))
-        wide = np.vstack([self.own, below])
+        wide = np.vstack([self.own, np.zeros((2, 2 * self.p))])
         A, B = wide[:, : self.p].copy(), wide[:, self.p :].copy()
         A[:, self.place] -= added[:, 0]
         B[:, self.place] -= added[:, 1]
-        return sensible(replace(self.structure, eased=lag), Problem(A, B, np.append(self.y, np.zeros(2))))
+        return Problem(A, B, np.append(self.y, np.zeros(2)))
 
 
 class SignProblems:
