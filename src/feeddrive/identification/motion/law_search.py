@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,7 @@ _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
 _FEWER = 6000  # rows with which models and low passes are searched
 _REFITTED = 2  # fits that are fitted to all rows then
+_ALIKE = 6  # such fits at most, where dead times of a model are alike
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
@@ -52,10 +54,11 @@ _TURNS = 2  # in which twist and corner are searched, each with the other one he
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _BANDS = np.geomspace(1e-3, 5.0, 9)  # of the usual error: half widths of a dead band that are tried
+_SLOWER = (2, 4, 8)  # samples between two runs of a slower position loop that are tried
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
-# samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told apart
+# samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told
 # from others by so much of n ln(ssr): a low pass is no further from them
 _LATE, _TOLD = 1.0, 400.0
 EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
@@ -165,6 +168,13 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     widths = _BANDS * median_spread(e[few.places])
     within = [np.clip(error, -width, width) for width in widths if width > 0.0]
     kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
+    # a position loop that runs every n-th sample holds its command for n
+    wanted = whole @ basis.set_velocity(d, central=False).on
+    for every in _SLOWER:
+        for phase in range(every):
+            held = (np.arange(error.size) - phase) // every * every + phase
+            parts = [signal[np.maximum(held, 0)] - signal for signal in (error, wanted)]
+            kinds.append([*parts, *(rows.raw.T * np.cumsum(part) for part in parts)])
     more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
     own = law_structures.regressors(found, few)
     rest = few.force - own[:, : found.values.size] @ found.values
@@ -286,9 +296,12 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
 
 
 def _deeper(found: Search) -> Search:
-    """Return a search with reference models and low passes."""
-    found = _with_models(found)
-    return _with_low_passes(found) if found.floor.wants_more(found.best) else found
+    """Return a search with reference models and low passes, the likelier ones first."""
+    steps = (_with_models, _with_low_passes)
+    # no model has a friction feedforward here
+    for step in steps if found.best.structure.friction is None else reversed(steps):
+        found = step(found) if found.floor.wants_more(found.best) else found
+    return found
 
 
 def _with_models(found: Search) -> Search:
@@ -306,8 +319,14 @@ def _with_low_passes(found: Search) -> Search:
         few = few.signed(replace(few.raw, smoothing=_smoothing_behind(few, floor)))
         rows = rows.signed(replace(rows.raw, smoothing=few.raw.smoothing))
     every = list[Scored]()
-    for place in (_lags, _eased):
-        more = sorted(_again(rows, floor, place(few, floor, friction=friction)), key=lambda one: one.criterion)
+    scans = ((_scanned_lags(few, friction=friction), _lags), (_scanned_eased(few, friction=friction), _eased))
+    least = min(scan.least for scan, _ in scans)
+    for scan, place in scans:
+        # none of these can win if their superset leaves clearly more
+        if floor.gain(scan.least, least) > _ODD:
+            continue
+        more = place(few, floor, scan, friction=friction)
+        more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
         for one in more[:1]:
             more += _smoothed(rows, floor, one)
         every += [other for one in more for other in _exchanged(found.rows, floor, one)]
@@ -367,7 +386,8 @@ def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
     """Return the likeliest of fits to fewer rows, fitted to all rows."""
     found.sort(key=lambda one: one.criterion)
     again = list[Scored]()
-    for one in found[:_REFITTED]:
+    alike = [one for one in found if one.structure.model and one.criterion < found[0].criterion + _ODD]
+    for one in alike[:_ALIKE] or found[:_REFITTED]:
         structure = one.structure
         if structure.model is not None:
             problems = law_structures.ModelProblems(rows, structure.n, structure.d)
@@ -397,38 +417,52 @@ def _models(rows: LawRows, floor: Floor) -> list[Scored]:
                 top = _profile(rows, problems.along(Model(1.0, samples, inside), "free"), rates)
                 coarse += [] if top is None else [top]
         coarse.sort(key=lambda one: one.ssr)
-        for one in coarse[:3]:
-            model = one.structure.model
-            assert model is not None
-            for forward in law_structures.FORWARD:
-                near = model.rate * _AROUND
-                top = _profile(rows, problems.along(model, forward), near)
-                if top is not None:
-                    found.append(Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw))
+        # which feedforward it has does not depend on the dead time of the model, which noise may hide
+        near = [one for one in coarse if floor.gain(one.ssr, coarse[0].ssr) < _ODD]
+        first = [_modelled(problems, floor, one, forward) for one in near[:1] for forward in law_structures.FORWARD]
+        first = sorted(filter(None, first), key=lambda one: one.criterion)
+        found += first
+        if first:
+            forward = first[0].structure.forward
+            found += filter(None, (_modelled(problems, floor, one, forward) for one in near[1:]))
     return found
 
 
-def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
+def _modelled(problems: law_structures.ModelProblems, floor: Floor, one: Fitted, forward: str) -> Scored | None:
+    """Return a fit with a reference model at its best rate, with another velocity feedforward."""
+    model, rows = one.structure.model, problems.rows
+    assert model is not None
+    top = _profile(rows, problems.along(model, forward), model.rate * _AROUND)
+    return None if top is None else Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw)
+
+
+class _Scan(NamedTuple):
+    """Low passes that were tried: the reduced problems by 1 - pole, and (left, 1 - pole, (n, d)) of the superset."""
+
+    parts: dict[float, Reduced]
+    left: list[tuple[float, float, tuple[int, int]]]
+
+    @property
+    def least(self) -> float:
+        """The smallest sum of squares that the superset leaves."""
+        return min(self.left)[0]
+
+
+def _lags(rows: LawRows, floor: Floor, scan: _Scan, *, friction: bool) -> list[Scored]:
     """Return fits with a low pass of the command, for the likeliest structures; `friction`: with its feedforward."""
-    parts, scans = _scanned_lags(rows, friction=friction)
     coarse = list[Fitted]()
-    for _, share, (n, d) in sorted(scans)[:_LIKELY]:
+    for _, share, (n, d) in sorted(scan.left)[:_LIKELY]:
         for fed in ("", "backward"):
             for old in (0.0, 0.5):
                 feed = 0 if friction else None
                 structure = Structure(CASCADE, True, n, d, fed=fed, friction=feed, lag=Lag(1.0 - share, old))
-                fitted = law_structures.fit(structure, rows.basis, parts[share])
+                fitted = law_structures.fit(structure, rows.basis, scan.parts[share])
                 coarse += [] if fitted is None else [fitted]
     return _with_corners(rows, floor, coarse)
 
 
-def _scanned_lags(
-    rows: LawRows, *, friction: bool, more: np.ndarray | None = None
-) -> tuple[dict[float, Reduced], list[tuple[float, float, tuple[int, int]]]]:
-    """Return the reduced problems by 1 - pole, and what the superset of all structures leaves: (left, 1 - pole, n, d).
-
-    `more`: further columns of the superset, over the whole log.
-    """
+def _scanned_lags(rows: LawRows, *, friction: bool, more: np.ndarray | None = None) -> _Scan:
+    """Return a scan of low passes of the command; `more`: further columns of the superset, over the whole log."""
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
     own = np.arange(rows.basis.size) if friction else rows.basis.motion
@@ -445,7 +479,7 @@ def _scanned_lags(
             scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=friction).items()]
         step **= 0.4
         grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
-    return parts, scans
+    return _Scan(parts, scans)
 
 
 def _smoothing_behind(rows: LawRows, floor: Floor) -> float:
@@ -455,68 +489,76 @@ def _smoothing_behind(rows: LawRows, floor: Floor) -> float:
     """
     levels = [replace(rows.raw, smoothing=float(speed) * rows.raw.fastest) for speed in _SMOOTH]
     more = np.stack([signals.direction("sign0") for signals in levels], axis=1)
-    _, scans = _scanned_lags(rows, friction=True, more=more)
+    scan = _scanned_lags(rows, friction=True, more=more)
     pairs = dict[tuple[int, int], float]()
-    for _, share, pair in sorted(scans):
+    for _, share, pair in sorted(scan.left):
         pairs.setdefault(pair, share)
     found = list[tuple[float, float]]()
     for (n, d), share in list(pairs.items())[:_PAIRS]:
-        for fed in ("", "backward"):
-            smoothing = rows.raw.smoothing
-            structure = Structure(CASCADE, True, n, d, fed=fed, friction=0, lag=Lag(1.0 - share, 0.0))
-            for _ in range(_TURNS):
-                smoothing = _sign_along(rows, structure, smoothing)
-                fitted = _along_lag(rows.signed(replace(rows.raw, smoothing=smoothing)), structure, _CLOSE)
-                if fitted is None:
-                    break
-                structure = fitted.structure
-                found.append((floor.criterion(fitted.ssr, structure.parameters), smoothing))
+        bare = Structure(CASCADE, True, n, d, friction=0, lag=Lag(1.0 - share, 0.0))
+        fits = [_sign_along(rows, structure) for structure in (bare, replace(bare, fed="backward"))]
+        signed = min(filter(None, fits), key=lambda one: _criterion(floor, one[0]), default=None)
+        for _ in range(_TURNS):
+            if signed is None:
+                break
+            cornered = _along_lag(rows.signed(signed[1]), signed[0].structure, _CLOSE)
+            signed = cornered and _sign_along(rows, cornered.structure)
+            found += [] if signed is None else [(_criterion(floor, signed[0]), signed[1].smoothing)]
     return min(found)[1] if found else rows.raw.smoothing
 
 
-def _sign_along(rows: LawRows, structure: Structure, smoothing: float) -> float:
-    """Return the smoothing (m/s) with which a structure leaves least, or `smoothing` if none fits."""
-    problems, left = law_structures.SignProblems(rows, structure), dict[float, float]()
+def _criterion(floor: Floor, one: Fitted) -> float:
+    return floor.criterion(one.ssr, one.structure.parameters)
+
+
+def _sign_along(rows: LawRows, structure: Structure) -> tuple[Fitted, Signals] | None:
+    """Return the fit with the smoothed sign that leaves least, or None."""
+    problems, signals = law_structures.SignProblems(rows, structure), dict[float, Signals]()
 
     def at(speed: float) -> Fitted | None:
-        fitted = problems.fit(replace(rows.raw, smoothing=speed * rows.raw.fastest))
+        tried = replace(rows.raw, smoothing=speed * rows.raw.fastest)
+        fitted = problems.fit(tried)
         if fitted is not None:
-            left[fitted.ssr] = speed * rows.raw.fastest
+            signals[fitted.ssr] = tried
         return fitted
 
     best = _profile(rows, at, _SMOOTH)
-    return smoothing if best is None else left[best.ssr]
+    return None if best is None else (best, signals[best.ssr])
 
 
-def _eased(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
-    """Return fits with a low pass of the velocity alone, for the likeliest structures."""
+def _eased(rows: LawRows, floor: Floor, scan: _Scan, *, friction: bool) -> list[Scored]:
+    """Return fits with a low pass of the velocity alone, for the likeliest structures, as `_lags` does."""
+    feed = 0 if friction else None
+    tried = (
+        (share, Structure(CASCADE, True, n, d, fed=fed, friction=feed, eased=Lag(1.0 - share, 0.0)))
+        for _, share, (n, d) in sorted(scan.left)[:_LIKELY]
+        for fed in ("", "backward")
+    )
+    fits = [law_structures.fit(structure, rows.basis, scan.parts[share]) for share, structure in tried]
+    return _with_corners(rows, floor, [one for one in fits if one is not None])
+
+
+def _scanned_eased(rows: LawRows, *, friction: bool) -> _Scan:
+    """Return a scan of low passes of the velocity alone."""
     basis, (Q, part) = rows.basis, _orthogonal(rows)
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
     for _ in range(_ZOOMS):
         for share in map(float, grid):
             parts[share] = _extended(part, Q, law_structures.eased(rows, Lag(1.0 - share, 0.0)))
-            scans += [(left, share, pair) for pair, left in _scanned_eased(basis, parts[share], friction=friction)]
+            scans += [(left, share, pair) for pair, left in _left_eased(basis, parts[share], friction=friction)]
         step **= 0.4
         grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
-    feed = 0 if friction else None
-    tried = (
-        (share, Structure(CASCADE, True, n, d, fed=fed, friction=feed, eased=Lag(1.0 - share, 0.0)))
-        for _, share, (n, d) in sorted(scans)[:_LIKELY]
-        for fed in ("", "backward")
-    )
-    fits = [law_structures.fit(structure, basis, parts[share]) for share, structure in tried]
-    return _with_corners(rows, floor, [one for one in fits if one is not None])
+    return _Scan(parts, scans)
 
 
-def _scanned_eased(basis: Basis, part: Reduced, *, friction: bool) -> Iterator[tuple[tuple[int, int], float]]:
+def _left_eased(basis: Basis, part: Reduced, *, friction: bool) -> Iterator[tuple[tuple[int, int], float]]:
     """Yield what the superset of all structures leaves for each n and d, with a velocity after a low pass."""
     size, read = basis.size, basis.reading_places
-    passed = part.factor[:, size:]
     for n in range(1, MOST_SAMPLES + 1):
         for d in range(MOST_DELAY + 1):
             speed, travel = basis.velocity(n, d), basis.travel(n, d)
-            own = passed @ np.stack([speed.on[read], travel.on[read]], axis=1)
+            own = part.factor[:, size:] @ np.stack([speed.on[read], travel.on[read]], axis=1)
             terms = law_structures.wide(basis, n, d, friction=friction, speed=False)
             yield (n, d), law_structures.left_by(Reduced(np.hstack([part.factor[:, :size], own]), part.right), terms)
 
@@ -818,7 +860,8 @@ def _in_turn(rows: LawRows, floor: Floor, top: Scored) -> list[Scored]:
         if fitted is None:
             break
         found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters + 1), signals))
-        signals = replace(signals, smoothing=_sign_along(rows, fitted.structure, signals.smoothing))
+        signed = _sign_along(rows, fitted.structure)
+        signals = signals if signed is None else signed[1]
     return found
 
 

@@ -463,7 +463,9 @@ def with_drag(rows: LawRows, lag: Lag | None) -> np.ndarray:
     """Return the basis columns over the rows after a low pass, and behind them T Σ of the direction of motion."""
     direction = rows.whole @ rows.basis.one("sign0").on
     whole = np.column_stack([rows.whole, rows.basis.T * np.cumsum(direction)])
-    return rows.centered(whole[rows.places]) if lag is None else filtered(rows, Lag(lag.pole, 0.0).coefficients(), whole)
+    if lag is None:
+        return rows.centered(whole[rows.places])
+    return filtered(rows, Lag(lag.pole, 0.0).coefficients(), whole)
 
 
 class ModelProblems:
