@@ -261,6 +261,7 @@ def test_a_law_adds_little_memory_and_little_force(
     found: Any = Stand(best=Stand(fitted=fitted, criterion=5.0), floor=floor, rows=rows, residual=lambda _: None)
     monkeypatch.setattr(law_search, "correlation", lambda _: 0.5 + added)
     monkeypatch.setattr(law_search, "nonlinear", lambda *_: -1.0)
+    monkeypatch.setattr(law_search, "slower", lambda *_: -1.0)
     monkeypatch.setattr(law_search, "instrumented", lambda _: None)
     monkeypatch.setattr("feeddrive.identification.motion.identify_law._rows", lambda *_: None)
     verdict = _judged(found)
@@ -281,6 +282,7 @@ def test_a_law_leaves_little_more_than_the_free_law(
     )
     monkeypatch.setattr(law_search, "correlation", lambda _: 0.5)
     monkeypatch.setattr(law_search, "nonlinear", lambda *_: -1.0)
+    monkeypatch.setattr(law_search, "slower", lambda *_: -1.0)
     monkeypatch.setattr(law_search, "instrumented", lambda _: None)
     monkeypatch.setattr("feeddrive.identification.motion.identify_law._rows", lambda *_: None)
     assert _judged(found).law is law

@@ -187,6 +187,8 @@ def identify_control(log: MotionLog) -> ControlFit:
     best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
     free = Quantity(found.floor.left, "share")
     why = "a nonlinear part (dead band, limit) is in it" if verdict.bent else "another part (filter, observer) is in it"
+    if verdict.held:
+        why = "its position loop runs slower than the log is sampled"
     raise NotIdentifiableError(
         f"{log.name}: no cascade and no PID explains the force: the nearest, {_title(found.best.structure)}, leaves "
         f"{best:3} of it, a free linear law of the same signals {free:3}; "
@@ -209,6 +211,7 @@ class _Verdict:
     """What a search shows: the law, a law near to it, or none.
 
     bent    nonlinear functions of the signals explain what is left
+    held    a position loop that runs every n-th sample explains what is left
     silent  even a free law of the signals leaves more than `MOST_NOISE` of the force
     """
 
@@ -217,6 +220,7 @@ class _Verdict:
     bent: bool
     instrumented: Instrumented | None
     silent: bool = False
+    held: bool = False
 
 
 def _judged(found: Search) -> _Verdict:
@@ -228,7 +232,10 @@ def _judged(found: Search) -> _Verdict:
     # a smoothed direction, which the free law lacks, may leave less than it, and another memory
     quiet = added < WHITE or best.fitted.ssr < floor.ssr
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
-    bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
+    rows = _rows(found, best)
+    if law_search.slower(rows, best.fitted, floor) > 0.0:
+        return _Verdict(False, False, False, None, held=True)
+    bent = law_search.nonlinear(rows, best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
@@ -540,15 +547,17 @@ def _estimates(
     return tuple(made)
 
 
-def _unusual(reading: LawReading) -> tuple[bool, bool, bool]:
+def _unusual(reading: LawReading) -> tuple[bool, bool, bool, bool]:
     """Return an order of readings: an older target is LinuxCNC's pid; else a cascade, the slower loop outside.
 
-    A velocity of so many samples that a low pass would do the same comes last.
+    A cascade whose setpoint is older than its reading comes behind, and so does a velocity of so many samples that a
+    low pass would do the same.
     """
-    pid = reading.structure.family == PID
-    plain = pid != (reading.structure.older > 0 or reading.structure.forward == "free")
-    swapped = not pid and reading.structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
-    return plain, reading.structure.late > law_search.MOST_LAG, swapped
+    structure = reading.structure
+    pid = structure.family == PID
+    plain = pid != (structure.older > 0 or structure.forward == "free")
+    swapped = not pid and structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
+    return plain, not pid and structure.older > 0, structure.late > law_search.MOST_LAG, swapped
 
 
 def _title(structure: Structure) -> str:

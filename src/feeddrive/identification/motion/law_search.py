@@ -36,12 +36,14 @@ _MOST_DEAD = 3  # samples of dead time in a reference model
 _LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, which the superset lacks
 _PAIRS = 2  # of n and d, with which the smoothed sign before a low pass is searched
 _LAGGED = 4  # kinds of law with a low pass whose corner is searched finely
+_VARIED = 2  # of these, whose feedforwards are varied
+_NEARBY = 3  # samples of the velocity more or less that are tried then
+_LEAST_LAG = 0.1  # samples that a low pass delays: with less, there is none
 _ZOOMS = 4  # times that the grid of corners shrinks
 _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
 _FEWER = 6000  # rows with which models and low passes are searched
-_REFITTED = 2  # fits that are fitted to all rows then
-_ALIKE = 6  # such fits at most, where dead times of a model are alike
+_ALIKE = 6  # fits at most that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
@@ -88,6 +90,7 @@ class Floor:
     memory     first autocorrelation of what is left
     effective  number of independent rows
     unknowns   its number of coefficients
+    rows       of the log
     """
 
     ssr: float
@@ -95,6 +98,7 @@ class Floor:
     memory: float
     effective: float
     unknowns: int
+    rows: int
 
     @property
     def price(self) -> float:
@@ -131,7 +135,7 @@ def floor_of(rows: LawRows, part: Reduced) -> Floor:
     ssr, n = part.rest(), rows.force.size
     rho = correlation(rest)
     effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
-    return Floor(ssr, part.power, rho, effective, rows.basis.size)
+    return Floor(ssr, part.power, rho, effective, rows.basis.size, n)
 
 
 def _solution(part: Reduced) -> np.ndarray:
@@ -154,10 +158,8 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     explains either; with correlated noise only such columns tell it from noise.  (Ramsey's RESET test.)  Dead bands of
     several widths are tried each alone.
     """
-    n, d = found.structure.n, found.structure.d
     few = rows.fewer(_FEWER)
-    basis, whole = few.basis, few.whole
-    error, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
+    error, v = _signals(few, found)
     e = error - np.mean(error[few.places])
     bends = []
     for signal in (e, v):
@@ -167,24 +169,44 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     # a dead band about 0 takes what is within it from the error, and its integral from that of the law
     widths = _BANDS * median_spread(e[few.places])
     within = [np.clip(error, -width, width) for width in widths if width > 0.0]
-    kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
-    # a position loop that runs every n-th sample holds its command for n
-    wanted = whole @ basis.set_velocity(d, central=False).on
+    return _explained(few, found, floor, [bends, *([one, few.raw.T * np.cumsum(one)] for one in within)])
+
+
+def slower(rows: LawRows, found: Fitted, floor: Floor) -> float:
+    """Return by how much a position loop that runs every n-th sample explains what a law leaves, as `nonlinear`.
+
+    It holds its velocity command for n samples.
+    """
+    few = rows.fewer(_FEWER)
+    error, _ = _signals(few, found)
+    wanted = few.whole @ few.basis.set_velocity(found.structure.d, central=False).on
+    kinds = list[list[np.ndarray]]()
     for every in _SLOWER:
         for phase in range(every):
-            held = (np.arange(error.size) - phase) // every * every + phase
-            parts = [signal[np.maximum(held, 0)] - signal for signal in (error, wanted)]
-            kinds.append([*parts, *(rows.raw.T * np.cumsum(part) for part in parts)])
-    more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
-    own = law_structures.regressors(found, few)
-    rest = few.force - own[:, : found.values.size] @ found.values
-    linear = np.hstack([own, few.columns])
+            held = np.maximum((np.arange(error.size) - phase) // every * every + phase, 0)
+            parts = [signal[held] - signal for signal in (error, wanted)]
+            kinds.append([*parts, *(few.raw.T * np.cumsum(part) for part in parts)])
+    return _explained(few, found, floor, kinds)
+
+
+def _signals(rows: LawRows, found: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """Return the error and the velocity that a law reads, over the whole log."""
+    n, d, basis = found.structure.n, found.structure.d, rows.basis
+    return rows.whole @ basis.error(d).on, rows.whole @ basis.velocity(n, d).on
+
+
+def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Sequence[np.ndarray]]) -> float:
+    """Return the largest criterion by which one kind of columns explains what a law leaves in rows of a search."""
+    more = rows.centered(np.stack([column for kind in kinds for column in kind], axis=1)[rows.places])
+    own = law_structures.regressors(found, rows)
+    rest = rows.force - own[:, : found.values.size] @ found.values
+    linear = np.hstack([own, rows.columns])
     both = np.column_stack([linear, more, rest])
     sizes = np.linalg.norm(both[:, :-1], axis=0)
     # what the linear columns leave of the others
     R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))[linear.shape[1] :, linear.shape[1] :]
-    noise = ROUNDING**2 * float(few.force @ few.force)
-    effective = floor.effective * few.force.size / rows.force.size
+    noise = ROUNDING**2 * float(rows.force @ rows.force)
+    effective = floor.effective * rows.force.size / floor.rows
     least, first, explained = float(np.sum(R[:, -1] ** 2)), 0, []
     for kind in kinds:
         chosen = R[:, first : first + len(kind)]
@@ -277,11 +299,12 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     tried = _scanned(rows, part)
     likely, least = _likely(floor, tried), next(iter(tried.values()))
     bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
-    friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
+    plays = floor.gain(bare, least) > _SIGNS_PLAY
+    friction = (None,) if not plays else (None, 0, -1) if signals.smoothing == 0.0 else (None, 0)
     every = (structure for n, d in likely for structure in structures(n, d, friction))
     scored = [
-        Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
-        for found in law_structures.minima(every, basis, part)
+        Scored(one, floor.criterion(one.ssr, one.structure.parameters + _smooth(one.structure, signals)), signals)
+        for one in law_structures.minima(every, basis, part)
     ]
     if not scored:
         return None
@@ -314,12 +337,17 @@ def _with_low_passes(found: Search) -> Search:
     best, floor = found.best, found.floor
     # friction feedforward keeps the direction that explains most so far
     rows = found.rows if best.signals is found.rows.raw else found.rows.signed(best.signals)
-    few, friction = rows.fewer(_FEWER), best.structure.friction is not None
+    few = rows.fewer(_FEWER)
+    friction, scans = False, _scans(few, friction=False)
+    if best.structure.friction is not None:
+        # a friction feedforward may have made up for the low pass
+        bare = min(scan.least for scan, _ in scans)
+        friction = floor.gain(bare, few.reduced().rest()) > _SIGNS_PLAY
     if friction:
         few = few.signed(replace(few.raw, smoothing=_smoothing_behind(few, floor)))
         rows = rows.signed(replace(rows.raw, smoothing=few.raw.smoothing))
+        scans = _scans(few, friction=True)
     every = list[Scored]()
-    scans = ((_scanned_lags(few, friction=friction), _lags), (_scanned_eased(few, friction=friction), _eased))
     least = min(scan.least for scan, _ in scans)
     for scan, place in scans:
         # none of these can win if their superset leaves clearly more
@@ -331,6 +359,11 @@ def _with_low_passes(found: Search) -> Search:
             more += _smoothed(rows, floor, one)
         every += [other for one in more for other in _exchanged(found.rows, floor, one)]
     return found.with_fits(every)
+
+
+def _scans(rows: LawRows, *, friction: bool) -> tuple[tuple[_Scan, Callable[..., list[Scored]]], ...]:
+    """Return the scans of low passes of the command and of the velocity, each with what searches further."""
+    return (_scanned_lags(rows, friction=friction), _lags), (_scanned_eased(rows, friction=friction), _eased)
 
 
 def _exchanged(rows: LawRows, floor: Floor, one: Scored) -> list[Scored]:
@@ -360,6 +393,11 @@ def _is_loose(scored: Scored) -> bool:
     return structure.family == PID and structure.forward == "free" and structure.older == 0
 
 
+def _smooth(structure: Structure, signals: Signals) -> int:
+    """Return the number of unknowns of a smoothed sign."""
+    return int(structure.friction is not None and signals.smoothing > 0.0)
+
+
 def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
     """Return a search with further fits, best first; each step is tried only while the best fit misses something."""
     found = found.with_fits(())
@@ -386,8 +424,12 @@ def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
     """Return the likeliest of fits to fewer rows, fitted to all rows."""
     found.sort(key=lambda one: one.criterion)
     again = list[Scored]()
-    alike = [one for one in found if one.structure.model and one.criterion < found[0].criterion + _ODD]
-    for one in alike[:_ALIKE] or found[:_REFITTED]:
+    near = [one for one in found if one.criterion < found[0].criterion + _ODD]
+    # which of a model's dead times, and of a velocity's samples, the log does not tell enters the errors
+    kinds = dict[tuple[object, ...], Scored]()
+    for one in near:
+        kinds.setdefault((one.structure.model and one.structure.model[1:], one.structure.n), one)
+    for one in list(kinds.values())[:_ALIKE]:
         structure = one.structure
         if structure.model is not None:
             problems = law_structures.ModelProblems(rows, structure.n, structure.d)
@@ -572,13 +614,37 @@ def _with_corners(rows: LawRows, floor: Floor, coarse: list[Fitted]) -> list[Sco
         kinds.setdefault((one.structure.fed, one.structure.n, one.structure.lag and one.structure.lag.old), one)
     fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
     found = list[Fitted]()
-    for one in sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
-        for structure in _variants(one.structure):
-            fitted = law_structures.at_corner(rows, structure)
-            found += [] if fitted is None else [fitted]
-    found.sort(key=lambda one: floor.criterion(one.ssr, one.structure.parameters))
+
+    def vary(fits: Iterable[Fitted]) -> None:
+        """Add fits with each feedforward of the first few kinds of samples."""
+        kinds = dict[tuple[object, ...], Fitted]()
+        for one in sorted(fits, key=lambda one: _criterion(floor, one)):
+            kinds.setdefault((one.structure.n, one.structure.d), one)
+        for one in list(kinds.values())[:_VARIED]:
+            every = (law_structures.at_corner(rows, structure) for structure in _variants(one.structure))
+            found.extend(fitted for fitted in every if fitted is not None)
+        found.sort(key=lambda one: _criterion(floor, one))
+
+    vary(filter(None, fine))
+    if found:
+        # the superset tells the samples of the velocity worse than the law itself does
+        vary(filter(None, (_along_lag(rows, structure, _CLOSE) for structure in _as_late(found[0].structure))))
     found[:3] = [better for one in found[:3] if (better := _along_lag(rows, one.structure, _AROUND)) is not None]
-    return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
+    return [Scored(one, _criterion(floor, one), rows.raw) for one in found]
+
+
+def _as_late(structure: Structure) -> Iterator[Structure]:
+    """Yield structures with other samples of the velocity, and a low pass that makes them as late."""
+    lag = structure.lag or structure.eased
+    assert lag is not None
+    whole = 0.5 * (structure.n - 1) + lag.old + lag.pole / (1.0 - lag.pole)
+    least, most = max(1, structure.n - _NEARBY), min(MOST_SAMPLES, structure.n + _NEARBY)
+    for n in range(least, most + 1):
+        for old in (0.0,) if structure.lag is None else (0.0, 0.5):
+            late = whole - 0.5 * (n - 1) - old
+            if (n, old) != (structure.n, lag.old) and late > _LEAST_LAG:
+                other = Lag(late / (1.0 + late), old)
+                yield replace(structure, n=n, **{"eased" if structure.lag is None else "lag": other})
 
 
 @dataclass(frozen=True, eq=False)
@@ -837,19 +903,7 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     top = min(tried, key=lambda one: one.criterion)
     if top.structure.lag is not None or top.structure.eased is not None:
         return [top, *_in_turn(rows, floor, top)]
-    # samples and other feedforwards made up for the wrong sign before
-    changed = rows.signed(top.signals)
-    part = changed.reduced()
-    every = (
-        replace(structure, sides=top.structure.sides)
-        for n, d in _likely(floor, _scanned(changed, part))
-        for structure in structures(n, d, (0,))
-    )
-    again = [
-        Scored(one, floor.criterion(one.ssr, one.structure.parameters + 1), top.signals)
-        for one in law_structures.minima(every, changed.basis, part)
-    ]
-    return [top, *again]
+    return [top]
 
 
 def _in_turn(rows: LawRows, floor: Floor, top: Scored) -> list[Scored]:
