@@ -63,7 +63,7 @@ MOST_LAG = 1.5  # samples between motion and command; a law with a low pass look
 # samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told
 # from others by so much of n ln(ssr): a low pass is no further from them
 _LATE, _TOLD = 1.0, 400.0
-EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
+_EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
@@ -373,7 +373,7 @@ def _exchanged(rows: LawRows, floor: Floor, one: Scored) -> list[Scored]:
     own = rows if one.signals is rows.raw else rows.signed(one.signals)
     more = one.criterion - floor.criterion(one.fitted.ssr, 0)
     fits = law_structures.all_at_corner(own, one.structure)
-    far = [fitted for fitted in fits if abs(math.log(fitted.rate / one.fitted.rate)) > EXCHANGED]
+    far = [fitted for fitted in fits if abs(math.log(fitted.rate / one.fitted.rate)) > _EXCHANGED]
     return [one, *(Scored(fitted, floor.criterion(fitted.ssr, 0) + more, one.signals) for fitted in far)]
 
 
