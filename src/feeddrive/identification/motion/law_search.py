@@ -260,9 +260,8 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
-                if _hidden(one):
-                    return _with_low_passes(one)
-                return _with_models(one) if _is_loose(one.best) else one
+                one = _with_models(one) if _is_loose(one.best) else one
+                return _with_low_passes(one) if _hidden(one) else one
             found += [] if one is None or one is first else [one]
     if not found:
         return None

@@ -336,7 +336,7 @@ def _minima(stack: Problem, damping: Sequence[int]) -> tuple[np.ndarray, np.ndar
     hidden = [
         k
         for k, own in enumerate(which)
-        if Kv[k] > 0.0 and all(abs(math.log(Kv[k]) - other) > _MERGED for other in known[own])
+        if 0.0 < Kv[k] < math.inf and all(abs(math.log(Kv[k]) - other) > _MERGED for other in known[own])
     ]
     if hidden:
         low, high = np.log(Kv[hidden]) - _MERGED, np.log(Kv[hidden]) + _MERGED
