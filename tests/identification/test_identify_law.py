@@ -143,6 +143,15 @@ def test_gains_that_no_real_law_has_are_none() -> None:
     assert not Fitted(cascade, values * (0.1, 1.0), 20.0, 1.0).sensible
 
 
+@pytest.mark.parametrize(("samples", "near_"), [(4, False), (7, True)])
+def test_a_velocity_over_many_samples_may_be_a_filter(samples: int, near_: bool) -> None:
+    """A delay of 1.5 samples is usual; with 3, the gains are those of the law here, but a filter would do the same."""
+    fit = found("Cascade", **PI | {"n": samples})
+    assert fit.near is near_
+    assert any("may be a filter" in remark for remark in fit.remarks) is near_
+    near(fit, Kv=30.0, Kp=9000.0, Tn=0.05, velocity_feedforward=0.8)
+
+
 def test_two_laws_alike_are_one_within_a_tenth() -> None:
     cascade = Structure(CASCADE_FAMILY, True, 1, 0, forward="one")
     errors = np.array([0.2, 0.02, 0.4])

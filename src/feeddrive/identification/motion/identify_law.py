@@ -82,7 +82,8 @@ class ControlFit(Result):
     readings   laws that explain the log equally well, the first one is used; Kv and 1/Tn may change places
     residual   RMS of the force that the law does not explain, relative to the RMS of the force
     free       the same of a free linear law, which is the noise of the log
-    near       True if the free law explains clearly more: a filter or another part of the law was not found
+    near       True if the free law explains clearly more, or the velocity is differenced over so many samples that a
+               filter may stand in their place: a filter or another part of the law was not found
     added      first autocorrelation that the law adds to the residual of the free law
     instruments  True if the gains were found by instruments, since the log holds other readings than the law had
     remarks    what the blocks of the library represent only approximately
@@ -286,6 +287,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         )
     ordered = sorted(readings, key=_unusual)
     first = ordered[0]
+    near = near or _long(first.structure)
     power = found.floor.power
     residual, free = math.sqrt(found.best.fitted.ssr / power), found.floor.left
     return ControlFit(
@@ -589,6 +591,11 @@ def _unusual(reading: LawReading) -> tuple[bool, bool, bool, bool]:
     return plain, not pid and structure.older > 0, structure.late > law_search.MOST_LAG, swapped
 
 
+def _long(structure: Structure) -> bool:
+    """Return True if the velocity is differenced over so many samples that noise may hide a filter in their place."""
+    return 0.5 * (structure.n - 1) > law_search.MOST_LAG
+
+
 def _title(structure: Structure) -> str:
     """Return the name of a structure."""
     if structure.family == PID:
@@ -607,7 +614,13 @@ def _title(structure: Structure) -> str:
 
 def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float) -> list[str]:
     remarks = list[str]()
-    if near:
+    if _long(first.structure):
+        remarks.append(
+            f"the law is near to {first.name}: a velocity over {first.structure.n} samples may be a filter or another "
+            "part of the law that noise hides, and the gains are then others; state the law in a machine file if you "
+            "know it"
+        )
+    elif near:
         remarks.append(
             Text(
                 f"the law is near to {first.name}, which leaves {Quantity(residual, 'share'):3} of the force, where a "
