@@ -272,6 +272,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     alike = [one for one in found.scored if one.criterion < best.criterion + ALIKE]
     # a law with one more gain that is 0 within its error is the same law
     alike = [one for one in alike if not any(_holds(one.structure, other.structure) for other in alike)]
+    long = all(_long(one.structure) for one in alike)
     readings = list[LawReading]()
     while alike:
         reading, same = _reading(log, found, alike)
@@ -287,7 +288,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         )
     ordered = sorted(readings, key=_unusual)
     first = ordered[0]
-    near = near or _long(first.structure)
+    near = near or long
     power = found.floor.power
     residual, free = math.sqrt(found.best.fitted.ssr / power), found.floor.left
     return ControlFit(
@@ -298,7 +299,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         near,
         False,
         found.best.signals.smoothing,
-        tuple(_remarks(first, ordered[1:_SHOWN], near, residual, free)),
+        tuple(_remarks(first, ordered[1:_SHOWN], near, residual, free, long=long)),
         {pair: math.sqrt(ssr / power) for pair, ssr in sorted(found.tried.items())},
         log.sample_time,
         log.turning,
@@ -612,9 +613,11 @@ def _title(structure: Structure) -> str:
     return parts[0] if len(parts) == 1 else f"{parts[0]} with {' and '.join(parts[1:])}"
 
 
-def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float) -> list[str]:
+def _remarks(
+    first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float, *, long: bool = False
+) -> list[str]:
     remarks = list[str]()
-    if _long(first.structure):
+    if long:
         remarks.append(
             f"the law is near to {first.name}: a velocity over {first.structure.n} samples may be a filter or another "
             "part of the law that noise hides, and the gains are then others; state the law in a machine file if you "
