@@ -55,6 +55,9 @@ def truth(log: ForeignLog) -> list[dict[str, float]]:
             forms += [{"Kv": (P + s * root) / (2.0 * D), "Kp": D, "Tn": 2.0 * D / (P - s * root)} for s in (1.0, -1.0)]
         return forms
     Kv, Kp, rate, ff, n = (float(t[f"law.{name}"]) for name in ("Kv", "Kp", "rate", "ff", "n"))
+    if rate and ff == 1.0 and np.max(np.abs(log.setpoint - log.position)) < t["law.dead_band"]:
+        # the error never leaves the dead band: the integral of the velocity error alone is a P-P law
+        return [{"Kv": rate, "Kp": Kp}]
     form = {"Kv": Kv, "Kp": Kp} | ({"Tn": 1.0 / rate} if rate else {}) | ({"velocity_feedforward": ff} if ff else {})
     forms = [form]
     if rate and ff == 1.0:

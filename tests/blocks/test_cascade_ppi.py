@@ -86,10 +86,27 @@ def test_start_takes_over_the_force_that_acts() -> None:
     assert force == 123.0
 
 
+def test_a_lag_smooths_the_measured_velocity_alone() -> None:
+    """Against the recursion on paper, over two samples and with a lag of 2 ms."""
+    setpoints, readings = noisy(200)
+    found = run(CascadePPI(Kv=80.0, Kp=2e4, Tn=0.01, velocity_samples=2, velocity_lag=2e-3), setpoints, readings)
+    places = [readings[0].position_motor] * 2
+    smooth = total = 0.0
+    for k, (s, r) in enumerate(zip(setpoints, readings, strict=True)):
+        set_velocity = (s.position - (0.1 * (k - 1) * T + 0.5 * ((k - 1) * T) ** 2)) / T
+        smooth += T / (2e-3 + T) * ((r.position_motor - places[-2]) / (2 * T) - smooth)
+        places.append(r.position_motor)
+        e = 80.0 * (s.position - r.position_load) + set_velocity - smooth
+        total += T / 0.01 * e
+        # as above
+        assert found[k] == pytest.approx(2e4 * (e + total), rel=1e-9, abs=1e-8)
+
+
+@pytest.mark.parametrize("lag", [None, 2e-3])
 @pytest.mark.parametrize("samples", [1, 2, 8])
-def test_a_moving_axis_is_taken_over_without_a_bump(samples: int) -> None:
+def test_a_moving_axis_is_taken_over_without_a_bump(samples: int, lag: float | None) -> None:
     """At 0.1 m/s along the setpoint nothing is to be corrected: the force stays what it was, but for rounding."""
-    law = CascadePPI(Kv=60.0, Kp=12e3, Tn=0.02, velocity_samples=samples)
+    law = CascadePPI(Kv=60.0, Kp=12e3, Tn=0.02, velocity_samples=samples, velocity_lag=lag)
     before = Reading(0.3, 0.3, 5.0, 5.0)._replace(velocity=0.1)
     state = law.start(law.prepare(T), Setpoint(0.3, 0.1), before)
     now = 0.3 + T * 0.1

@@ -314,6 +314,7 @@ def full(loop: Loop) -> Loop:
         Tn=0.01,
         viscous=30.0,
         velocity_samples=2,
+        velocity_lag=1e-3,
         velocity_encoder="load",
         position_every=2,
         model_mass=150.0,

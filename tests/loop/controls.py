@@ -55,6 +55,7 @@ def rejection(observer: Any) -> Control:
 CONTROLS = {
     "cascade": Control(law=PPI),
     "cascade over 4": Control(law=replace(PPI, velocity_samples=4, position_every=4)),
+    "cascade, smoothed": Control(law=replace(PPI, velocity_samples=2, velocity_lag=5e-4)),
     "cascade, model": Control(law=replace(PPI, model_mass=MASS), feedforward=(Inertia(mass=MASS),)),
     "filters": Control(law=PPI, filters=FILTERS, feedforward=(Inertia(mass=MASS),)),
     "prefilter": Control(law=PPI, prefilter=TrajectoryPrefilter(theta2=1e-5)),

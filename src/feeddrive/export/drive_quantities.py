@@ -232,6 +232,7 @@ class LostPart(NamedTuple):
 # Consequence of leaving an item out, for targets that do not state their own.
 CONSEQUENCES: Mapping[str, str] = {
     "velocity_samples": "the velocity is noisier and its delay is smaller: margins are those of one sample, not these",
+    "velocity_lag": "the velocity is noisier and its delay is smaller: margins are larger than these",
     "velocity_encoder": "the velocity loop closes on another encoder than it was designed with",
     "position_every": "the position loop runs at the target's own rate",
     "viscous": "the damping of the velocity loop grows by this number; following errors that the law took out remain",
@@ -273,6 +274,8 @@ def items(cascade: Cascade) -> Iterator[Item]:
     control, law = cascade.loop.control, cascade.law
     if law.velocity_samples > 1:
         yield Item("velocity_samples", "control.law.velocity_samples", str(law.velocity_samples))
+    if law.velocity_lag is not None:
+        yield Item("velocity_lag", "control.law.velocity_lag", _read(law.velocity_lag, "s", "ms"))
     if cascade.loop.axis.encoders() == 2 and law.velocity_encoder == "load":
         yield Item("velocity_encoder", "control.law.velocity_encoder", law.velocity_encoder)
     if law.position_every > 1:

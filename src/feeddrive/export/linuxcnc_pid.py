@@ -59,6 +59,7 @@ HELD = (
 )
 OUTSIDE = {
     "velocity_samples": (_PER_PERIOD, ""),
+    "velocity_lag": ("a pid does not smooth its velocity", ""),
     "velocity_encoder": ("the second pid is wired to the motor's encoder", "wire the load's encoder to ddt by hand"),
     "position_every": ("both pids run in one thread", "the position loop runs every sample: margins are larger"),
     "back_calculation": (

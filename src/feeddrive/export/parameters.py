@@ -452,6 +452,10 @@ SINUMERIK = Maker(
         "broken_readings": ("encoder faults are watched by the drive", "the reaction is the drive's: check it"),
         "alignment": ("the control watches two encoders by MD36510", "set its tolerance by hand"),
         "safe_force": ("the weight is carried by an electronic counterbalance of the drive, or by the brake", ""),
+        "velocity_lag": (
+            "the drive smooths its actual speed by a parameter whose number was not checked",
+            "set the smoothing time of the actual speed to this by hand",
+        ),
         "position_every": (
             "the position loop runs in the position clock of the control",
             "that clock must be this many samples of the drive, and with DSC it is another loop: margins are those of "

@@ -1,4 +1,4 @@
-"""Two options of the P-PI cascade that have memory: a slower position loop and a reference model."""
+"""Options of the P-PI cascade that have memory: a slower position loop, a reference model, a smoothed velocity."""
 
 from typing import NamedTuple
 
@@ -75,3 +75,18 @@ def expected_velocity(
     # the velocity loop reads mean velocities of a sample: under held forces they change by the mean of two forces
     velocity = before.velocity + (0.5 * T / mass) * (before.forces[-2] + before.forces[-1])
     return (ReferenceModel(velocity, (Kp * (wanted - velocity), *before.forces[:-1])),), velocity
+
+
+def smoothed_velocity(
+    state: tuple[Number, ...], velocity: Number, lag: Number | None, T: Number
+) -> tuple[tuple[Number, ...], Number]:
+    """Return the new state and a velocity (m/s) after a low pass of first order, which is `velocity` without a lag.
+
+        v(k) = v(k-1) + T / (lag + T) (velocity - v(k-1))
+
+    lag  s.  This is the implicit Euler method, by which drives compute it: it is stable for any lag.
+    """
+    if not state or lag is None:
+        return (), velocity
+    after = state[0] + (T / (lag + T)) * (velocity - state[0])
+    return (after,), after

@@ -11,6 +11,7 @@ from feeddrive.blocks.controller.cascade_options import (
     interpolated,
     interpolator,
     reference_model,
+    smoothed_velocity,
 )
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
@@ -25,6 +26,9 @@ class CascadePPI(Law):
         e     = Kv (x_set - x_load) + velocity_feedforward · v_set - v
         force = Kp (e + (1/Tn) Σ T e) (+ viscous · v)
         v     = (x(k) - x(k-n)) / nT  of the velocity encoder,  v_set = (x_set(k) - x_set(k-1)) / T
+
+    With `velocity_lag` a low pass of first order smooths v, as drives smooth their actual speed:
+    v(k) = v(k-1) + T / (velocity_lag + T) (difference(k) - v(k-1)).
 
     Anti-windup is by back-calculation: the force cut off by the limit in the last sample is subtracted from the
     integral one step later, as `requested` - `applied`.  This equals back-calculation within the step.
@@ -62,6 +66,9 @@ class CascadePPI(Law):
         "dead time of the reference model in the integral, in samples", default=1, least=0, most=64
     )
     velocity_samples: int = choice("samples over which the velocity is differenced", default=1, least=1, most=1000)
+    velocity_lag: Number | None = parameter(
+        "s", "time constant of a low pass of the measured velocity; absent for none", above=0, default=None
+    )
     velocity_encoder: str = choice("encoder of the velocity loop", options=("motor", "load"), default="motor")
     position_every: int = choice("the position loop runs every so many samples", default=1, least=1, most=1000)
 
@@ -108,6 +115,7 @@ class CascadePPI(Law):
         integral: Number
         interpolator: tuple[Interpolator, ...] = ()
         model: tuple[ReferenceModel, ...] = ()
+        smoothed: tuple[Number, ...] = ()
 
     def period(self) -> int:
         """Return `position_every`, the period of the law in samples."""
@@ -135,13 +143,15 @@ class CascadePPI(Law):
         # a past at constant velocity: enabled in motion, the first difference is the true velocity
         positions = (position, *(position - float(i) * passed for i in range(1, self.velocity_samples)))
         model = () if self.model_mass is None else (reference_model(self.model_samples, reading.velocity, zero),)
-        return self.State(positions, reading.applied, interpolator(self.position_every, zero), model)
+        smoothed = () if self.velocity_lag is None else (zero + reading.velocity,)
+        return self.State(positions, reading.applied, interpolator(self.position_every, zero), model, smoothed)
 
     def step(
         self, prepared: object, state: State, setpoint: Setpoint, reading: Reading, T: Number
     ) -> tuple[State, Number]:
         position = reading.position(self.velocity_encoder)
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
+        smoothed, velocity = smoothed_velocity(state.smoothed, velocity, self.velocity_lag, T)
         wanted = self.Kv * (setpoint.position - reading.position_load)
         wanted = wanted + self.velocity_feedforward * setpoint.backward_velocity(T)
         interpolator, wanted = interpolated(state.interpolator, wanted, self.position_every)
@@ -151,10 +161,10 @@ class CascadePPI(Law):
         positions = (position, *state.positions[:-1])
         force = self.Kp * e if self.viscous is None else self.Kp * e + self.viscous * velocity
         if self.Tn is None:
-            return self.State(positions, state.integral, interpolator, model), force
+            return self.State(positions, state.integral, interpolator, model, smoothed), force
         integral = state.integral + (reading.applied - reading.requested)
         integral = integral + (self.Kp * T / self.Tn) * missed
-        return self.State(positions, integral, interpolator, model), force + integral
+        return self.State(positions, integral, interpolator, model, smoothed), force + integral
 
     def retune(self, state: State, old: Self, old_prepared: Prepared, prepared: Prepared) -> State:
         """Return the state unchanged: it holds positions, velocities, and an integral and forces in N."""

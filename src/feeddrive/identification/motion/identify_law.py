@@ -19,7 +19,7 @@ from feeddrive.identification import regression
 from feeddrive.identification.motion import law_search, law_structures
 from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
 from feeddrive.identification.motion.law_search import Instrumented, Scored, Search
-from feeddrive.identification.motion.law_structures import PID, Fitted, Structure
+from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
 from feeddrive.language.errors import NotIdentifiableError
@@ -32,13 +32,17 @@ ALIKE = 6.0  # difference of the criterion up to which two laws explain a log eq
 WHITE = 0.15  # first autocorrelation that a law may add to that of the free law: dead bands add more than 0.5
 NEAR = 0.02  # of the force, that a law near to the one that ran may leave beyond the free law
 # of the force, that a free law of the signals may leave: where it leaves more, any law explains as much as it by chance
-MOST_NOISE = 0.6
+MOST_NOISE = 0.35
 TWIST = 10.0  # of the criterion, that the twist between motor and load must explain
 LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
 _SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
+# relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
+_SAME, _SAME_ERRORS = 0.1, 3.0
+_SUMMED = 8  # rows whose scores are summed at most to show their memory
+_ORDER = 8  # of the autoregression of a residual
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
 
@@ -79,7 +83,8 @@ class ControlFit(Result):
     readings   laws that explain the log equally well; the first one is used. Kv and 1/Tn may be interchanged
     residual   RMS of the force that the law does not explain, relative to the RMS of the force
     free       relative RMS residual of a free linear law, which is the noise of the log
-    near       True if the free law explains clearly more, so that a filter or another part of the law was not found
+    near       True if the free law explains clearly more, or the velocity is differenced over so many samples that a
+               filter may take their place: a filter or another part of the law was not found
     instruments  True if the gains were estimated with instruments, since the log lacks the readings used by the law
     remarks    remarks on parts that the blocks of the library represent only approximately
     tried      (velocity samples, delay) -> residual of the superset of all structures
@@ -187,6 +192,8 @@ def identify_control(log: MotionLog) -> ControlFit:
     best = Quantity(math.sqrt(found.best.fitted.ssr / power), "share")
     free = Quantity(found.floor.left, "share")
     why = "a nonlinear part (dead band, limit) is in it" if verdict.bent else "another part (filter, observer) is in it"
+    if verdict.held:
+        why = "its position loop runs slower than the log is sampled"
     raise NotIdentifiableError(
         f"{log.name}: no cascade and no PID explains the force: the nearest, {_title(found.best.structure)}, leaves "
         f"{best:3} of it, a free linear law of the same signals {free:3}; "
@@ -209,6 +216,7 @@ class _Verdict:
     """The verdict of a search: the law was found, a law close to it, or none.
 
     bent    True if nonlinear functions of the signals explain part of the residual
+    held    True if a position loop that runs every n-th sample explains part of the residual
     silent  True if even a free linear law leaves more than `MOST_NOISE` of the force unexplained
     """
 
@@ -217,6 +225,7 @@ class _Verdict:
     bent: bool
     instrumented: Instrumented | None
     silent: bool = False
+    held: bool = False
 
 
 def _judged(found: Search) -> _Verdict:
@@ -228,7 +237,10 @@ def _judged(found: Search) -> _Verdict:
     # a smoothed direction, which the free law lacks, may leave less than it, and another memory
     quiet = added < WHITE or best.fitted.ssr < floor.ssr
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
-    bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
+    rows = _rows(found, best)
+    if law_search.slower(rows, best.fitted, floor) > 0.0:
+        return _Verdict(False, False, False, None, held=True)
+    bent = law_search.nonlinear(rows, best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
@@ -259,17 +271,15 @@ def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     """Return the result with all laws that explain the log as well as the best one."""
     best = found.best
+    alike = [one for one in found.scored if one.criterion < best.criterion + ALIKE]
     # a law with one more gain that is 0 within its error is the same law
-    alike = [
-        one
-        for one in found.scored
-        if one.criterion < best.criterion + ALIKE and one.structure.parameters <= best.structure.parameters
-    ]
+    alike = [one for one in alike if not any(_holds(one.structure, other.structure) for other in alike)]
+    long = all(_long(one.structure) for one in alike)
     readings = list[LawReading]()
-    for one in alike:
-        # fits that differ in samples alone are one law; a far 1/Tn is another one
-        if not any(reading.name == _title(one.structure) and _near(reading, one) for reading in readings):
-            readings.append(_reading(log, found, one, alike))
+    while alike:
+        reading, same = _reading(log, found, alike)
+        readings.append(reading)
+        alike = [one for one in alike if one not in same]
     unsure = min(readings, key=lambda reading: reading.doubt)
     readings = [reading for reading in readings if reading.doubt < SURE]
     if not readings:
@@ -280,6 +290,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         )
     ordered = sorted(readings, key=_unusual)
     first = ordered[0]
+    near = near or long
     power = found.floor.power
     residual, free = math.sqrt(found.best.fitted.ssr / power), found.floor.left
     return ControlFit(
@@ -290,7 +301,7 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
         near,
         False,
         found.best.signals.smoothing,
-        tuple(_remarks(first, ordered[1:_SHOWN], near, residual, free)),
+        tuple(_remarks(first, ordered[1:_SHOWN], near, residual, free, long=long)),
         {pair: math.sqrt(ssr / power) for pair, ssr in sorted(found.tried.items())},
         log.sample_time,
         log.turning,
@@ -363,16 +374,79 @@ def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -
 # Gains of a law from the coefficients of its columns.
 
 
-def _reading(log: MotionLog, found: Search, one: Scored, alike: Sequence[Scored]) -> LawReading:
-    """Return the law of a fitted structure, with its gains and their errors."""
-    rows = _rows(found, one)
+def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[LawReading, list[Scored]]:
+    """Return the law of the first structure with its gains, and all structures that are the same law."""
+    one, rows = alike[0], _rows(found, alike[0])
     columns = law_structures.regressors(one.fitted, rows)
-    columns = np.column_stack([columns, *_slopes(rows, one.fitted, columns)])
-    rest = found.residual(one)
-    covariance = regression.robust_covariance(columns, rest, smooth=8) + _scatter(one, alike, columns.shape[1])
+    columns = np.column_stack([columns, *_slopes(rows, one, columns)])
+    covariance = _covariance(columns, found.residual(one))
+    errors = regression.errors(covariance)
+    same = [one, *(other for other in alike[1:] if _same(one.fitted, other.fitted, errors))]
+    covariance = covariance + _scatter(one, same, columns.shape[1])
     if one.structure.family == PID:
-        return _pid_reading(log.frame, one.fitted, covariance)
-    return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time)
+        return _pid_reading(log.frame, one.fitted, covariance), same
+    return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time), same
+
+
+def _covariance(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the covariance of the coefficients: the robust one, widened to that of colored noise where it is less.
+
+        (XᵀX)⁻¹ Xᵀ Γ X (XᵀX)⁻¹,   Xᵀ Γ X = σ² Yᵀ Y,   Y = X after 1/A(z) backwards in time
+
+    A, σ: an autoregression of the residual. Gains absorb the slow part of colored noise, in which few rows are
+    independent: its share of the residual is missing in the robust covariance, but not in an autoregression, which the
+    fast part shows as well.
+    """
+    from scipy.linalg import solve_toeplitz  # takes a second to import
+    from scipy.signal import lfilter
+
+    robust = regression.robust_covariance(columns, rest, smooth=_SUMMED)
+    n = rest.size
+    past = np.array([float(rest[j:] @ rest[: n - j]) for j in range(_ORDER + 1)]) / n
+    if past[0] <= 0.0:
+        return robust
+    weights = solve_toeplitz(past[:-1], past[1:])
+    power = max(0.0, float(past[0] - weights @ past[1:]))
+    passed = np.asarray(lfilter([1.0], np.concatenate([[1.0], -weights]), columns[::-1], axis=0))
+    inverse = regression.inverse_gram(columns)
+    colored = power * inverse @ (passed.T @ passed) @ inverse
+    own, other = np.diag(robust), np.diag(colored)
+    wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
+    return robust * np.outer(wider, wider)
+
+
+def _holds(structure: Structure, other: Structure) -> bool:
+    """Return True if a structure is the other one with further parts."""
+    if structure.parameters <= other.parameters or structure.family != other.family:
+        return False
+    if any(getattr(structure, name) != getattr(other, name) for name in ("n", "d", "older")):
+        return False
+    parts = (
+        (structure.integral, other.integral),
+        (structure.forward == "free", other.forward == "free"),
+        (bool(structure.fed), bool(other.fed)),
+        (structure.friction is not None, other.friction is not None),
+        (structure.sides, other.sides),
+        (structure.model is not None, other.model is not None),
+        (structure.lag is not None, other.lag is not None),
+        (structure.eased is not None, other.eased is not None),
+        (structure.shifted, other.shifted),
+    )
+    return all(own or not its for own, its in parts)
+
+
+def _same(one: Fitted, other: Fitted, errors: np.ndarray) -> bool:
+    """Return True if two fits have the same gains: their samples, delays and further parts may differ."""
+    if one.structure.family != other.structure.family or one.structure.integral != other.structure.integral:
+        return False
+
+    def near(value: float, its: float, error: float) -> bool:
+        return abs(its - value) < max(_SAME * abs(value), _SAME_ERRORS * error)
+
+    gains = one.structure.gains
+    core = [name for name in ("Kp Kv", "Kp", "P", "I", "D") if name in gains]
+    alike = all(near(one[name], other[name], errors[gains.index(name)]) for name in core)
+    return alike and (not one.structure.curved or near(one.rate, other.rate, errors[one.values.size]))
 
 
 def _rows(found: Search, one: Scored) -> LawRows:
@@ -380,35 +454,38 @@ def _rows(found: Search, one: Scored) -> LawRows:
     return found.rows if one.signals is found.rows.raw else found.rows.signed(one.signals)
 
 
-def _slopes(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> list[np.ndarray]:
-    """Return the derivative of the force with respect to the rate of a model or the pole of a low pass."""
-    structure, size = fitted.structure, fitted.values.size
+def _slopes(rows: LawRows, one: Scored, columns: np.ndarray) -> list[np.ndarray]:
+    """Return the derivatives of the force with respect to what is not a gain: smoothing, then a rate or a pole."""
+    fitted, structure, size = one.fitted, one.fitted.structure, one.fitted.values.size
+    step, slopes = 1e-3, list[np.ndarray]()
+
+    def slope(other: Structure, rows: LawRows, step: float) -> np.ndarray:
+        moved = law_structures.regressors(replace(fitted, structure=other), rows)
+        return (moved[:, :size] - columns[:, :size]) @ fitted.values / step
+
+    if structure.friction is not None and one.signals.smoothing > 0.0:
+        wider = replace(one.signals, smoothing=(1.0 + step) * one.signals.smoothing)
+        slopes.append(slope(structure, rows.signed(wider), step))
     if structure.model is not None:
-        step = 1e-3 * structure.model.rate
-        other = replace(structure, model=structure.model._replace(rate=structure.model.rate + step))
-    elif structure.lag is not None:
-        step = 1e-3 * (1.0 - structure.lag.pole)
-        other = replace(structure, lag=structure.lag._replace(pole=structure.lag.pole + step))
-    else:
-        return []
-    moved = law_structures.regressors(replace(fitted, structure=other), rows)
-    return [(moved[:, :size] - columns[:, :size]) @ fitted.values / step]
+        step *= structure.model.rate
+        slopes.append(
+            slope(replace(structure, model=structure.model._replace(rate=structure.model.rate + step)), rows, step)
+        )
+    for name in ("lag", "eased"):
+        lag: Lag | None = getattr(structure, name)
+        if lag is not None:
+            step *= 1.0 - lag.pole
+            slopes.append(slope(replace(structure, **{name: lag._replace(pole=lag.pole + step)}), rows, step))
+    return slopes
 
 
 def _scatter(one: Scored, alike: Sequence[Scored], size: int) -> np.ndarray:
-    """Return the covariance of the coefficients among structures that differ only in numbers of samples.
+    """Return the covariance of the coefficients among structures with the same gains.
 
-    The log may not determine these numbers exactly; each structure is weighted by its likelihood.
+    The log may not determine their samples, delays and filters exactly; each structure is weighted by its likelihood.
     """
-    same = [
-        other
-        for other in alike
-        if replace(other.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
-        == replace(one.structure, n=1, d=0, older=0, model=None, lag=None, central=False)
-        and (other.structure.model is None) == (one.structure.model is None)
-        and (other.structure.lag is None) == (one.structure.lag is None)
-        and abs(math.log((other.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
-    ]
+    names = one.structure.gains
+    same = [other for other in alike if other.structure.gains == names]
     weights = np.exp(-0.5 * (np.array([other.criterion for other in same]) - one.criterion))
     weights /= np.sum(weights)
     total = np.zeros((size, size))
@@ -485,6 +562,12 @@ def _others(
         slope = np.zeros(size)
         slope[-1] = T / (pole * math.log(pole) ** 2)
         rows.append(("time_constant", "s", (tau, slope)))
+    if structure.eased is not None:
+        # the block passes on T/(lag + T) of a change
+        share = 1.0 - structure.eased.pole
+        slope = np.zeros(size)
+        slope[-1] = T / share**2
+        rows.append(("velocity_lag", "s", (T * structure.eased.pole / share, slope)))
     return rows
 
 
@@ -498,16 +581,23 @@ def _estimates(
     return tuple(made)
 
 
-def _unusual(reading: LawReading) -> tuple[bool, bool]:
+def _unusual(reading: LawReading) -> tuple[bool, bool, bool, bool]:
     """Return a sort key that puts the more usual of equally good laws first.
 
     Usual are a PID if the setpoint is older than the reading or velocity feedforward is free, otherwise a cascade, and
-    a cascade whose position loop is the slower one.
+    a cascade whose position loop is the slower one.  A cascade whose setpoint is older than its reading comes later,
+    and so does a velocity over so many samples that a low pass would have the same effect.
     """
-    pid = reading.structure.family == PID
-    plain = pid != (reading.structure.older > 0 or reading.structure.forward == "free")
-    swapped = not pid and reading.structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
-    return plain, swapped
+    structure = reading.structure
+    pid = structure.family == PID
+    plain = pid != (structure.older > 0 or structure.forward == "free")
+    swapped = not pid and structure.integral and reading["Kv"].value * reading["Tn"].value > 1.0
+    return plain, not pid and structure.older > 0, structure.late > law_search.MOST_LAG, swapped
+
+
+def _long(structure: Structure) -> bool:
+    """Return True if the velocity is differenced over so many samples that noise may hide a filter in their place."""
+    return 0.5 * (structure.n - 1) > law_search.MOST_LAG
 
 
 def _title(structure: Structure) -> str:
@@ -522,12 +612,21 @@ def _title(structure: Structure) -> str:
         parts += ["acceleration feedforward"] if structure.fed else []
     parts += ["friction feedforward"] if structure.friction is not None else []
     parts += ["low pass"] if structure.lag is not None else []
+    parts += ["low pass of the velocity"] if structure.eased is not None else []
     return parts[0] if len(parts) == 1 else f"{parts[0]} with {' and '.join(parts[1:])}"
 
 
-def _remarks(first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float) -> list[str]:
+def _remarks(
+    first: LawReading, others: Sequence[LawReading], near: bool, residual: float, free: float, *, long: bool = False
+) -> list[str]:
     remarks = list[str]()
-    if near:
+    if long:
+        remarks.append(
+            f"the law is near to {first.name}: a velocity over {first.structure.n} samples may be a filter or another "
+            "part of the law that noise hides, and the gains are then others; state the law in a machine file if you "
+            "know it"
+        )
+    elif near:
         remarks.append(
             Text(
                 f"the law is near to {first.name}, which leaves {Quantity(residual, 'share'):3} of the force, where a "
@@ -580,6 +679,7 @@ def _control(reading: LawReading, smoothing: float, T: float, turning: bool, for
             Tn=reading.value("Tn") if structure.integral else None,
             velocity_feedforward=max(0.0, share),
             velocity_samples=structure.n,
+            velocity_lag=reading.value("velocity_lag") if structure.eased is not None else None,
             model_mass=reading.value("model_mass") if structure.model is not None else None,
             model_samples=1 if structure.model is None else structure.model.samples,
         )

@@ -87,6 +87,12 @@ class Basis:
         """The indices of the columns that do not depend on the direction of the set motion."""
         return np.array([k for k, name in enumerate(self.names) if not name.startswith(("sign", "moves"))])
 
+    @property
+    def reading_places(self) -> np.ndarray:
+        """The places of the columns that make the reading and its velocity, for no delay and more."""
+        past = {f"dx{j}" for j in range(_CHANGES)}
+        return np.array([k for k, name in enumerate(self.names) if name in ("e", "s") or name in past])
+
     def zero(self) -> Term:
         """Return the zero regressor."""
         return Term(np.zeros(self.size))
@@ -257,6 +263,7 @@ class LawRows:
             starts=np.concatenate([[0], inside]),
             places=self.places[chosen] - begin,
             whole=self.whole[begin:end],
+            raw=self.raw.part(begin, end),
         )
         return replace(made, columns=made.centered(self.columns[chosen]), force=made.centered(made.force))
 
@@ -343,6 +350,16 @@ class Signals:
         """Return the signals of a log with set positions."""
         assert log.set_position is not None
         return cls(log.position, log.set_position, log.force, log.sample_time)
+
+    def part(self, begin: int, end: int) -> Signals:
+        """Return the samples `begin` to `end` - 1."""
+        cut = slice(begin, end)
+        return replace(self, x=self.x[cut], wanted=self.wanted[cut], force=self.force[cut])
+
+    @property
+    def fastest(self) -> float:
+        """The largest set speed."""
+        return float(np.max(np.abs(np.diff(self.wanted)))) / self.T
 
     def basis(self, basis: Basis) -> np.ndarray:
         """Return all basis columns over the whole log, shape (samples, basis)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from feeddrive.identification.motion import law_structures
 from feeddrive.identification.motion.law_rows import (
     MOST_DELAY,
     MOST_SAMPLES,
+    Basis,
     LawRows,
     Reduced,
     Signals,
@@ -32,15 +34,20 @@ _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried fi
 _STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
 _MOST_DEAD = 3  # samples of dead time in a reference model
 _LIKELY = 10  # pairs of n and d that are tried with a model or a low pass, which the superset lacks
-_LAGGED = 3  # kinds of law with a low pass whose corner is searched finely
+_PAIRS = 2  # of n and d, with which the smoothed sign before a low pass is searched
+_LAGGED = 4  # kinds of law with a low pass whose corner is searched finely
+_VARIED = 2  # of these, whose feedforwards are varied
+_NEARBY = 3  # samples of the velocity more or less that are tried then
+_LEAST_LAG = 0.1  # samples that a low pass delays: with less, there is none
 _ZOOMS = 4  # times that the grid of corners shrinks
 _AROUND = 1.2 ** np.arange(-2.0, 3.0)  # of a corner that is searched finely
 _CLOSE = 1.03 ** np.arange(-1.0, 2.0)  # the same, after a fit to fewer rows
 _FEWER = 6000  # rows with which models and low passes are searched
-_REFITTED = 2  # fits that are fitted to all rows then
+_ALIKE = 6  # fits at most that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_SMOOTHED = 0.01  # relative change of the smoothing, from which on a search is repeated with it
 _DAMPINGS = np.geomspace(0.005, 0.15, 5)  # damping ratios of an axis that twists
 _USUAL_DAMPING = 0.03  # with which samples, delay and corner are scanned
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
@@ -48,10 +55,15 @@ _REFINED = 6  # fits by instruments whose twist is searched finely
 _TURNS = 2  # in which twist and corner are searched, each with the other one held
 RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
-_BANDS = np.geomspace(1e-3, 0.1, 5)  # of the usual error: half widths of a dead band that are tried
+_BANDS = np.geomspace(1e-3, 5.0, 9)  # of the usual error: half widths of a dead band that are tried
+_SLOWER = (2, 4, 8)  # samples between two runs of a slower position loop that are tried
 _SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
 _LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
+# samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told
+# from others by so much of n ln(ssr): a low pass is no further from them
+_LATE, _TOLD = 1.0, 400.0
+_EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
@@ -79,6 +91,7 @@ class Floor:
     memory     first autocorrelation of the residual
     effective  number of independent rows
     unknowns   number of coefficients
+    rows       number of rows of the log
     """
 
     ssr: float
@@ -86,6 +99,7 @@ class Floor:
     memory: float
     effective: float
     unknowns: int
+    rows: int
 
     @property
     def price(self) -> float:
@@ -122,7 +136,7 @@ def floor_of(rows: LawRows, part: Reduced) -> Floor:
     ssr, n = part.rest(), rows.force.size
     rho = correlation(rest)
     effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
-    return Floor(ssr, part.power, rho, effective, rows.basis.size)
+    return Floor(ssr, part.power, rho, effective, rows.basis.size, n)
 
 
 def _solution(part: Reduced) -> np.ndarray:
@@ -145,30 +159,55 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     linear law explains; if the noise is correlated, only such functions distinguish this residual from noise (Ramsey's
     RESET test).  Dead bands of several widths are tested separately.
     """
-    n, d = found.structure.n, found.structure.d
     few = rows.fewer(_FEWER)
-    basis, whole = few.basis, few.whole
-    e, v = whole @ basis.error(d).on, whole @ basis.velocity(n, d).on
-    e = e - np.mean(e[few.places])
+    error, v = _signals(few, found)
+    e = error - np.mean(error[few.places])
     bends = []
     for signal in (e, v):
         size = median_spread(signal[few.places]) or float(np.std(signal))
         bends += [np.tanh(signal / (share * size)) for share in (0.1, 0.5, 2.0)] + [signal * np.abs(signal)]
         bends += [np.abs(signal)]
-    # a dead band takes what is within it from the error, and its integral from that of the law
+    # a dead band about 0 takes what is within it from the error, and its integral from that of the law
     widths = _BANDS * median_spread(e[few.places])
-    within = [np.clip(e, -width, width) for width in widths if width > 0.0]
-    kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
-    more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
-    own = law_structures.regressors(found, few)
-    rest = few.force - own[:, : found.values.size] @ found.values
-    linear = np.hstack([own, few.columns])
+    within = [np.clip(error, -width, width) for width in widths if width > 0.0]
+    return _explained(few, found, floor, [bends, *([one, few.raw.T * np.cumsum(one)] for one in within)])
+
+
+def slower(rows: LawRows, found: Fitted, floor: Floor) -> float:
+    """Return by how much a position loop that runs every n-th sample explains what a law leaves, as `nonlinear`.
+
+    It holds its velocity command for n samples.
+    """
+    few = rows.fewer(_FEWER)
+    error, _ = _signals(few, found)
+    wanted = few.whole @ few.basis.set_velocity(found.structure.d, central=False).on
+    kinds = list[list[np.ndarray]]()
+    for every in _SLOWER:
+        for phase in range(every):
+            held = np.maximum((np.arange(error.size) - phase) // every * every + phase, 0)
+            parts = [signal[held] - signal for signal in (error, wanted)]
+            kinds.append([*parts, *(few.raw.T * np.cumsum(part) for part in parts)])
+    return _explained(few, found, floor, kinds)
+
+
+def _signals(rows: LawRows, found: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """Return the error and the velocity that a law reads, over the whole log."""
+    n, d, basis = found.structure.n, found.structure.d, rows.basis
+    return rows.whole @ basis.error(d).on, rows.whole @ basis.velocity(n, d).on
+
+
+def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Sequence[np.ndarray]]) -> float:
+    """Return the largest criterion by which one kind of columns explains what a law leaves in rows of a search."""
+    more = rows.centered(np.stack([column for kind in kinds for column in kind], axis=1)[rows.places])
+    own = law_structures.regressors(found, rows)
+    rest = rows.force - own[:, : found.values.size] @ found.values
+    linear = np.hstack([own, rows.columns])
     both = np.column_stack([linear, more, rest])
     sizes = np.linalg.norm(both[:, :-1], axis=0)
     # what the linear columns leave of the others
     R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))[linear.shape[1] :, linear.shape[1] :]
-    noise = ROUNDING**2 * float(few.force @ few.force)
-    effective = floor.effective * few.force.size / rows.force.size
+    noise = ROUNDING**2 * float(rows.force @ rows.force)
+    effective = floor.effective * rows.force.size / floor.rows
     least, first, explained = float(np.sum(R[:, -1] ** 2)), 0, []
     for kind in kinds:
         chosen = R[:, first : first + len(kind)]
@@ -222,10 +261,8 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
-                # what is so late may be delayed by a low pass
-                if one.best.structure.late > MOST_LAG:
-                    return _with_low_passes(one)
-                return _with_models(one) if _is_loose(one.best) else one
+                one = _with_models(one) if _is_loose(one.best) else one
+                return _with_low_passes(one) if _hidden(one) else one
             found += [] if one is None or one is first else [one]
     if not found:
         return None
@@ -249,8 +286,11 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
         yield below
 
 
-def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
-    """Return the search over the rows in `keep`, without models and low passes; None if there are too few rows."""
+def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search | None:
+    """Return the search over the rows in `keep` without models and low passes; None if there are too few rows.
+
+    It is repeated at most `again` times with the smoothed direction that it found.
+    """
     rows = LawRows.of(signals, keep)
     if rows.force.size < _LEAST_ROWS:
         return None
@@ -259,22 +299,32 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     tried = _scanned(rows, part)
     likely, least = _likely(floor, tried), next(iter(tried.values()))
     bare = law_structures.left_by(part, law_structures.wide(basis, *likely[0], friction=False))
-    friction = (None, 0, -1) if floor.gain(bare, least) > _SIGNS_PLAY else (None,)
+    plays = floor.gain(bare, least) > _SIGNS_PLAY
+    friction = (None,) if not plays else (None, 0, -1) if signals.smoothing == 0.0 else (None, 0)
     every = (structure for n, d in likely for structure in structures(n, d, friction))
     scored = [
-        Scored(found, floor.criterion(found.ssr, found.structure.parameters), signals)
-        for found in law_structures.minima(every, basis, part)
+        Scored(one, floor.criterion(one.ssr, one.structure.parameters + _smooth(one.structure, signals)), signals)
+        for one in law_structures.minima(every, basis, part)
     ]
     if not scored:
         return None
-    # the second time with the samples that the first smoothed sign brought out
-    return _with_more(Search(rows, floor, tried, tuple(scored)), (_smoothed, _smoothed, _shifted))
+    found = Search(rows, floor, tried, tuple(scored)).with_fits(())
+    # a sign that turns at once, where noise hides that it does not, would bias its level
+    found = found.with_fits(_smoothed(rows, floor, found.best))
+    better = found.best.signals
+    if again > 0 and abs(better.smoothing - signals.smoothing) > _SMOOTHED * better.smoothing:
+        # samples and filters made up for the wrong sign before, and the free law had it, too
+        return _searched(better, keep, again - 1)
+    return _with_more(found, (_shifted,))
 
 
 def _deeper(found: Search) -> Search:
-    """Return the search extended by reference models and low passes."""
-    found = _with_models(found)
-    return _with_low_passes(found) if found.floor.wants_more(found.best) else found
+    """Return the search extended by reference models and low passes, the more likely ones first."""
+    steps = (_with_models, _with_low_passes)
+    # no model has a friction feedforward here
+    for step in steps if found.best.structure.friction is None else reversed(steps):
+        found = step(found) if found.floor.wants_more(found.best) else found
+    return found
 
 
 def _with_models(found: Search) -> Search:
@@ -283,21 +333,69 @@ def _with_models(found: Search) -> Search:
 
 
 def _with_low_passes(found: Search) -> Search:
-    """Return a search with low passes of the command."""
+    """Return a search with low passes of the command, and with such of the velocity."""
     best, floor = found.best, found.floor
     # friction feedforward keeps the direction that explains most so far
     rows = found.rows if best.signals is found.rows.raw else found.rows.signed(best.signals)
-    more = _lags(rows.fewer(_FEWER), floor, friction=best.structure.friction is not None)
-    more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
-    for one in more[:1]:
-        more += _smoothed(found.rows, floor, one)
-    return found.with_fits(more)
+    few = rows.fewer(_FEWER)
+    friction, scans = False, _scans(few, friction=False)
+    if best.structure.friction is not None:
+        # a friction feedforward may have made up for the low pass
+        bare = min(scan.least for scan, _ in scans)
+        friction = floor.gain(bare, few.reduced().rest()) > _SIGNS_PLAY
+    if friction:
+        few = few.signed(replace(few.raw, smoothing=_smoothing_behind(few, floor)))
+        rows = rows.signed(replace(rows.raw, smoothing=few.raw.smoothing))
+        scans = _scans(few, friction=True)
+    every = list[Scored]()
+    least = min(scan.least for scan, _ in scans)
+    for scan, place in scans:
+        # none of these can win if their superset leaves clearly more
+        if floor.gain(scan.least, least) > _ODD:
+            continue
+        more = place(few, floor, scan, friction=friction)
+        more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
+        for one in more[:1]:
+            more += _smoothed(rows, floor, one)
+        every += [other for one in more for other in _exchanged(found.rows, floor, one)]
+    return found.with_fits(every)
+
+
+def _scans(rows: LawRows, *, friction: bool) -> tuple[tuple[_Scan, Callable[..., list[Scored]]], ...]:
+    """Return the scans of low passes of the command and of the velocity, each with what searches further."""
+    return (_scanned_lags(rows, friction=friction), _lags), (_scanned_eased(rows, friction=friction), _eased)
+
+
+def _exchanged(rows: LawRows, floor: Floor, one: Scored) -> list[Scored]:
+    """Return a fit with a low pass, and those of the same structure with Kv and 1/Tn exchanged."""
+    if not one.structure.curved:
+        return [one]
+    own = rows if one.signals is rows.raw else rows.signed(one.signals)
+    more = one.criterion - floor.criterion(one.fitted.ssr, 0)
+    fits = law_structures.all_at_corner(own, one.structure)
+    far = [fitted for fitted in fits if abs(math.log(fitted.rate / one.fitted.rate)) > _EXCHANGED]
+    return [one, *(Scored(fitted, floor.criterion(fitted.ssr, 0) + more, one.signals) for fitted in far)]
+
+
+def _hidden(found: Search) -> bool:
+    """Return True if the law is so late that a low pass may be in it, which noise hides."""
+    best = found.best.structure
+    if best.late > MOST_LAG:
+        return True
+    least = min(found.tried.values())
+    others = [left for (n, _), left in found.tried.items() if n != best.n]
+    return best.late >= _LATE and found.floor.gain(min(others), least) < _TOLD
 
 
 def _is_loose(scored: Scored) -> bool:
     """Return True for a PID with a free velocity feedforward, which a cascade with a reference model resembles."""
     structure = scored.structure
     return structure.family == PID and structure.forward == "free" and structure.older == 0
+
+
+def _smooth(structure: Structure, signals: Signals) -> int:
+    """Return the number of unknowns of a smoothed sign."""
+    return int(structure.friction is not None and signals.smoothing > 0.0)
 
 
 def _with_more(found: Search, further: Sequence[Callable[[LawRows, Floor, Scored], list[Scored]]]) -> Search:
@@ -328,7 +426,12 @@ def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
     """Return the likeliest of some fits to fewer rows, refitted to all rows."""
     found.sort(key=lambda one: one.criterion)
     again = list[Scored]()
-    for one in found[:_REFITTED]:
+    near = [one for one in found if one.criterion < found[0].criterion + _ODD]
+    # which of a model's dead times, and of a velocity's samples, the log does not tell enters the errors
+    kinds = dict[tuple[object, ...], Scored]()
+    for one in near:
+        kinds.setdefault((one.structure.model and one.structure.model[1:], one.structure.n), one)
+    for one in list(kinds.values())[:_ALIKE]:
         structure = one.structure
         if structure.model is not None:
             problems = law_structures.ModelProblems(rows, structure.n, structure.d)
@@ -358,59 +461,192 @@ def _models(rows: LawRows, floor: Floor) -> list[Scored]:
                 top = _profile(rows, problems.along(Model(1.0, samples, inside), "free"), rates)
                 coarse += [] if top is None else [top]
         coarse.sort(key=lambda one: one.ssr)
-        for one in coarse[:3]:
-            model = one.structure.model
-            assert model is not None
-            for forward in law_structures.FORWARD:
-                near = model.rate * _AROUND
-                top = _profile(rows, problems.along(model, forward), near)
-                if top is not None:
-                    found.append(Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw))
+        # which feedforward it has does not depend on the dead time of the model, which noise may hide
+        near = [one for one in coarse if floor.gain(one.ssr, coarse[0].ssr) < _ODD]
+        first = [_modelled(problems, floor, one, forward) for one in near[:1] for forward in law_structures.FORWARD]
+        first = sorted(filter(None, first), key=lambda one: one.criterion)
+        found += first
+        if first:
+            forward = first[0].structure.forward
+            found += filter(None, (_modelled(problems, floor, one, forward) for one in near[1:]))
     return found
 
 
-def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
-    """Return fits with a low pass of the command for the likeliest structures, optionally with friction feedforward."""
+def _modelled(problems: law_structures.ModelProblems, floor: Floor, one: Fitted, forward: str) -> Scored | None:
+    """Return a fit with a reference model at its best rate, with another velocity feedforward."""
+    model, rows = one.structure.model, problems.rows
+    assert model is not None
+    top = _profile(rows, problems.along(model, forward), model.rate * _AROUND)
+    return None if top is None else Scored(top, floor.criterion(top.ssr, top.structure.parameters), rows.raw)
+
+
+class _Scan(NamedTuple):
+    """Low passes that were tried: the reduced problems by 1 - pole, and (left, 1 - pole, (n, d)) of the superset."""
+
+    parts: dict[float, Reduced]
+    left: list[tuple[float, float, tuple[int, int]]]
+
+    @property
+    def least(self) -> float:
+        """The smallest sum of squares that the superset leaves."""
+        return min(self.left)[0]
+
+
+def _lags(rows: LawRows, floor: Floor, scan: _Scan, *, friction: bool) -> list[Scored]:
+    """Return fits with a low pass of the command, for the likeliest structures; `friction`: with its feedforward."""
+    coarse = list[Fitted]()
+    for _, share, (n, d) in sorted(scan.left)[:_LIKELY]:
+        for fed in ("", "backward"):
+            for old in (0.0, 0.5):
+                feed = 0 if friction else None
+                structure = Structure(CASCADE, True, n, d, fed=fed, friction=feed, lag=Lag(1.0 - share, old))
+                fitted = law_structures.fit(structure, rows.basis, scan.parts[share])
+                coarse += [] if fitted is None else [fitted]
+    return _with_corners(rows, floor, coarse)
+
+
+def _scanned_lags(rows: LawRows, *, friction: bool, more: np.ndarray | None = None) -> _Scan:
+    """Return a scan of low passes of the command; `more`: further columns of the superset, over the whole log."""
     parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
     grid, step = _POLES, float(_POLES[1] / _POLES[0])
     own = np.arange(rows.basis.size) if friction else rows.basis.motion
+    if more is not None:
+        own = np.append(own, rows.basis.size + np.arange(more.shape[1]))
+        rows = replace(rows, whole=np.hstack([rows.whole, more]))
     # the superset tells n and d apart only near the right corner, so the grid shrinks about the best one
     for _ in range(_ZOOMS):
         for share in map(float, grid):
-            columns = np.zeros_like(rows.columns)
-            columns[:, own] = law_structures.lagged(rows, 1.0 - share, own)
-            factor = reduced(columns[:, own], rows.force)
-            whole = np.zeros((factor.factor.shape[0], rows.basis.size))
+            factor = reduced(law_structures.lagged(rows, 1.0 - share, own), rows.force)
+            whole = np.zeros((factor.factor.shape[0], rows.whole.shape[1]))
             whole[:, own] = factor.factor
             parts[share] = Reduced(whole, factor.right)
             scans += [(left, share, pair) for pair, left in _scanned(rows, parts[share], friction=friction).items()]
         step **= 0.4
         grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
-    coarse = list[Fitted]()
-    for _, share, (n, d) in sorted(scans)[:_LIKELY]:
-        for fed in ("", "backward"):
-            for old in (0.0, 0.5):
-                feed = 0 if friction else None
-                structure = Structure(CASCADE, True, n, d, fed=fed, friction=feed, lag=Lag(1.0 - share, old))
-                fitted = law_structures.fit(structure, rows.basis, parts[share])
-                coarse += [] if fitted is None else [fitted]
+    return _Scan(parts, scans)
+
+
+def _smoothing_behind(rows: LawRows, floor: Floor) -> float:
+    """Return the smoothing (m/s) of a friction feedforward that passes through a low pass, or that of the rows.
+
+    Samples and a low pass make up for a wrong smoothing: a superset with signs of several smoothings tells them first.
+    """
+    levels = [replace(rows.raw, smoothing=float(speed) * rows.raw.fastest) for speed in _SMOOTH]
+    more = np.stack([signals.direction("sign0") for signals in levels], axis=1)
+    scan = _scanned_lags(rows, friction=True, more=more)
+    pairs = dict[tuple[int, int], float]()
+    for _, share, pair in sorted(scan.left):
+        pairs.setdefault(pair, share)
+    found = list[tuple[float, float]]()
+    for (n, d), share in list(pairs.items())[:_PAIRS]:
+        bare = Structure(CASCADE, True, n, d, friction=0, lag=Lag(1.0 - share, 0.0))
+        fits = [_sign_along(rows, structure) for structure in (bare, replace(bare, fed="backward"))]
+        signed = min(filter(None, fits), key=lambda one: _criterion(floor, one[0]), default=None)
+        for _ in range(_TURNS):
+            if signed is None:
+                break
+            cornered = _along_lag(rows.signed(signed[1]), signed[0].structure, _CLOSE)
+            signed = cornered and _sign_along(rows, cornered.structure)
+            found += [] if signed is None else [(_criterion(floor, signed[0]), signed[1].smoothing)]
+    return min(found)[1] if found else rows.raw.smoothing
+
+
+def _criterion(floor: Floor, one: Fitted) -> float:
+    return floor.criterion(one.ssr, one.structure.parameters)
+
+
+def _sign_along(rows: LawRows, structure: Structure) -> tuple[Fitted, Signals] | None:
+    """Return the fit with the smoothed sign that leaves least, or None."""
+    problems, signals = law_structures.SignProblems(rows, structure), dict[float, Signals]()
+
+    def at(speed: float) -> Fitted | None:
+        tried = replace(rows.raw, smoothing=speed * rows.raw.fastest)
+        fitted = problems.fit(tried)
+        if fitted is not None:
+            signals[fitted.ssr] = tried
+        return fitted
+
+    best = _profile(rows, at, _SMOOTH)
+    return None if best is None else (best, signals[best.ssr])
+
+
+def _eased(rows: LawRows, floor: Floor, scan: _Scan, *, friction: bool) -> list[Scored]:
+    """Return fits with a low pass of the velocity alone, for the likeliest structures, as `_lags` does."""
+    feed = 0 if friction else None
+    tried = (
+        (share, Structure(CASCADE, True, n, d, fed=fed, friction=feed, eased=Lag(1.0 - share, 0.0)))
+        for _, share, (n, d) in sorted(scan.left)[:_LIKELY]
+        for fed in ("", "backward")
+    )
+    fits = [law_structures.fit(structure, rows.basis, scan.parts[share]) for share, structure in tried]
+    return _with_corners(rows, floor, [one for one in fits if one is not None])
+
+
+def _scanned_eased(rows: LawRows, *, friction: bool) -> _Scan:
+    """Return a scan of low passes of the velocity alone."""
+    basis, (Q, part) = rows.basis, _orthogonal(rows)
+    parts, scans = dict[float, Reduced](), list[tuple[float, float, tuple[int, int]]]()
+    grid, step = _POLES, float(_POLES[1] / _POLES[0])
+    for _ in range(_ZOOMS):
+        for share in map(float, grid):
+            parts[share] = _extended(part, Q, law_structures.eased(rows, Lag(1.0 - share, 0.0)))
+            scans += [(left, share, pair) for pair, left in _left_eased(basis, parts[share], friction=friction)]
+        step **= 0.4
+        grid = min(scans)[1] * step ** np.array([-1.0, 1.0])
+    return _Scan(parts, scans)
+
+
+def _left_eased(basis: Basis, part: Reduced, *, friction: bool) -> Iterator[tuple[tuple[int, int], float]]:
+    """Yield what the superset of all structures leaves for each n and d, with a velocity after a low pass."""
+    size, read = basis.size, basis.reading_places
+    for n in range(1, MOST_SAMPLES + 1):
+        for d in range(MOST_DELAY + 1):
+            speed, travel = basis.velocity(n, d), basis.travel(n, d)
+            own = part.factor[:, size:] @ np.stack([speed.on[read], travel.on[read]], axis=1)
+            terms = law_structures.wide(basis, n, d, friction=friction, speed=False)
+            yield (n, d), law_structures.left_by(Reduced(np.hstack([part.factor[:, :size], own]), part.right), terms)
+
+
+def _with_corners(rows: LawRows, floor: Floor, coarse: list[Fitted]) -> list[Scored]:
+    """Return fits of the likeliest structures with a low pass, each at its own corner."""
     coarse.sort(key=lambda one: one.ssr)
     # the best of each kind: another kind may be nearer to its minimum on the coarse grid
     kinds = dict[tuple[object, ...], Fitted]()
     for one in coarse:
-        assert one.structure.lag is not None
-        kinds.setdefault((one.structure.lag.old, one.structure.fed), one)
+        kinds.setdefault((one.structure.fed, one.structure.n, one.structure.lag and one.structure.lag.old), one)
     fine = [_along_lag(rows, one.structure, _AROUND) for one in list(kinds.values())[:_LAGGED]]
     found = list[Fitted]()
-    for one in fine[:2] if len(fine) < 2 else sorted(filter(None, fine), key=lambda one: one.ssr)[:2]:
-        if one is None:
-            continue
-        for structure in _variants(one.structure):
-            fitted = law_structures.sensible(structure, law_structures.lagged_problem(rows, structure))
-            found += [] if fitted is None else [fitted]
-    found.sort(key=lambda one: floor.criterion(one.ssr, one.structure.parameters))
+
+    def vary(fits: Iterable[Fitted]) -> None:
+        """Add fits with each feedforward of the first few kinds of samples."""
+        kinds = dict[tuple[object, ...], Fitted]()
+        for one in sorted(fits, key=lambda one: _criterion(floor, one)):
+            kinds.setdefault((one.structure.n, one.structure.d), one)
+        for one in list(kinds.values())[:_VARIED]:
+            every = (law_structures.at_corner(rows, structure) for structure in _variants(one.structure))
+            found.extend(fitted for fitted in every if fitted is not None)
+        found.sort(key=lambda one: _criterion(floor, one))
+
+    vary(filter(None, fine))
+    if found:
+        # the superset tells the samples of the velocity worse than the law itself does
+        vary(filter(None, (_along_lag(rows, structure, _CLOSE) for structure in _as_late(found[0].structure))))
     found[:3] = [better for one in found[:3] if (better := _along_lag(rows, one.structure, _AROUND)) is not None]
-    return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
+    return [Scored(one, _criterion(floor, one), rows.raw) for one in found]
+
+
+def _as_late(structure: Structure) -> Iterator[Structure]:
+    """Yield structures with other samples of the velocity, and a low pass that makes them as late."""
+    lag = structure.lag or structure.eased
+    assert lag is not None
+    whole = 0.5 * (structure.n - 1) + lag.old + lag.pole / (1.0 - lag.pole)
+    least, most = max(1, structure.n - _NEARBY), min(MOST_SAMPLES, structure.n + _NEARBY)
+    for n in range(least, most + 1):
+        for old in (0.0,) if structure.lag is None else (0.0, 0.5):
+            late = whole - 0.5 * (n - 1) - old
+            if (n, old) != (structure.n, lag.old) and late > _LEAST_LAG:
+                other = Lag(late / (1.0 + late), old)
+                yield replace(structure, n=n, **{"eased" if structure.lag is None else "lag": other})
 
 
 @dataclass(frozen=True, eq=False)
@@ -609,15 +845,17 @@ def _slow_noise(rows: LawRows, top: Fitted) -> float:
 
 
 def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:
-    """Return the fit of a structure with the best corner of its low pass."""
+    """Return the fit of a structure with the best corner of its low pass, of the command or of the velocity."""
+    if structure.eased is not None:
+        at = law_structures.EasedProblems(rows, structure).at
+        return _profile(rows, at, (1.0 - structure.eased.pole) * about)
     lag = structure.lag
     assert lag is not None
 
-    def at(share: float) -> Fitted | None:
-        other = _passed(structure, share)
-        return law_structures.sensible(other, law_structures.lagged_problem(rows, other))
+    def passed(share: float) -> Fitted | None:
+        return law_structures.at_corner(rows, _passed(structure, share))
 
-    return _profile(rows, at, (1.0 - lag.pole) * about)
+    return _profile(rows, passed, (1.0 - lag.pole) * about)
 
 
 def _variants(structure: Structure) -> Iterator[Structure]:
@@ -649,7 +887,7 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     """
     if best.structure.friction is None:
         return []
-    fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
+    fastest = rows.raw.fastest
     tried = list[Scored]()
     for sides in (False, True):
         structure = replace(best.structure, sides=sides, friction=0)
@@ -667,24 +905,22 @@ def _smoothed(rows: LawRows, floor: Floor, best: Scored) -> list[Scored]:
     if not tried:
         return []
     top = min(tried, key=lambda one: one.criterion)
-    if top.structure.lag is not None:
-        again = _along_lag(rows.signed(top.signals), top.structure, _CLOSE)
-        if again is None:
-            return [top]
-        return [top, Scored(again, floor.criterion(again.ssr, again.structure.parameters + 1), top.signals)]
-    # samples and other feedforwards made up for the wrong sign before
-    changed = rows.signed(top.signals)
-    part = changed.reduced()
-    every = (
-        replace(structure, sides=top.structure.sides)
-        for n, d in _likely(floor, _scanned(changed, part))
-        for structure in structures(n, d, (0,))
-    )
-    again = [
-        Scored(one, floor.criterion(one.ssr, one.structure.parameters + 1), top.signals)
-        for one in law_structures.minima(every, changed.basis, part)
-    ]
-    return [top, *again]
+    if top.structure.lag is not None or top.structure.eased is not None:
+        return [top, *_in_turn(rows, floor, top)]
+    return [top]
+
+
+def _in_turn(rows: LawRows, floor: Floor, top: Scored) -> list[Scored]:
+    """Return a fit with its low pass and its smoothed sign each at their best, in turn with the other one held."""
+    found, signals = list[Scored](), top.signals
+    for _ in range(_TURNS):
+        fitted = _along_lag(rows.signed(signals), top.structure, _CLOSE)
+        if fitted is None:
+            break
+        found.append(Scored(fitted, floor.criterion(fitted.ssr, fitted.structure.parameters + 1), signals))
+        signed = _sign_along(rows, fitted.structure)
+        signals = signals if signed is None else signed[1]
+    return found
 
 
 def _likely(floor: Floor, tried: dict[tuple[int, int], float]) -> list[tuple[int, int]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +35,14 @@ FORWARD = ("free", "one", "none")  # the velocity feedforward of a cascade
 
 
 class Lag(NamedTuple):
-    """A low pass of the command, y(k) = pole y(k-1) + (1 - pole) ((1 - old) u(k) + old u(k-1)); `old` is 0 or 1/2."""
+    """A low pass, y(k) = pole y(k-1) + (1 - pole) ((1 - old) u(k) + old u(k-1)); `old` is 0 or 1/2."""
 
     pole: float
     old: float
+
+    def coefficients(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return b and a of the filter."""
+        return (1.0 - self.pole) * np.array([1.0 - self.old, self.old]), np.array([1.0, -self.pole])
 
 
 class Model(NamedTuple):
@@ -80,6 +84,8 @@ class Structure:
     forward   velocity feedforward: "free", "one" or "none" for a cascade, "free" (FF1) or "none" for a PID
     fed       when the set acceleration is taken that is fed forward; empty for none
     friction  samples by which the direction of the set motion is older that friction feedforward uses; None for none
+    lag       a low pass of the whole command
+    eased     a low pass of the measured velocity alone, as drives smooth the actual speed
     twist     the law read a motor that is ahead of the logged load
     drag      True if load friction twists the axis, so that the motor leads by a constant in the direction of motion
     shifted   True if the zero of the logged reading is not that of the law, whose integral then contains a ramp
@@ -98,6 +104,7 @@ class Structure:
     sides: bool = False
     model: Model | None = None
     lag: Lag | None = None
+    eased: Lag | None = None
     twist: Twist = STIFF
     drag: bool = False
     shifted: bool = False
@@ -134,6 +141,7 @@ class Structure:
             + self.curved
             + (self.model is not None)
             + (self.lag is not None)
+            + (self.eased is not None)
             + (self.twist.compliance > 0.0)
             + (self.twist.loss > 0.0)
         )
@@ -199,14 +207,17 @@ class Fitted:
 
     @property
     def sensible(self) -> bool:
-        """True if the signs of the gains are plausible: the law counteracts the error, its feedforward friction."""
+        """True if the law acts against the error, and its friction feedforward against friction.
+
+        A position loop slower than the slowest integral is none: Kv took the place of an 1/Tn that is not there.
+        """
         kind = self.structure
         if kind.friction is not None and self["friction"] < 0.0:
             return False
         if kind.family == PID:
             return self["P"] > 0.0 and self["D"] > 0.0 and (not kind.integral or self["I"] > 0.0)
         forward = self["Kp ff"] > -0.05 * self["Kp"] if kind.forward == "free" else True
-        return self["Kp Kv"] > 0.0 and self["Kp"] > 0.0 and forward
+        return self["Kp"] > 0.0 and self["Kp Kv"] > _SLOWEST * self["Kp"] and forward
 
 
 class Problem(NamedTuple):
@@ -218,13 +229,24 @@ class Problem(NamedTuple):
 
 
 def problem(structure: Structure, basis: Basis, part: Reduced) -> Problem:
-    """Return the reduced problem of a structure; columns of `part` behind the basis belong to a model or a drag."""
+    """Return the reduced problem of a structure.
+
+    Columns of `part` behind the basis belong to a model or a drag, or are the columns of the reading after a low pass.
+    """
     A, B = structure.terms(basis)
     on_a, on_b = np.zeros((2, part.factor.shape[1], len(structure.gains)))
     for k, (a, b) in enumerate(zip(A, B, strict=True)):
         on_a[: basis.size, k], on_b[: basis.size, k] = a.on, b.on
     if structure.drag:
         on_a[: basis.size, -1], on_b[-1, -1] = basis.one(f"sign{structure.d}").on, 1.0
+    if structure.eased is not None:
+        k, read = structure.gains.index("Kp"), basis.reading_places
+        for on, term in (
+            (on_a, basis.velocity(structure.n, structure.d)),
+            (on_b, basis.travel(structure.n, structure.d)),
+        ):
+            on[: basis.size, k] += term.on
+            on[basis.size :, k] = -term.on[read]
     if structure.model is not None:
         # the integral compares with the velocity of the model: Se and the set travel pass through it
         on_b[:, 0], on_b[-2, 0] = 0.0, 1.0
@@ -314,7 +336,7 @@ def _minima(stack: Problem, damping: Sequence[int]) -> tuple[np.ndarray, np.ndar
     hidden = [
         k
         for k, own in enumerate(which)
-        if Kv[k] > 0.0 and all(abs(math.log(Kv[k]) - other) > _MERGED for other in known[own])
+        if 0.0 < Kv[k] < math.inf and all(abs(math.log(Kv[k]) - other) > _MERGED for other in known[own])
     ]
     if hidden:
         low, high = np.log(Kv[hidden]) - _MERGED, np.log(Kv[hidden]) + _MERGED
@@ -355,9 +377,10 @@ def sensible(structure: Structure, task: Problem) -> Fitted | None:
     return min(found, key=lambda one: one.ssr, default=None)
 
 
-def wide(basis: Basis, n: int, d: int, *, friction: bool) -> list[Term]:
-    """Return the regressors of the superset of all structures with these n and d."""
-    terms = [basis.error(d), basis.error_sum(d), basis.set_position(d), basis.travel(n, d), basis.velocity(n, d)]
+def wide(basis: Basis, n: int, d: int, *, friction: bool, speed: bool = True) -> list[Term]:
+    """Return the regressors of the superset of all structures with these n and d; `speed`: with those of velocity."""
+    terms = [basis.error(d), basis.error_sum(d), basis.set_position(d)]
+    terms += [basis.travel(n, d), basis.velocity(n, d)] if speed else []
     terms += [basis.one(f"ds{j}") for j in range(d - 1, d + 3)]
     if friction:
         terms += [basis.one(f"{kind}{j}") for kind in ("sign", "moves") for j in (d - 1, d)]
@@ -384,7 +407,21 @@ def through_model(rows: LawRows, model: Model, d: int, older: int, *, central: b
 
 def lagged(rows: LawRows, pole: float, places: np.ndarray | slice = slice(None)) -> np.ndarray:
     """Return basis columns over the rows after a low pass of first order."""
-    return filtered(rows, _low_pass(pole), rows.whole[:, places])
+    return filtered(rows, Lag(pole, 0.0).coefficients(), rows.whole[:, places])
+
+
+def at_corner(rows: LawRows, structure: Structure) -> Fitted | None:
+    """Return the sensible fit of a structure with one low pass that leaves least, or None."""
+    return min(all_at_corner(rows, structure), key=lambda one: one.ssr, default=None)
+
+
+def all_at_corner(rows: LawRows, structure: Structure) -> list[Fitted]:
+    """Return all sensible fits of a structure with one low pass, of the command or of the velocity."""
+    if structure.eased is not None:
+        task = EasedProblems(rows, structure).problem(structure.eased)
+    else:
+        task = lagged_problem(rows, structure)
+    return [one for one in fits([structure], [task]) if one.sensible]
 
 
 def lagged_problem(rows: LawRows, structure: Structure) -> Problem:
@@ -392,12 +429,18 @@ def lagged_problem(rows: LawRows, structure: Structure) -> Problem:
     assert structure.lag is not None
     A, B = structure.terms(rows.basis)
     on = np.stack([term.on for term in (*A, *B)], axis=1)
-    part = reduced(filtered(rows, _low_pass(structure.lag.pole), rows.whole @ on), rows.force)
+    part = reduced(filtered(rows, structure.lag._replace(old=0.0).coefficients(), rows.whole @ on), rows.force)
     return Problem(part.factor[:, : len(A)], part.factor[:, len(A) :], part.right)
 
 
-def _low_pass(pole: float) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([1.0 - pole]), np.array([1.0, -pole])
+def with_eased(rows: LawRows, lag: Lag) -> np.ndarray:
+    """Return the basis columns over the rows, and behind them those of the reading after a low pass."""
+    return np.hstack([rows.columns, eased(rows, lag)])
+
+
+def eased(rows: LawRows, lag: Lag) -> np.ndarray:
+    """Return the basis columns of the reading over the rows after a low pass."""
+    return filtered(rows, lag.coefficients(), rows.whole[:, rows.basis.reading_places])
 
 
 def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
@@ -406,6 +449,8 @@ def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
     columns = rows.columns if structure.lag is None else lagged(rows, structure.lag.pole)
     if structure.drag:
         columns = with_drag(rows, structure.lag)
+    if structure.eased is not None:
+        columns = with_eased(rows, structure.eased)
     if structure.model is not None:
         more = through_model(rows, structure.model, structure.d, structure.older, central=structure.central)
         columns = np.hstack([columns, more])
@@ -418,7 +463,9 @@ def with_drag(rows: LawRows, lag: Lag | None) -> np.ndarray:
     """Return the basis columns in the rows after a low pass, followed by T Σ of the direction of motion."""
     direction = rows.whole @ rows.basis.one("sign0").on
     whole = np.column_stack([rows.whole, rows.basis.T * np.cumsum(direction)])
-    return rows.centered(whole[rows.places]) if lag is None else filtered(rows, _low_pass(lag.pole), whole)
+    if lag is None:
+        return rows.centered(whole[rows.places])
+    return filtered(rows, Lag(lag.pole, 0.0).coefficients(), whole)
 
 
 class ModelProblems:
@@ -455,6 +502,38 @@ class ModelProblems:
         return sensible(structure, Problem(np.stack(A, 1), np.stack(B, 1), y))
 
 
+class EasedProblems:
+    """The problems of one cascade with any low pass of its velocity."""
+
+    def __init__(self, rows: LawRows, structure: Structure) -> None:
+        self.rows, self.structure = rows, structure
+        basis, n, d = rows.basis, structure.n, structure.d
+        A, B = replace(structure, eased=None).terms(basis)
+        self.p, self.place = len(A), structure.gains.index("Kp")
+        speeds = [basis.velocity(n, d), basis.travel(n, d)]
+        A[self.place], B[self.place] = A[self.place] + speeds[0], B[self.place] + speeds[1]
+        self.Q, R = np.linalg.qr(np.column_stack([rows.at([*A, *B]), rows.force]))
+        self.own, self.y = R[:, :-1], R[:, -1]
+        self.inputs = rows.whole @ np.stack([term.on for term in speeds], axis=1)
+
+    def at(self, share: float) -> Fitted | None:
+        """Return the fit with a low pass whose pole is 1 - `share`, or None."""
+        assert self.structure.eased is not None
+        lag = self.structure.eased._replace(pole=1.0 - share)
+        return sensible(replace(self.structure, eased=lag), self.problem(lag))
+
+    def problem(self, lag: Lag) -> Problem:
+        """Return the problem with a low pass."""
+        more = filtered(self.rows, lag.coefficients(), self.inputs)
+        on = self.Q.T @ more
+        added = np.vstack([on, triangle(more - self.Q @ on)])
+        wide = np.vstack([self.own, np.zeros((2, 2 * self.p))])
+        A, B = wide[:, : self.p].copy(), wide[:, self.p :].copy()
+        A[:, self.place] -= added[:, 0]
+        B[:, self.place] -= added[:, 1]
+        return Problem(A, B, np.append(self.y, np.zeros(2)))
+
+
 class SignProblems:
     """The problems of one structure with friction feedforward, for any smoothing of the direction."""
 
@@ -470,6 +549,10 @@ class SignProblems:
         on = np.stack([term.on for term in (*A, *B)], axis=1)
         on[:, self.signs] = 0.0
         columns = self._passed(rows.whole @ on) if structure.lag else rows.columns @ on
+        if structure.eased is not None:
+            task = problem(structure, rows.basis, Reduced(with_eased(rows, structure.eased), rows.force))
+            columns = np.hstack([task.A, task.B])
+            columns[:, self.signs] = 0.0
         self.Q, R = np.linalg.qr(np.column_stack([columns, rows.force]))
         self.own, self.y = R[:, :-1], R[:, -1]
 
@@ -494,4 +577,4 @@ class SignProblems:
     def _passed(self, columns: np.ndarray) -> np.ndarray:
         """Return columns over the whole log, filtered by the low pass of the structure, in the rows."""
         assert self.structure.lag is not None
-        return filtered(self.rows, _low_pass(self.structure.lag.pole), columns)
+        return filtered(self.rows, Lag(self.structure.lag.pole, 0.0).coefficients(), columns)
