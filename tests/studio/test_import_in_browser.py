@@ -10,7 +10,7 @@ import pytest
 from test_studio_import import RATED, RUN, written
 
 from conftest import Studio
-from plain_drive import write_columns
+from plain_drive import Cascade, PlainAxis, write_columns
 
 
 @pytest.fixture(scope="module")
@@ -141,5 +141,32 @@ def test_an_axis_and_a_unit_are_chosen_beside_the_peak_figures(empty: Any, tmp_p
     assert shown.all_inner_texts() == ["t_s", "Y1_target", "Y1_actual"]
     page.check("#columns-of-all-axes")
     assert shown.all_inner_texts() == ["t_s", "X1_target", "X1_actual", "Y1_target", "Y1_actual"]
+    assert opened.said == []
+    opened.context.close()
+
+
+def test_a_second_log_of_the_same_axis_is_pooled_with_the_first(empty: Any, tmp_path: Path) -> None:
+    paths = list[Path]()
+    for name, law in (("one.csv", Cascade(30.0, 9000.0)), ("two.csv", Cascade(24.0, 8000.0))):
+        run = PlainAxis(mass=180.0).run(law)
+        shown = {"t_s": run["time"], "force_N": run["force"], "target_mm": 1e3 * run["set"]}
+        paths.append(write_columns(tmp_path / name, {**shown, "actual_mm": 1e3 * run["position"]}))
+    first, second = paths
+    page = (opened := empty.open(1280, 800)).page
+    page.set_input_files("#files", str(first))
+    page.wait_for_selector("#identify")
+    opened.settled()
+    assert page.get_by_text("their values are pooled").count() == 0  # there is no other log yet
+    drop(page, second)
+    page.wait_for_selector(".waits:has-text('two.csv')")
+    opened.settled()
+    further = page.get_by_role("group", name="their values are pooled").get_by_label("two.csv")
+    further.check()
+    page.click("#identify")
+    assert opened.ended() == "done"
+    assert page.locator("h2:has-text('What was found in one.csv and two.csv')").count() == 1
+    assert page.locator(".waits").count() == 0  # the second log was used, too, and needs no turn of its own
+    assert "2 logs" in page.get_by_role("region", name="Result").inner_text()
+    assert further.is_checked()
     assert opened.said == []
     opened.context.close()

@@ -428,3 +428,27 @@ def test_a_role_that_the_samples_leave_open_is_marked_in_its_row_and_not_as_wron
     assert (marked["open"], marked["doubted"]) == (True, False)
     assert marked["why"] == "the samples leave this role open"
     assert not row(said, "F_N")["open"]
+
+
+def test_further_logs_of_an_axis_are_pooled_by_the_columns_of_the_first(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv", "b.csv", "c.csv")
+    desk.look("a.csv", "b.csv", "c.csv")
+    desk.ask("identify", name="a.csv", also=["b.csv"])
+    work, _ = desk.jobs.pop(0)
+    command, request = work.args
+    assert command == "identify"
+    assert [path.name for path in request.sources] == ["a.csv", "b.csv"]
+    assert request.channels.name.startswith("roles_a")
+    desk.ask("identify", name="a.csv", also=["a.csv"])  # a log counts once
+    assert [path.name for path in desk.jobs.pop(0)[0].args[1].sources] == ["a.csv"]
+
+
+def test_what_is_no_log_is_not_pooled(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, "a.csv")
+    (tmp_path / "mine.toml").write_text(fd.read_machine("linear_motor").file.text, encoding="utf-8")
+    desk.session.desk.files["mine.toml"] = tmp_path / "mine.toml"
+    desk.look("a.csv", "mine.toml")
+    for other, why in (("mine.toml", "machine"), ("never.csv", "no such file was brought")):
+        asked = Asked({"name": "a.csv", "also": [other]})
+        with pytest.raises(ParameterError, match=f"{other} is no log that can be pooled with a.csv: {why}"):
+            desk.bring.identify(asked)  # type: ignore[attr-defined]

@@ -121,6 +121,38 @@ def test_its_derivatives_are_those_of_differences(kind: str) -> None:
         assert closed.slope[..., place] == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=1e-6, abs=1e-8)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_reading_for_two_that_are_equal(kind: str) -> None:
+    """One encoder gives both readings: the response to it is the sum of both, and so are its derivatives."""
+    samples, cycles, axis = drawn(kind, 5)
+    axis[0] = axis[1]
+    n, images = samples.shape[1] - 1, [*range(1, len(samples))]
+    slopes = np.random.default_rng(6).standard_normal(samples.shape)[..., None] * (samples != 0.0)[..., None]
+    whole = periodic_response(samples, slopes, cycles, images, axis)
+    one, of_one = (
+        np.concatenate([part[:, :, :n], part[:, :, n:].sum(axis=2, keepdims=True)], axis=2)
+        for part in (samples, slopes)
+    )
+    found = periodic_response(one, of_one, cycles, images, axis[1:])
+    assert found.value.shape == (1, cycles.size)
+    assert found.value[0] == pytest.approx(np.sum(whole.value, axis=0), rel=1e-9)
+    assert found.slope[0] == pytest.approx(np.sum(whole.slope, axis=0), rel=1e-9, abs=1e-9)
+    assert found.rest == pytest.approx(whole.rest, rel=1e-9)
+
+
+def test_lines_without_images_are_computed_beside_the_others() -> None:
+    """An axis that does not answer at the images leaves their loops open."""
+    samples, cycles, axis = drawn("both readings and a state", 7)
+    nothing, images = np.zeros((*samples.shape, 0)), [*range(1, len(samples))]
+    axis[:, 4:] = 0.0
+    both = periodic_response(samples, nothing, cycles, images, axis)
+    open_ = periodic_response(samples, nothing, cycles[4:], [], np.zeros((2, 3, 0)))
+    assert both.value[:, 4:] == pytest.approx(open_.value, rel=1e-12)
+    assert both.rest[4:] == pytest.approx(np.ones(3), rel=1e-12)
+    closed = periodic_response(samples, nothing, cycles[:4], images, axis[:, :4])
+    assert both.value[:, :4] == pytest.approx(closed.value, rel=1e-12)
+
+
 def test_without_images_and_without_states() -> None:
     gains = np.array([[[1.0, 2.0]], [[1.0, 4.0]]])
     closed = periodic_response(gains, np.ones((*gains.shape, 1)), np.array([0.1]), [], np.zeros((2, 1, 0)))

@@ -12,7 +12,9 @@ import feeddrive as fd
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.tuning.operating_point import measured_point
 from feeddrive.tuning.recipes import (
+    _OFF,
     GOALS,
+    _Axis,
     half_antiresonance,
     kv_rule,
     makers_rule,
@@ -40,6 +42,15 @@ def test_mass_and_lag_are_read_off() -> None:
     law = found.law
     assert law.Kp == pytest.approx(found.mass / (2.0 * found.lag))
     assert law.Tn == pytest.approx(4.0 * found.lag)
+
+
+@pytest.mark.parametrize("Tn", [None, 0.004, 0.5])
+def test_the_velocity_loop_is_that_of_its_law(screw: fd.Loop, Tn: float | None) -> None:
+    """Two responses give it for each Kp and Tn: it is linear in Kp and in Kp/Tn."""
+    axis = _Axis(screw, None)
+    law = replace(axis.law.at_one_rate(), Kv=_OFF, Kp=3.3e4, Tn=Tn)
+    # rounding: the position loop is off by a factor and not away
+    assert axis.velocity_loop(3.3e4, Tn).response == pytest.approx(axis.gain(law), rel=1e-6)
 
 
 def test_the_symmetric_optimum_is_symmetric() -> None:

@@ -20,7 +20,7 @@ from feeddrive.analysis.margins import Margins, margins
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.linear_adrc import LinearADRC
 from feeddrive.blocks.filter.notch import Notch
-from feeddrive.figures.of_loops import SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.figures.slopes import Slope
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -430,9 +430,13 @@ def test_a_bound_is_searched_over_forty_doublings(doublings: int, found: bool) -
 # the search
 
 
+def judged_at(goal: float, *bounds: Bound) -> criteria.Evaluation:
+    """A stable loop with one tunable."""
+    return criteria.Evaluation(True, np.array([goal]), np.zeros((1, 1)), np.eye(1), bounds)
+
+
 def ended(cost: float) -> End:
-    judged: Any = SimpleNamespace(goal=np.array([cost]), bounds=())
-    return End(np.zeros(1), judged, {}, -1.0)
+    return End(np.zeros(1), judged_at(cost), {}, -1.0)
 
 
 @pytest.mark.parametrize(("apart", "confirmed"), [(0.04, True), (0.07, False)])
@@ -445,8 +449,8 @@ def test_searches_within_5_percent_confirm_each_other(apart: float, confirmed: b
 @pytest.mark.parametrize(("slack", "kept"), [(0.0014, True), (0.0007, False)])
 def test_a_search_keeps_a_thousandth_to_each_limit_for_what_lies_between_lines(slack: float, kept: bool) -> None:
     search = Search(None, np.zeros(1), np.ones(1))  # type: ignore[arg-type]
-    evaluation: Any = SimpleNamespace(bounds=[SimpleNamespace(slack=slack, deviation=0.0)])
-    assert (search.broken(evaluation) <= 0.0) is kept
+    bound = Bound(None, 0, 0.0, slack, np.zeros(1), 0.0, ("", 0, 0))
+    assert (search.broken(judged_at(0.0, bound)) <= 0.0) is kept
 
 
 # the stages of a tuning
@@ -553,6 +557,28 @@ def test_what_two_starts_do_not_confirm_is_searched_three_times_more(
     after: int, settled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert (_searches(after, monkeypatch) == "") is settled
+
+
+def test_ten_of_sixteen_generations_take_a_law_of_two_rates_at_one_rate(
+    ball_screw: Loop, point: OperatingPoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last six are those of the law as it is, and so is the merit by which the best is chosen."""
+    seen: list[tuple[int, int]] = []
+
+    def evolve(search: Search, points: np.ndarray, merits: np.ndarray, _: Any, turns: int) -> Any:
+        seen.append((search.criteria.control.period, turns))
+        return points, merits
+
+    monkeypatch.setattr(Search, "look", lambda _search, points: np.arange(len(points), dtype=float))
+    monkeypatch.setattr(Search, "evolve", evolve)
+    law = replace(ball_screw.control.law, position_every=4)  # type: ignore[call-arg]
+    control, names = replace(ball_screw.control, law=law), ("law.Kv", "law.Kp")
+    tuner = Tuner((point,), ROPE_SNAP, Limits(), (0.0, np.inf), 0.95, 1, 0, 0.05, Progress())
+    x = tune.logarithms(control, names)
+    search = Search(tuner.criteria(control, names), x - 1.0, x + 1.0)
+    found = tuner._from_all_over(search, x, np.ones(2))
+    assert found is not None
+    assert seen == [(1, 10), (4, 6)]
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.17, True), (0.26, False)])

@@ -430,10 +430,24 @@ def test_where_no_band_is_explained_half_as_much_again_will_do(
 
 def test_bands_are_octaves_down_to_eight_times_the_lowest_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two hundred lines each; the first fit finds its starts, the others begin with its plant and two of the grid."""
-    _, tried = bands(monkeypatch, {})
+    _, tried = bands(monkeypatch, {4096 // 2**k: 1.0 for k in range(8)})
     assert [top for top, _, _ in tried] == [4096, 2048, 1024, 512, 256, 128]
     assert {lines for _, lines, _ in tried[:3]} <= set(range(190, 201))
     assert [begun for _, _, begun in tried] == [0, 3, 3, 3, 3, 3]
+
+
+def test_no_band_is_fitted_that_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once a band is explained, the two below it tell its systematic error; a wider one that is not stays open."""
+    errors = {4096: 0.5, 2048: 0.01, 1024: 0.5}
+    band, tried = bands(monkeypatch, errors)
+    assert band.high == pytest.approx(2048.0)
+    assert [top for top, _, _ in tried] == [4096, 2048, 1024, 512]
+    # 0.021 is within 1.5 times 0.019 and would be taken, unless a narrower band is better by far
+    open_ = {4096: 0.021, 2048: 0.019, 1024: 0.019, 512: 0.019, 256: 0.019}
+    for last, high in ((0.019, 4096.0), (0.001, 2048.0)):
+        band, tried = bands(monkeypatch, {**open_, 128: last})
+        assert [top for top, _, _ in tried] == [4096, 2048, 1024, 512, 256, 128]
+        assert band.high == pytest.approx(high)
 
 
 @pytest.mark.parametrize(("resonance", "whole"), [(97.0, False), (100.0, True), (3100.0, True), (3200.0, True)])

@@ -209,15 +209,12 @@ export class Bring implements Room {
       return box;
     });
     const at = () => places.filter((each) => each.checked).map((each) => each.value);
+    const together =
+      file.kind === "log"
+        ? "Identify with further logs of the same axis, by these columns: their values are pooled"
+        : "The same axis at other positions or loads";
     const also = others.length
-      ? [
-          make(
-            "fieldset",
-            {},
-            make("legend", {}, "The same axis at other positions or loads"),
-            ...places.map((each) => make("label", {}, each, ` ${each.value} `)),
-          ),
-        ]
+      ? [make("fieldset", {}, make("legend", {}, together), ...places.map((each) => make("label", {}, each, ` ${each.value} `)))]
       : [];
     if (file.kind === "machine") {
       const acts = file.axes.map((axis) =>
@@ -318,7 +315,7 @@ export class Bring implements Room {
       make(
         "div",
         { class: "buttons" },
-        button("Identify", () => this.ask({ do: "bring.identify", name, rotary: turns.checked, ...given() }), {
+        button("Identify", () => this.ask({ do: "bring.identify", name, also: at(), rotary: turns.checked, ...given() }), {
           id: "identify",
           class: "main",
         }),
@@ -328,6 +325,7 @@ export class Bring implements Room {
           { id: "estimate" },
         ),
       ),
+      ...also,
       make("div", { class: "fields" }, chosen, ...more),
     ];
   }

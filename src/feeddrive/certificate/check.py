@@ -42,6 +42,7 @@ import struct
 import sys
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 from operator import mul
 from typing import Any, NamedTuple
@@ -513,11 +514,16 @@ def most_of(stretch: Stretch, k: int, enough: float) -> float:
     if rough < enough:
         return rough
     ends = [0.0, 0.0]
-    for image in range(N):
-        back = [cmath.exp(-2j * math.pi * (image * a % N) / N) / N for a in range(N)]
+    for back in _to_images(N):
         first, slope = sum(map(mul, back, y0)), h * sum(map(mul, back, y1))
         ends = [ends[0] + abs(first + slope), ends[1] + abs(first - slope)]  # convex in θ: largest at an end
     return max(ends) + rest + 10.0 * ROUND * rough
+
+
+@cache
+def _to_images(N: int) -> tuple[tuple[complex, ...], ...]:
+    """Return the weights of N samples in each of their N images."""
+    return tuple(tuple(cmath.exp(-2j * math.pi * (image * a % N) / N) / N for a in range(N)) for image in range(N))
 
 
 def image_sum(loop: Lifted, f: float, T: float) -> float:

@@ -240,9 +240,10 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
     away = np.abs(1.0 + L)
     # the slack of 1 + L > 1/limit, whose minimum between two lines is that of a circle, not of a parabola
     slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limit))
-    for k in _near(slack, dL):
-        slope = (dL[k] / (1.0 + L[k])).real
-        yield Place(float(f[k]), float(slack[k]), slope, float(spread[k] / away[k]), k)
+    near = _near(slack, dL)
+    slopes = (dL[near] / (1.0 + L[near])[:, None]).real
+    # all lines at once: there are hundreds of them
+    yield from map(Place, f[near].tolist(), slack[near].tolist(), slopes, (spread[near] / away[near]).tolist(), near)
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:

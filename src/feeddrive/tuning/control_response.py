@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -20,7 +21,7 @@ from feeddrive.language.recent import Recent
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.gradient import push, require_slopes, resolved
+from feeddrive.loop.gradient import Resolvent, push, require_slopes
 from feeddrive.loop.linearize import MOST
 from feeddrive.loop.runner import PAYS_AFTER
 from feeddrive.loop.trace import Program, node_values
@@ -115,7 +116,9 @@ class Walk:
         if not self._possible or self._seen <= PAYS_AFTER:
             return self._in_python(leaves, points, with_slopes=with_slopes)
         code, names = self._native = self._native or self._compiled()
-        rows = np.array([np.broadcast_to(leaves[name], points) for name in names], dtype=np.float64).T.copy()
+        rows = np.empty((points, len(names)))
+        for i, name in enumerate(names):
+            rows[:, i] = leaves[name]
         nothing, answers = np.empty((1, 0)), np.empty((points, 1 + len(self.tunables), len(self._nodes)))
         for row, answer in zip(rows, answers, strict=True):
             code.run(1, 0, row, nothing, nothing[0], answer, ())
@@ -320,9 +323,13 @@ class ControlResponse:
 
     def _leaves(self, values: Sequence[Any]) -> dict[str, Any]:
         """Return all inputs of the trace, with the tunables as numbers or as arrays of equal length."""
+        return self._usual | dict(zip(self.tunables, values, strict=True))
+
+    @cached_property
+    def _usual(self) -> dict[str, Any]:
+        """All inputs of the trace, with the tunables at their start values."""
         return {
             **dict(tree.leaves(self.control)),
-            **dict(zip(self.tunables, values, strict=True)),
             **dict(tree.tables(self.control)),
             "T": np.float64(self.T),
             **{f"state.{name}": value for name, value in tree.leaves(self._begun)},
@@ -353,6 +360,7 @@ class ControlResponse:
         *,
         near: bool = False,
         slopes: bool = True,
+        alike: bool = False,
     ) -> Response:
         """Return the response and its derivatives on lines in Hz up to the Nyquist frequency.
 
@@ -362,9 +370,11 @@ class ControlResponse:
                 at the images are left open, which makes no difference far below the slow sample rate of the law
         near    for a multirate law: True to use only the nearest images
         slopes  for a multirate law: False to omit the derivatives
+        alike   for a multirate law: True if both readings are those of one encoder; the response is then given as that
+                to the load reading, and costs less
         """
         if self.period > 1:
-            return self._over_a_period(values, frequency, images, near, slopes)
+            return self._over_a_period(values, frequency, images, near, slopes, alike)
         return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
@@ -381,6 +391,7 @@ class ControlResponse:
         images: np.ndarray | None,
         near: bool,
         with_slopes: bool,
+        alike: bool,
     ) -> Response:
         """Compute the result of `at` for a multirate law."""
         samples, slopes = self._kept_samples(values, with_slopes)
@@ -389,7 +400,13 @@ class ControlResponse:
             raise ParameterError("the linear model of the control holds numbers that are not finite")
         closed = [] if images is None else [k for k in range(1, N) if k <= most or k >= N - most]
         axis = np.zeros((2, frequency.size, 0)) if images is None else images[:, :, np.array(closed, int) - 1]
-        whole = periodic_response(samples, slopes, frequency * self.T, closed, axis)
+        if alike:
+            whole = periodic_response(_as_one(samples), _as_one(slopes), frequency * self.T, closed, axis[1:])
+            # the motor's share is in that of the load reading
+            value, slope = (np.concatenate([np.zeros_like(part), part]) for part in (whole.value, whole.slope))
+            whole = whole._replace(value=value, slope=slope)
+        else:
+            whole = periodic_response(samples, slopes, frequency * self.T, closed, axis)
         # rounding puts the pole of an integrator on either side of 1
         unstable = np.abs(np.log(whole.poles[np.abs(whole.poles) > 1.0 + 1e-7])) / (N * self.T)
         return Response(whole.value, whole.slope, unstable, whole.rest, N, samples)
@@ -406,21 +423,33 @@ class ControlResponse:
         return self._last[1]
 
 
+def _as_one(samples: np.ndarray) -> np.ndarray:
+    """Return [A B; c d] of each sample, or its derivatives, with one reading in place of two that are equal."""
+    n = samples.shape[1] - 1
+    return np.concatenate([samples[:, :, :n], samples[:, :, n:].sum(axis=2, keepdims=True)], axis=2)
+
+
 def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
     """Return the response of a linear controller model [A B; c d] at points z of the unit circle, with derivatives."""
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
     n = matrix.shape[0] - 1
     A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
-    x, w = resolved(A, B, c[None], z)
-    value = np.einsum("i,lik->kl", c, x) + d[:, None]
-    # line by line: such small products stay in one thread, which is quicker than one large product over all lines
     count, tunables = z.size, slopes.shape[2]
-    by_row = slopes[:n, :n].transpose(0, 2, 1).reshape(n * tunables, n)
-    moved = (by_row @ x).reshape(count, n, 2 * tunables)
-    moved = moved + slopes[:n, n:].transpose(0, 2, 1).reshape(n, 2 * tunables)
-    through = (w @ moved).reshape(count, tunables, 2) + slopes[n, :n].T @ x
-    slope = through.transpose(2, 0, 1) + slopes[n, n:][:, None, :]
+    inverse = Resolvent(A, z)
+    left = inverse.left(c[None])  # (n, 1, lines)
+    value = B.T @ left[:, 0] + d[:, None]
+    slope = np.zeros((2, count, tunables), complex)
+    if tunables:
+        # few entries depend on a tunable: products of a row and a column for these alone
+        rows, columns = np.nonzero(np.any(slopes != 0.0, axis=2))
+        before = np.concatenate([left[:, 0], np.ones((1, count))])
+        after = np.concatenate(
+            [inverse.after(B).transpose(1, 2, 0), np.broadcast_to(np.eye(2)[:, :, None], (2, 2, count))]
+        )
+        pairs = (before[rows, None] * after[columns]).reshape(rows.size, 2 * count)
+        moved = (slopes[rows, columns].T @ pairs.view(float)).view(complex)
+        slope = moved.reshape(tunables, 2, count).transpose(1, 2, 0)
     poles = np.linalg.eigvals(A) if n else np.zeros(0)
     outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
     swings = poles[(np.abs(poles) < 1.0 + 1e-7) & (poles.imag != 0.0)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
 from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
 from feeddrive.tuning.control_response import ControlResponse, Response
-from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.operating_point import OperatingPoint, one_encoder
 
 
 @dataclass(frozen=True, init=False)
@@ -221,7 +222,8 @@ def some(lines: np.ndarray, every: int) -> np.ndarray:
     return np.union1d(lines[::every], lines[-1:]) if lines.size >= every * _FEWEST else lines
 
 
-class Evaluation(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Evaluation:
     """The evaluation of a controller: stability, goal at each point (lower is better) with derivatives, and bounds."""
 
     stable: bool
@@ -229,6 +231,24 @@ class Evaluation(NamedTuple):
     slope: np.ndarray  # (points, tunables)
     curvature: np.ndarray  # (tunables, tunables)
     bounds: tuple[Bound, ...]
+
+    def slacks(self, sure: float) -> np.ndarray:
+        """Return what the slack of each bound has beyond `sure` standard deviations."""
+        slack, deviation = self._sizes
+        return slack - sure * deviation
+
+    @property
+    def slopes(self) -> np.ndarray:
+        """The derivatives of the slack of each bound, shape (bounds, tunables)."""
+        return self._slopes
+
+    @cached_property
+    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([b.slack for b in self.bounds]), np.array([b.deviation for b in self.bounds])
+
+    @cached_property
+    def _slopes(self) -> np.ndarray:
+        return np.array([bound.slope for bound in self.bounds]).reshape(len(self.bounds), self.slope.shape[1])
 
 
 class Criteria:
@@ -257,7 +277,10 @@ class Criteria:
         every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
         self._lines, places = np.unique(np.concatenate(every), return_inverse=True)
         self._places = np.split(places, np.cumsum([part.size for part in every])[:-1])
-        self._images = [control.images(point.by_force_at, point.frequency) for point in points]
+        self._images = [
+            _none_below(control.images(point.by_force_at, point.frequency), below.frequency.size)
+            for point, below in zip(points, self._below, strict=True)
+        ]
 
     @property
     def count(self) -> int:
@@ -273,15 +296,21 @@ class Criteria:
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
         """Return the closed loops of a multirate controller, whose response also depends on the axis."""
-
-        def response(frequency: np.ndarray, images: np.ndarray | None) -> Response:
-            over_a_period = self.control.at(values, frequency, images, near=self.near, slopes=not look)
-            return _to_logarithms(over_a_period, np.zeros(0) if look else values)
-
-        return [
-            answer(point, response(point.frequency, images), below.recovery(response(below.frequency, None)))
-            for point, images, below in zip(self.points, self._images, self._below, strict=True)
-        ]
+        answers: list[Answer] = []
+        for point, images, below in zip(self.points, self._images, self._below, strict=True):
+            # the lines of the point come first, those below it after them: one period for both
+            lines = np.concatenate([point.frequency, below.frequency])
+            alike, count = one_encoder(point), point.frequency.size
+            whole = self.control.at(values, lines, images, near=self.near, slopes=not look, alike=alike)
+            whole = _to_logarithms(whole, np.zeros(0) if look else values)
+            rest = whole.rest
+            assert rest is not None
+            first, last = (
+                whole._replace(value=whole.value[:, part], slope=whole.slope[:, part], rest=rest[part])
+                for part in (slice(count), slice(count, None))
+            )
+            answers.append(answer(point, first, below.recovery(last)))
+        return answers
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
         """Return the closed loops of a single-rate controller from its response on the lines of all points."""
@@ -365,6 +394,11 @@ class Criteria:
             goal.slope + _BESIDE * snap.slope,
             goal.curvature + _BESIDE * snap.curvature,
         )
+
+
+def _none_below(images: np.ndarray | None, lines: int) -> np.ndarray | None:
+    """Return the axis response at the images with that of further lines, whose loops at the images are left open."""
+    return None if images is None else np.concatenate([images, np.zeros((2, lines, images.shape[2]))], axis=1)
 
 
 def _to_logarithms(response: Response, values: np.ndarray) -> Response:

@@ -18,8 +18,8 @@ _BLOCK = 2**12  # lines times images computed at once: the arrays of a block the
 class PeriodicResponse(NamedTuple):
     """The response from readings to force, with the loops at the images closed.
 
-    value  shape (2, lines)
-    slope  derivatives with respect to the tunables, shape (2, lines, tunables)
+    value  shape (readings, lines)
+    slope  derivatives with respect to the tunables, shape (readings, lines, tunables)
     rest   det(1 + L) of the images, shape (lines,)
     poles  eigenvalues of the controller over a period
     """
@@ -37,20 +37,19 @@ def periodic_response(
 
         C(f) = C₀₀ + C₀ᵢ X R Cᵢ₀,   R = (1 + Lᵢᵢ)⁻¹,   ∂C(f) = [1, C₀ᵢ X R] ∂C [1; X R Cᵢ₀]
 
-    samples  [A B; c d] of each sample of a period, shape (N, n + 1, n + 2)
-    slopes   their derivatives, shape (N, n + 1, n + 2, tunables)
+    samples  [A B; c d] of each sample of a period, shape (N, n + 1, n + r) for r readings
+    slopes   their derivatives, shape (N, n + 1, n + r, tunables)
     cycles   f T of each line
     images   the images m of f + m/(NT) whose loops are closed
-    axis     the responses X of both readings to the force at these images, shape (2, lines, images)
+    axis     the responses X of the readings to the force at these images, shape (r, lines, images)
     """
     parts = _Parts(samples)
     changes = _Changes(samples, slopes)
-    count = max(1, _BLOCK // len(samples))
+    blocks = max(1, round(cycles.size * len(samples) / _BLOCK))
     values: list[np.ndarray] = []
     moved: list[np.ndarray] = []
     rest: list[np.ndarray] = []
-    for first in range(0, cycles.size, count):
-        block = slice(first, first + count)
+    for block in np.array_split(np.arange(cycles.size), blocks):
         closed = parts.closed(cycles[block], images, axis[:, block].transpose(2, 0, 1))
         values.append(closed.value)
         rest.append(closed.rest)
@@ -63,8 +62,8 @@ def periodic_response(
 class _Closed(NamedTuple):
     """The result of closing the loops at the images; the last axis is that of the lines.
 
-    value     the response of each reading at the line itself, (2, lines)
-    readings  the readings at each image for a unit reading at the line, (images, 2 readings, 2, lines)
+    value     the response of each of r readings at the line itself, (r, lines)
+    readings  the readings at each image for a unit reading at the line, (images, r readings, r, lines)
     counts    how a force at each image counts at the line, (images, lines)
     rest      det(1 + L) of the images
     """
@@ -90,7 +89,8 @@ class _Parts:
         N, n = len(samples), samples.shape[1] - 1
         last = samples[-1]
         fast = _reached(last)
-        rows, columns = np.append(np.flatnonzero(fast), n), np.concatenate([np.flatnonzero(fast), [n, n + 1]])
+        rows = np.append(np.flatnonzero(fast), n)
+        columns = np.append(np.flatnonzero(fast), np.arange(n, samples.shape[2]))
         slow = np.flatnonzero(~fast)
         self.period, self.many = N, int(np.count_nonzero(fast))
         self.base = last[np.ix_(rows, columns)]
@@ -126,7 +126,7 @@ class _Parts:
         given = self._given(cycles, every)
         force = np.einsum("imf,imwf->mwf", left[:, 0], given[:, :n].transpose(1, 0, 2, 3)) + given[:, n]
         # what each number taken hears of the readings at each image, and of itself through the fast states
-        hears = np.zeros((len(every), W, 2, lines), complex)
+        hears = np.zeros((len(every), W, axis.shape[1], lines), complex)
         own = np.broadcast_to(np.eye(W), (lines, W, W)).astype(complex)
         state = 0
         for place, (sample, column) in enumerate(self.taken):
@@ -177,41 +177,42 @@ class _Changes:
     def __init__(self, samples: np.ndarray, slopes: np.ndarray) -> None:
         self.samples = samples
         N, n, self.tunables = len(samples), samples.shape[1] - 1, slopes.shape[3]
+        inputs = samples.shape[2]
         self.whole = np.eye(n)
         for matrix in samples:
             self.whole = matrix[:n, :n] @ self.whole
         self.poles = np.linalg.eigvals(self.whole) if n else np.zeros(0)
-        pairs = _products(slopes.transpose(3, 1, 0, 2).reshape(self.tunables, n + 1, N * (n + 2)))
+        pairs = _products(slopes.transpose(3, 1, 0, 2).reshape(self.tunables, n + 1, N * inputs))
         self.of_tunable = np.array([tunable for tunable, _, _ in pairs], int)
         self.columns = np.array([column for _, column, _ in pairs]).reshape(-1, n + 1)
-        rows = np.array([row for _, _, row in pairs]).reshape(-1, N, n + 2)
+        rows = np.array([row for _, _, row in pairs]).reshape(-1, N, inputs)
         self.rows = np.ascontiguousarray(rows.transpose(1, 0, 2))
 
     def of(self, closed: _Closed, cycles: np.ndarray, images: list[int]) -> np.ndarray:
-        """Return the derivatives at lines f T = cycles, shape (2, lines, tunables)."""
-        N, lines = len(self.samples), cycles.size
-        slope = np.zeros((self.tunables, 2, lines), complex)
+        """Return the derivatives at lines f T = cycles, shape (readings, lines, tunables)."""
+        N, r, lines = len(self.samples), *closed.value.shape
+        slope = np.zeros((self.tunables, r, lines), complex)
         if not self.of_tunable.size:
             return slope.transpose(1, 2, 0)
         turn = np.exp(2j * np.pi * np.arange(N)[:, None] * cycles)
         waves = np.exp(2j * np.pi / N * np.outer(np.arange(N), images))
-        own = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, lines))
-        readings = (waves @ closed.readings.reshape(len(images), 4 * lines)).reshape(N, 2, 2, lines) + own
+        own = np.broadcast_to(np.eye(r)[:, :, None], (r, r, lines))
+        readings = (waves @ closed.readings.reshape(len(images), r * r * lines)).reshape(N, r, r, lines) + own
         counts = turn.conj() * (waves.conj() @ closed.counts + 1.0) / N
         inverse = Resolvent(self.whole, np.exp(2j * np.pi * N * cycles))
         # derivatives are real: products of real matrices with the real and imaginary parts side by side
         motion = (self.rows @ self._forward(turn[:, None, None] * readings, inverse)).view(complex)
         weights = (self.columns @ self._backward(counts, inverse)).view(complex)
-        each = np.einsum("kpf,kprf->prf", weights, motion.reshape(N, -1, 2, lines))
+        each = np.einsum("kpf,kprf->prf", weights, motion.reshape(N, -1, r, lines))
         np.add.at(slope, self.of_tunable, each)
         return slope.transpose(1, 2, 0)
 
     def _forward(self, readings: np.ndarray, inverse: Resolvent) -> np.ndarray:
-        """Return states and readings before each sample, as real numbers of shape (N, n + 2, 2 · 2 · lines)."""
+        """Return states and readings before each sample, as real numbers of shape (N, n + r, 2 · r · lines)."""
         N, n = len(self.samples), self.samples.shape[1] - 1
-        motion = np.zeros((N, n + 2, *readings.shape[2:]), complex)
+        motion = np.zeros((N, self.samples.shape[2], *readings.shape[2:]), complex)
         motion[:, n:] = readings
-        flat = motion.reshape(N, n + 2, -1).view(float)
+        flat = motion.reshape(N, motion.shape[1], -1).view(float)
         if not n:
             return flat
         for k in range(N - 1):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -88,10 +89,18 @@ class _Axis:
         return response_on(self.point, replace(self.control, law=law))
 
     def velocity_loop(self, Kp: float, Tn: float | None) -> FRF:
-        """Return the loop gain of the PI velocity loop."""
-        # without a position loop there is no slower part
-        gain = self.gain(replace(self.law.at_one_rate(), Kv=_OFF, Kp=Kp, Tn=Tn))
+        """Return the loop gain of the PI velocity loop, Kp (P + I/Tn): a search over Kp and Tn takes two responses."""
+        proportional, integral = self._velocity_parts
+        gain = Kp * (proportional if Tn is None else proportional + integral / Tn)
         return FRF(self.frequency, gain, "cut", "force", "N/N", self.point.sample_time)
+
+    @cached_property
+    def _velocity_parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """P and I of the loop gain of the PI velocity loop."""
+        # without a position loop there is no slower part
+        law = replace(self.law.at_one_rate(), Kv=_OFF, Kp=1.0)
+        proportional = self.gain(replace(law, Tn=None))
+        return proportional, self.gain(replace(law, Tn=1.0)) - proportional
 
     def _read(self) -> tuple[float, float]:
         """Identify mass m and lag from the lines below all resonances.

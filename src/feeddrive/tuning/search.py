@@ -140,7 +140,8 @@ class Search:
 
     def broken(self, evaluation: Evaluation) -> float:
         """Return the largest violation of a bound; negative if all bounds are satisfied."""
-        return max((self.room(b) - b.slack for b in evaluation.bounds), default=-1.0)
+        left = _ROOM - evaluation.slacks(self.sure)
+        return float(np.max(left)) if left.size else -1.0
 
     def room(self, bound: Bound) -> float:
         """Return the smallest slack with which a bound counts as satisfied."""
@@ -233,7 +234,7 @@ class Search:
         """
         n = x.size
         worst = float(np.max(here.goal))
-        bounds = here.bounds
+        bounds, slacks, slopes = here.bounds, here.slacks(self.sure), here.slopes
         H = np.zeros((n + 2, n + 2))
         H[:n, :n] = curvature
         # t and e enter linearly, but the solver needs a positive definite H
@@ -244,9 +245,10 @@ class Search:
         A = np.zeros((points + many + 1 + 2 * n, n + 2))
         b = np.zeros(A.shape[0])
         A[:points, :n], A[:points, n], b[:points] = -here.slope, 1.0, here.goal - worst
-        for i, bound in enumerate(bounds):
-            A[points + i, :n], A[points + i, n + 1] = bound.slope, 1.0
-            b[points + i] = self.room(bound) - bound.slack + (lost or {}).get(bound.key, 0.0)
+        of_bounds = slice(points, points + many)
+        A[of_bounds, :n], A[of_bounds, n + 1], b[of_bounds] = slopes, 1.0, _ROOM - slacks
+        if lost:
+            b[of_bounds] += [lost.get(bound.key, 0.0) for bound in bounds]
         A[points + many, n + 1] = 1.0
         low, high = np.maximum(-size, self.low - x), np.minimum(size, self.high - x)
         A[points + many + 1 : points + many + 1 + n, :n], b[points + many + 1 : points + many + 1 + n] = np.eye(n), low
@@ -258,9 +260,10 @@ class Search:
         # the bounds of the step hold only to rounding
         move = np.clip(p[:n], low, high)
         after = np.max(here.goal + here.slope @ move)
-        left = max((self.room(c) - c.slack - c.slope @ move for c in bounds), default=0.0)
+        left = float(np.max(_ROOM - slacks - slopes @ move)) if many else 0.0
         promised = float(self.merit(here) - after - self.penalty * max(left, 0.0) - 0.5 * move @ curvature @ move)
-        force = {c.key: float(m) for c, m in zip(bounds, multipliers[points : points + many], strict=True) if m > 1e-6}
+        forced = multipliers[of_bounds]
+        force = {bounds[i].key: float(forced[i]) for i in np.flatnonzero(forced > 1e-6)}
         return move, force, promised
 
     def _bent(
@@ -274,7 +277,7 @@ class Search:
         """Return the damped BFGS update of the Lagrangian's Hessian (Powell 1978)."""
         worst = int(np.argmax(there.goal))
         change = there.slope[worst] - here.slope[worst]
-        before, after = ({c.key: c.slope for c in evaluation.bounds} for evaluation in (here, there))
+        before, after = ({c.key: c.slope for c in point.bounds if c.key in force} for point in (here, there))
         for key, weight in force.items():
             if key in before and key in after:
                 change = change - weight * (after[key] - before[key])

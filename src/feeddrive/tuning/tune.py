@@ -170,6 +170,7 @@ _EASED = (1.6, 1.2)  # factors of Ms - 1 in a continuation: bounds 2.6 and 2.2 c
 _WIDER, _WIDENED = np.log(10.0), 3  # growth of a range at whose limit the best value lies; most extensions
 _AT_END = 1e-2  # of a logarithm: distance within which a value counts as being at the limit
 _POPULATION, _GENERATIONS = 8, 16  # points per tunable in the population, and number of generations
+_ROUGH = 10  # of these, the first ones of a multirate controller, with its law at one rate
 # share of the goal: if the noise costs more, the measurement is too poor
 _COSTLY = 0.5
 
@@ -455,7 +456,7 @@ class Tuner:
         search.penalty = PENALTY
         ends = [end, self._from_below(search, end, x, powers)]
         search.penalty = PENALTY
-        begun = self._elsewhere(search, end.x, powers) if evolved else None
+        begun = self._from_all_over(search, end.x, powers) if evolved else None
         # it was looked at on a part of the lines only
         if begun is not None and search.judge(begun) is not None:
             ends.append(search.descend(begun))
@@ -468,13 +469,36 @@ class Tuner:
 
         It is the best of random points over the whole range or, if `evolved`, of a population evolved from them.
         """
+        if evolved:
+            points, merits = self._population(search, x, powers, _GENERATIONS)
+        else:
+            points = scattered(x, search.low, search.high, powers, self.random)
+            merits = search.look(points)
+        best = int(np.argmin(merits))
+        return points[best] if np.isfinite(merits[best]) else None
+
+    def _population(
+        self, search: Search, x: np.ndarray, powers: np.ndarray, generations: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best of random points over the whole range, evolved for some generations, with their merits."""
         points = scattered(x, search.low, search.high, powers, self.random)
         merits = search.look(points)
-        if not evolved:
-            best = int(np.argmin(merits))
-            return points[best] if np.isfinite(merits[best]) else None
         chosen = np.argsort(merits)[: _POPULATION * max(x.size, 3)]
-        points, merits = search.evolve(points[chosen], merits[chosen], self.random, _GENERATIONS)
+        return search.evolve(points[chosen], merits[chosen], self.random, generations)
+
+    def _from_all_over(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray | None:
+        """Return the best of a population over the whole range under the reserve of a search; None if none is stable.
+
+        For a multirate controller its first generations take the law at one rate, which costs a fraction and shows
+        where to look.
+        """
+        present = search.criteria.control
+        if present.period == 1:
+            return self._elsewhere(search, x, powers)
+        rough = Search(self.criteria(present.control, present.tunables, rough=True), search.low, search.high)
+        rough.sure = search.sure
+        points, _ = self._population(rough, x, powers, _ROUGH)
+        points, merits = search.evolve(points, search.look(points), self.random, _GENERATIONS - _ROUGH)
         return points[0] if np.isfinite(merits[0]) else None
 
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:

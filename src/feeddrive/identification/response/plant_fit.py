@@ -811,8 +811,10 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
     (frf,) = taken({"motor": motor}, band, None, None)[0].values()
     low, high = float(frf.frequency[0]), float(frf.frequency[-1])
     fits: list[tuple[float, PlantFit]] = []
-    top, begin = high, tuple[TwoMass, ...]()
-    while top >= _LEAST_DECADE * low:
+    errors: list[float] = []
+    place, top, begin = 0, high, tuple[TwoMass, ...]()
+    # once a band explains its lines no narrower one changes the choice: only the next few tell its systematic error
+    while top >= _LEAST_DECADE * low and not (len(fits) > place + _NARROWER and errors[place] <= _EXPLAINED):
         lines = np.flatnonzero(frf.frequency <= top)
         part = on_lines(frf, lines[_spread_out(frf.frequency[lines], _LINES_OF_A_BAND)])
         try:
@@ -825,11 +827,12 @@ def two_mass_band(motor: FRF, *, band: tuple[float, float] | None = None, held: 
             continue
         if fit["resonance"].value * _ABOVE <= top:
             fits.append((top, fit))
+            errors.append(_misses(fit))
+            least = max(_EXPLAINED, _WORSE * min(errors))
+            place = next(i for i, error in enumerate(errors) if error <= least)
         top /= _OCTAVE
     if not fits:
         return ModelBand(low, high, True, (), {})
-    errors = [_misses(fit) for _, fit in fits]
-    place = next(i for i, error in enumerate(errors) if error <= max(_EXPLAINED, _WORSE * min(errors)))
     inside = [fit for _, fit in fits[place : place + 1 + _NARROWER]]
     return ModelBand(low, fits[place][0], place == 0, (cast(TwoMass, inside[0].plant),), _scatter(inside))
 

@@ -68,7 +68,7 @@ class Bring(Room):
         # factors from the data sheet, and what was entered for them, by file and column
         self._scales: dict[tuple[str, str], tuple[ForceScale, dict[str, Any]]] = {}
         self.identified: Shown | None = None  # the last identification
-        self._made_of = ""  # the file that it was about
+        self._made_of: tuple[str, ...] = ()  # the files that it was about
         self.machine: Path | None = None  # that it wrote
         self.start_from = ""  # the machine that is chosen before a person chooses one
         self._began = False
@@ -103,7 +103,11 @@ class Bring(Room):
             }
             charts["check"] = check.chart
         if self.identified is not None:
-            words["made"] = {**self.identified.words, "of": self._made_of, "machine": self.machine is not None}
+            words["made"] = {
+                **self.identified.words,
+                "of": " and ".join(self._made_of),
+                "machine": self.machine is not None,
+            }
             charts |= self.identified.charts
         return Said(words, charts)
 
@@ -276,12 +280,21 @@ class Bring(Room):
 
     @act
     def identify(self, asked: Asked) -> None:
-        """Identify masses, friction and dead time, or modes. A machine file is written if the law is known."""
+        """Identify masses, friction and dead time, or modes. A machine file is written if the law is known.
+
+        `also` lists further logs of the same axis, whose values are pooled; the roles of the columns are those of the
+        first log.
+        """
         file = self._known(asked)
-        path, out = self._path(file.name), self._free(f"identified_{stem_of(file.name)}")
+        names = tuple(dict.fromkeys([file.name, *asked.texts("also")]))
+        for name in names if len(names) > 1 else ():
+            other = self.files.get(name)
+            if other is None or other.kind != LOG or other.wrong:
+                raise ParameterError(f"{name:.80} is no log that can be pooled with {file.name}: {_why_not(other)}")
+        out = self._free(f"identified_{stem_of(file.name)}")
         unit = asked.text_or_none("unit")
         request = IdentifyRequest(
-            path,
+            tuple(map(self._path, names)),
             channels=self._roles(file) if file.kind == LOG else None,
             out=out,
             machine=self._machine(asked),
@@ -295,7 +308,7 @@ class Bring(Room):
             law=asked.text_or_none("law"),
             unit=() if unit is None else (unit,),
         )
-        self._start("identify", file.name, f"identify {file.name}", request)
+        self._start("identify", names, f"identify {' and '.join(names)}", request)
 
     @act
     def estimate(self, asked: Asked) -> None:
@@ -308,7 +321,7 @@ class Bring(Room):
         out = self._free(f"frf_{stem_of(file.name)}")
         logs = (self._path(file.name), *more)
         request = FrfRequest(logs, channels=self._roles(file), out=out, sample_time=asked.number_or_none("sample_time"))
-        self._start("frf", file.name, f"estimate responses from {file.name}", request)
+        self._start("frf", (file.name,), f"estimate responses from {file.name}", request)
 
     @act
     def responses(self, asked: Asked) -> Said:
@@ -430,10 +443,10 @@ class Bring(Room):
         self.open = name
         self.queue.pop(name, None)
 
-    def _start(self, command: str, name: str, what: str, request: Any) -> None:
+    def _start(self, command: str, names: tuple[str, ...], what: str, request: Any) -> None:
         def then(shown: Shown) -> None:
             self.desk.did(command, request)
-            self._made_of = name
+            self._made_of = names
             # users know a file by its name, not by its place on the server
             places = {str(path): known for known, path in self.desk.files.items()}
             self._finished(replace(shown, words=_renamed(shown.words, places)))
@@ -445,7 +458,9 @@ class Bring(Room):
         self.machine = next((path for path in places.values() if path.name == "machine.toml"), None)
         responses = [path for path in places.values() if path.suffix in (".csv", ".parquet") and path.is_file()]
         self.identified = shown
-        self._used.add(self._made_of)
+        self._used.update(self._made_of)
+        # a log that was pooled needs no turn of its own
+        self.queue = {name: None for name in self.queue if name not in self._made_of}
         # read in this process, unlike uploads: feeddrive has just written these files
         for path, content in zip(responses, understand(responses, Progress()), strict=True):
             # what was estimated is a file like one that was brought, by the name of its directory: all are frf.csv
@@ -602,6 +617,10 @@ def _sketch(content: Understood, name: str, role: str, column: Column | None) ->
     unit = {"percent": "%", "permille": "‰"}.get(unit, unit)
     shown = [str(Text(f"{Quantity(end):3} {unit}")).rstrip() for end in ends]
     return {"course": [int(value) for value in course], "low": shown[0], "high": shown[1]}
+
+
+def _why_not(file: Understood | None) -> str:
+    return "no such file was brought" if file is None else file.wrong or file.kind
 
 
 def _sized(asked: Asked, name: str) -> str | None:
