@@ -187,6 +187,7 @@ class DriveClient:
         self._sent, self._back = Layout(cia402.SENT), Layout(cia402.TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
+        self._mode = 0
         self._heard = 0.0  # time of the last answer, on the monotonic clock
         self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
         self.together = [self]  # all that are driven in the same cycles, this one among them
@@ -227,6 +228,16 @@ class DriveClient:
     def reports_velocity(self) -> bool:
         """True if the drive reports a velocity (0x606C); otherwise the velocity is computed from its positions."""
         return "velocity" in self._back.names
+
+    @property
+    def statusword(self) -> int:
+        """The last statusword; 0 if there is none yet."""
+        return 0 if self.told is None else self.told.status
+
+    @property
+    def mode_shown(self) -> int:
+        """The last mode of operation that the drive displayed (0x6061)."""
+        return self._mode
 
     @property
     def state(self) -> PowerState | None:
@@ -410,10 +421,10 @@ class DriveClient:
         self._follow(cia402.FAULT_RESET)
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: cia402.FAULT_RESET})
 
-    def prepare_stop(self) -> None:
-        """Request a quick stop with the next cycle; `stop` completes it."""
+    def prepare_stop(self, *, force_off: bool = False) -> None:
+        """Request a quick stop with the next cycle, or the end of all force; `stop` or `disable` completes it."""
         if self.state is PowerState.ENABLED:
-            self._values["controlword"] = cia402.QUICK_STOP
+            self._values["controlword"] = cia402.DISABLE_VOLTAGE if force_off else cia402.QUICK_STOP
 
     def stop(self) -> None:
         """Perform a quick stop, wait until the drive has switched off, and disable the voltage in any case."""

@@ -1,19 +1,14 @@
-"""Supervision of a drive in motion, independent of the health that the drive reports.
+"""Signs of life of a drive in motion: what no live drive would report, whatever it says of its own health.
 
-`Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state, and to a fault
-or None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
+The safety monitor (`monitor`) makes these checks after its own.  `Watch.step` is a pure function: it maps state,
+targets and actual values of one cycle to the next state, and to a fault or None.  It accesses neither bus nor clock,
+and does not depend on the source of the targets.
 
     c        one increment, m
     r, w, F  target position, velocity and force that an answer refers to: those sent `lag` cycles before it
     x, v     actual position (0x6064) and velocity (0x606C)
     T        cycle time, s
     E, M, B  limits.following_error, limits.largest_mass, limits.breakaway_force
-
-Limits.  |x - x_start|, |v|, actual force and x must stay within the drive file's limits.  In csp the following error is
-
-    e = max(|r - x|, |0x60F4|)                                                        fault if e > E
-
-The difference r - x is evaluated independently of 0x60F4, which a drive may report as constantly 0.
 
 Standstill.  The anchor a is the reading of a cycle j, and is set to x as soon as |x - a| >= 2 c.  Until then the axis
 has shown less than two counts of motion.  An axis that has moved by more than 3 c shows at least two counts: of the
@@ -188,7 +183,7 @@ class State(NamedTuple):
 
 
 class Watch:
-    """The supervision of one drive within the bounds of its drive file; it holds no state."""
+    """The signs of life of one drive within the bounds of its drive file; it holds no state."""
 
     def __init__(self, drive: BusDrive) -> None:
         self.drive, self.limits = drive, drive.limits
@@ -235,49 +230,12 @@ class Watch:
         same, renewal = self._repeated(state, answer, silent)
         gap, speed = self._compared(state, answer, silent, late)
         fault = (
-            self._beyond(state, answer, lead, silent)
-            or self._standing(state.cycle, anchor, push, acting, sent)
+            self._standing(state.cycle, anchor, push, acting, sent)
             or self._frozen(state.cycle, answer, same, renewal)
             or self._contradiction(state.cycle, answer, gap, speed)
         )
         after = State(state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed)
         return after, fault
-
-    def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
-        """Return a fault if a limit of the drive file is exceeded."""
-        limits, cycle, position = self.limits, state.cycle, answer.position
-        travel, speed = abs(position - state.start), answer.velocity
-        if speed is None:
-            speed = (position - state.answer.position) / silent
-        # negated comparisons, so that NaN is a fault, too
-        if not travel <= limits.travel:
-            return _exceeded("travel", travel, limits.travel, "m", cycle)
-        if not abs(speed) <= limits.velocity:
-            return _exceeded("velocity", abs(speed), limits.velocity, "m/s", cycle)
-        if not abs(answer.force) <= limits.force:
-            return _exceeded("force", abs(answer.force), limits.force, "N", cycle)
-        if self.drive.mode == "csp":
-            told = answer.following_error
-            error = max(abs(lead), abs(told or 0.0))
-            if not error <= limits.following_error:
-                says = (
-                    "the drive has no 0x60F4"
-                    if told is None
-                    else Text(f"the drive says {Quantity(told, 'm'):SI} in 0x60F4")
-                )
-                which = f" (set position - 0x6064; {says})" if error == abs(lead) else " (0x60F4)"
-                return _exceeded("following_error", error, limits.following_error, "m", cycle, which)
-        for key, bound, way in (
-            ("position_least", limits.position_least, -1.0),
-            ("position_most", limits.position_most, 1.0),
-        ):
-            if bound is not None and way * (position - bound) > 0.0:
-                message = Text(
-                    f"position = {Quantity(position, 'm'):6 SI} in cycle {cycle} left limits.{key} = "
-                    f"{Quantity(bound, 'm'):6 SI}"
-                )
-                return Fault("position", position, bound, "m", cycle, message)
-        return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
         """Update the push by one cycle: the minimum motion caused by it, and the bounds of the initial speed."""
@@ -384,11 +342,3 @@ class Watch:
             )
             return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, sentence)
         return None
-
-
-def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
-    """Return the fault of an exceeded limit of the drive file; `which` names the source of the value."""
-    message = Text(
-        f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
-    )
-    return Fault(key, value, bound, unit, cycle, message)
