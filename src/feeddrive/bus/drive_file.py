@@ -224,6 +224,11 @@ class DriveScaling(Section):
         assert rated is not None
         return round(1e3 * rated)
 
+    def turns_per_minute(self, velocity: float) -> float:
+        """Convert a velocity of the table, m/s, to turns of the motor a minute; for a rotary motor only."""
+        assert self.lead is not None
+        return 60.0 * velocity * self.gear / self.lead
+
     def increments(self, metres: float) -> int:
         """Convert m, m/s or m/s² to the nearest whole number of increments."""
         return round(metres / self.metre)

@@ -33,8 +33,8 @@ Checks, in this order; the first that fails is the fault:
     and the checks of `watch`: standstill, frozen values, velocity against positions
 
 The reaction depends on what the fault leaves credible (`REACTIONS`): a braking profile, then disable (`Braking`); the
-drive's quick stop; or force off.  While an axis brakes, `braking=True` leaves frames, drive, mode and runaway, and adds
-a speed that grows although the axis brakes.
+drive's quick stop; or force off.  While an axis brakes, `braking=True` leaves frames, drive and mode, and adds a speed
+that grows although the axis brakes.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ AWAY = 2  # cycles in a row in which the error grows: one may be noise
 # a speed that is known to a count in a window, and a drive that begins to brake a window late
 GROWN = 1.1  # of the speed at which the braking began
 
+RESTING = 0.1  # s for which an axis is watched once its drive is off: a brake that slips lets it move
+
 BRAKE, QUICK_STOP, OFF = "brake", "quick stop", "off"
 # a ramp of ours needs credible values and a drive that obeys; a quick stop needs a drive whose own loop is sound
 REACTIONS = {
@@ -65,8 +67,8 @@ REACTIONS = {
     "velocity_frozen": QUICK_STOP,
     "velocity_contradicts": QUICK_STOP,
     "jump": QUICK_STOP,
-    "braking": QUICK_STOP,
     "runaway": OFF,
+    "braking": OFF,
 }
 
 
@@ -186,7 +188,7 @@ class Monitor:
             or (self._other_mode(cycle.mode, number) if strange > drive.lag + 1 else None)
         )
         if braking:
-            return after, first or self._runaway(after, answer, speed, slow, number) or self._grown(state, speed, number)
+            return after, first or self._grown(state, speed, number)
         return after, (
             first
             or self._runaway(after, answer, speed, slow, number)
@@ -203,6 +205,19 @@ class Monitor:
         resolved = 2.0 * self._count / (self._window * self.drive.cycle_time)
         under_way = self.limits.quick_stop_deceleration * self._reaction
         return state._replace(at_most=GROWN * speed + resolved + under_way, away=0)
+
+    def rests(self, state: State) -> Fault | None:
+        """Return a fault if an axis that was braked still moves."""
+        speed = abs(_speed(state.seen, self._window) or 0.0)
+        # as it would leave the following error within a moment
+        bound = self.limits.following_error / RESTING
+        if speed <= bound:
+            return None
+        message = Text(
+            f"the axis still moves at {Quantity(speed, 'm/s'):SI} at the end of its braking ramp, more than "
+            f"{Quantity(bound, 'm/s'):SI}"
+        )
+        return Fault("braking", speed, bound, "m/s", state.watch.cycle, message)
 
     def _stop(self, cycle: Cycle, number: int) -> Fault | None:
         return Fault("stop", 1.0, 0.0, "", number, cycle.stop) if cycle.stop else None

@@ -23,6 +23,7 @@ from feeddrive.bus.monitor import (
     BRAKE,
     OFF,
     QUICK_STOP,
+    RESTING,
     Cycle,
     Monitor,
     begin_braking,
@@ -236,6 +237,7 @@ def _reach(profile: Profile, drive: BusDrive) -> float:
 
 # the position trails its target: switched off at once, the axis would stop short of it
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
+_HELD = 1.0  # s for which a virtual drive without a clock is held, as nobody waits for it
 
 
 @dataclass(frozen=True)
@@ -255,18 +257,14 @@ def _keyboard() -> Generator[Callable[[], bool]]:
 
     Without a terminal in the foreground it is always False.
     """
-    try:
-        import termios
-        import tty
-
-        line = sys.stdin.fileno()
-        # the terminal stops a process in the background that changes its settings
-        if os.tcgetpgrp(line) != os.getpgrp():
-            raise OSError
-        before = termios.tcgetattr(line)
-    except (ImportError, OSError, ValueError, AttributeError):
+    line = _terminal()
+    if line is None:
         yield lambda: False
         return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(line)
     # single keys, without Enter; Ctrl-C stays a signal.  What was typed before the motion is no stop
     tty.setcbreak(line, termios.TCSAFLUSH)
     try:
@@ -274,6 +272,17 @@ def _keyboard() -> Generator[Callable[[], bool]]:
     finally:
         with contextlib.suppress(termios.error):
             termios.tcsetattr(line, termios.TCSAFLUSH, before)
+
+
+def _terminal() -> int | None:
+    """Return the file number of the standard input if it is a terminal with this process in its foreground."""
+    try:
+        line = sys.stdin.fileno()
+        # the terminal stops a process in the background that changes its settings
+        return line if os.tcgetpgrp(line) == os.getpgrp() else None
+    # Windows has no such function
+    except (OSError, ValueError, AttributeError):
+        return None
 
 
 @contextlib.contextmanager
@@ -369,6 +378,11 @@ def play_together(
         ]
         for client in () if aborted else clients:
             client.disable()
+        # not after another stop: its axis may coast, and a drive that runs away must not be switched on again
+        slips = _slips(first, clients) if all(reaction == BRAKE for reaction in reactions) else ""
+        if slips:
+            ends = [Text(f"{end}; {slips}" if end else slips) for end in ends]
+            _hold(first, clients, slips, interrupted, progress)
     played: list[Played] = []
     for rows, profile, before, end, name in zip(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
@@ -443,7 +457,12 @@ def _braked(first: DriveClient, kept: Sequence[_Rows]) -> str:
             for rows, reaction in zip(kept, wanted or [QUICK_STOP] * len(kept), strict=True):
                 rows.reaction = reaction
             return Text(f"; while it braked, {reason}")
-    return ""
+    moving = [rows.still_moves() for rows in kept]
+    if not any(moving):
+        return ""
+    for rows in kept:
+        rows.reaction = QUICK_STOP
+    return Text(f"; {_trouble(kept, moving)}")
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
@@ -492,6 +511,52 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
         velocity += excitation
         client.command(velocity=velocity)
     return _Sent(Target(position, velocity, force), excitation)
+
+
+def _slips(first: DriveClient, clients: Sequence[DriveClient]) -> str:
+    """Watch the axes for a moment with their drives off; return the reason if one of them moves, else ""."""
+    off = [client.told.position if client.told is not None else None for client in clients]
+    rested = [client.state is PowerState.SWITCH_ON_DISABLED for client in clients]
+    for _ in range(round(RESTING / first.drive.cycle_time) if all(rested) else 0):
+        first.rest()
+        for client, begin in zip(clients, off, strict=True):
+            if client.answer is None or begin is None:
+                continue
+            moved, bound = abs(client.answer.position - begin), client.drive.limits.following_error
+            if moved > bound:
+                return Text(
+                    f"{client.transport.where}: the axis moves by {Quantity(moved, 'm'):SI} with its drive off, more "
+                    f"than limits.following_error = {Quantity(bound, 'm'):SI}: its brake slips, or it has none; the "
+                    "drive was switched on again to hold it"
+                )
+    return ""
+
+
+def _hold(
+    first: DriveClient,
+    clients: Sequence[DriveClient],
+    why: str,
+    interrupted: Callable[[], bool],
+    progress: Progress | None,
+) -> None:
+    """Switch the drives on again and hold their positions, until a person stops it; the end is switched off.
+
+    Raises BusError for a drive that does not switch on.
+    """
+    if progress is not None:
+        progress.remark(f"- {why}. Support the axis, then stop (Ctrl-C): its force ends with it.")
+    for client in clients:
+        client.hold()
+    cycles = round(_HELD / first.drive.cycle_time) if first.pace.cycle_time is None else None
+    began = interrupted()
+    while cycles is None or cycles > 0:
+        # a stop that ended the motion is none of the hold; a drive in fault holds nothing
+        if (interrupted() and not began) or any(client.state is not PowerState.ENABLED for client in clients):
+            break
+        first.cycle()
+        cycles = None if cycles is None else cycles - 1
+    for client in clients:
+        client.disable()
 
 
 def _halt(client: DriveClient, reaction: str) -> str:
@@ -560,6 +625,10 @@ class _Rows:
         self._last = self.client.answer or self._last
         target = Target(self.braking.position, self.braking.velocity, self.braking.force)
         return self._checked(target, elapsed, "", braking=True)
+
+    def still_moves(self) -> Fault | None:
+        """Return a fault if the axis still moves at the end of its braking ramp."""
+        return self._monitor.rests(self._state)
 
     def _answer(self, told: ActualValues) -> Answer:
         velocity = told.velocity if self.client.reports_velocity else None
