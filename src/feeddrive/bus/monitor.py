@@ -16,20 +16,23 @@ Checks, in this order; the first that fails is the fault:
     stop           a person: Ctrl-C, a key, the loss of the terminal, or whatever the caller passes as `stop`
     frames         `lost_frames` cycles in a row without an answer
     drive, mode    statusword other than 'operation enabled'; 0x6061 other than the mode for more than `lag` cycles
-    travel         |x - x_start| + s N T + s²/(2 a) > limits.travel, with s the outward speed, max(v, u): the axis
-                   must be able to stop within the limit.  limits.position_least and _most likewise
-    velocity       |v| > limits.velocity; without 0x606C the difference of the positions
-    force, energy  |F| > limits.force; M v²/2 > limits.energy, if both are stated
-    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE
-    runaway        the same error exceeds 3/4 E, which no healthy drive reaches (see `watch`), or E; it grows, the axis
-                   moves away from its target, and either the force has the sign of the motion or the speed grows, for
-                   2 cycles.  cst: after a push beyond limits.breakaway_force for RESPONSE (see `watch`), U must not
-                   change against the force.  A quick stop of the drive would use the same wrong sign
-    acceleration   (U - U_R)/(R T) > limits.acceleration plus rounding and noise of the positions, JUMP c/(R T)², if
-                   stated
     jump           |x - x_1 - u_1 t| > A t (t + n T) + JUMP c: no motion within the accelerations A gets there in the
                    time t since the position last changed.  Without limits.acceleration: |x - x_1| > limits.velocity t
                    + JUMP c
+    runaway        the following error exceeds 3/4 E, which no healthy drive reaches (see `watch`), or E; it grows, the
+                   axis moves away from its target, by 0x606C as well, and either the force has the sign of the motion
+                   or the speed grows, for 2 cycles.  cst: after a push beyond limits.breakaway_force for RESPONSE (see
+                   `watch`), an axis must not go against the force faster than it did: friction of any kind would slow
+                   it down, too.  A quick stop of the drive would use the same wrong sign
+    travel         |x - x_start| + s N T + s²/(2 a) > limits.travel, with s the outward speed, the largest of v, u and
+                   that of the last target, and from where the drive is led, if that is farther: in csp the last
+                   target, in csv x + the following error.  The axis must be able to stop within the limit.
+                   limits.position_least and _most likewise
+    velocity       |v| > limits.velocity; without 0x606C the difference of the positions
+    force, energy  |F| > limits.force; M v²/2 > limits.energy, if both are stated
+    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE
+    acceleration   (U - U_R)/(R T) > limits.acceleration plus rounding and noise of the positions, JUMP c/(R T)², if
+                   stated
     and the checks of `watch`: standstill, frozen values, velocity against positions
 
 The reaction depends on what the fault leaves credible (`REACTIONS`): a braking profile, then disable (`Braking`); the
@@ -52,6 +55,8 @@ from feeddrive.language.text import Text
 # two counts of noise at either end, rounding, and as much again in the velocity that continues the motion
 JUMP = 10  # counts by which a position may differ from where its motion leads
 AWAY = 2  # cycles in a row in which the error grows: one may be noise
+# in a runaway either speed may be some ms older than the other
+LIKE = 1.5  # ratio of the reported velocity and that of the positions up to which both are believed
 # a speed that is known to a count in a window, and a drive that begins to brake a window late
 GROWN = 1.1  # of the speed at which the braking began
 
@@ -108,9 +113,10 @@ class State(NamedTuple):
     changed    the last position that differed from the one before it, and its velocity, m/s
     lost       frames lost in a row
     strange    answers in a row with another mode
+    target     the last target, and its speed: that of the positions in csp, 0 in cst, m/s
     error      following error, m: r - x in csp, the leaky sum in csv
     away       cycles in a row in which the error grew as in a runaway
-    pushed     direction of a push of cst, its duration (s), and the velocity (m/s) from which it must not fall
+    pushed     direction of a push of cst, its duration (s), and the lowest speed along it (m/s, at most 0)
     at_most    speed above which a braking axis is not braking, m/s
     """
 
@@ -118,6 +124,7 @@ class State(NamedTuple):
     time: float
     seen: tuple[Seen, ...]
     changed: tuple[Seen, float | None]
+    target: tuple[float, float]
     lost: int = 0
     strange: int = 0
     error: float = 0.0
@@ -144,12 +151,14 @@ class Monitor:
     def begin(self, answer: Answer) -> State:
         """Return the initial state, for an axis that holds its position."""
         here = Seen(0.0, answer.position)
-        return State(self._watch.begin(answer), 0.0, (here,), (here, 0.0))
+        return State(self._watch.begin(answer), 0.0, (here,), (here, 0.0), (answer.position, 0.0))
 
     def step(self, state: State, cycle: Cycle, *, braking: bool = False) -> tuple[State, Fault | None]:
         """Check one cycle; return the new state and the first fault, or None."""
         drive, number, answer = self.drive, state.watch.cycle, cycle.answer
         acting = (*state.watch.sent, cycle.target)[0]
+        speeds = {"csp": (cycle.target.position - state.target[0]) / drive.cycle_time, "csv": cycle.target.velocity}
+        target = cycle.target.position, speeds.get(drive.mode, 0.0)
         # what happened in a cycle that began late is unknown: the history starts again
         late = cycle.elapsed > 2.0
         watched, fault = self._watch.step(state.watch, cycle.target, answer, late=late)
@@ -159,7 +168,7 @@ class Monitor:
             # which forces act is unknown, as the target may be lost as well: a push begins anew
             nothing = (0.0, 0.0, None)
             after = state._replace(
-                watch=watched, time=time, lost=state.lost + 1, error=state.error + asked, pushed=nothing
+                watch=watched, time=time, target=target, lost=state.lost + 1, error=state.error + asked, pushed=nothing
             )
             return after, self._stop(cycle, number) or self._silent(after.lost, number)
         here = Seen(time, answer.position)
@@ -176,6 +185,7 @@ class Monitor:
             time=time,
             seen=seen,
             changed=(here, speed) if answer.position != state.seen[-1].position or late else state.changed,
+            target=target,
             lost=0,
             strange=strange,
             error=error,
@@ -191,10 +201,10 @@ class Monitor:
             return after, first or self._grown(state, speed, number)
         return after, (
             first
+            or (None if late else self._jumped(state, here, number))
             or self._runaway(after, answer, speed, slow, number)
             or self._beyond(after, answer, state, speed, number)
             or self._accelerated(seen, watched.renewal, number)
-            or (None if late else self._jumped(state, here, number))
             or fault
         )
 
@@ -209,8 +219,8 @@ class Monitor:
     def rests(self, state: State) -> Fault | None:
         """Return a fault if an axis that was braked still moves."""
         speed = abs(_speed(state.seen, self._window) or 0.0)
-        # as it would leave the following error within a moment
-        bound = self.limits.following_error / RESTING
+        # half of it, as it would otherwise pass for an axis whose brake slips
+        bound = 0.5 * self.limits.following_error / RESTING
         if speed <= bound:
             return None
         message = Text(
@@ -273,11 +283,15 @@ class Monitor:
             return now, 0.0, None
         time += self.drive.cycle_time
         # a reported velocity may be as late as the force
-        return sign, time, speed if begun is None and time >= self._response else begun
+        if time < self._response:
+            return sign, time, None
+        # along the force friction may slow the axis; against it force and friction have one direction
+        along = min(0.0, sign * speed)
+        return sign, time, along if begun is None else max(begun, along)
 
     def _flees(self, error: float, answer: Answer, speed: float | None, seen: tuple[Seen, ...]) -> bool:
         """Return True if the axis moves away from its target, driven by its force or faster and faster."""
-        if speed is None or error * speed >= 0.0:
+        if speed is None or error * speed >= 0.0 or not _agrees(answer, speed):
             return False
         before = _speed(seen[: len(seen) - 1], self._window)
         return answer.force * speed > 0.0 or (before is not None and abs(speed) > abs(before))
@@ -295,17 +309,17 @@ class Monitor:
             )
             return Fault("runaway", abs(error), bound, "m", number, message)
         sign, _, begun = state.pushed
-        if begun is None or slow is None:
+        if begun is None or not slow or not _agrees(answer, slow):
             return None
         spread = (state.watch.renewal - 1) / self._long * (abs(slow) + abs(begun))
         bound = JUMP * self._count / (self._long * self.drive.cycle_time) + spread
-        change = -sign * (slow - begun)
+        change = begun - sign * slow
         if change <= bound:
             return None
         message = Text(
-            f"the axis runs away: in cycle {number} its velocity has changed by {Quantity(change, 'm/s'):SI} against a "
-            f"force beyond limits.breakaway_force = {Quantity(self.limits.breakaway_force or 0.0, 'N')}: a sign is "
-            "wrong, or a load drives it"
+            f"the axis runs away: in cycle {number} it moves at {Quantity(slow, 'm/s'):SI}, faster by "
+            f"{Quantity(change, 'm/s'):SI}, against a force beyond limits.breakaway_force = "
+            f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}: a sign is wrong, or a load drives it"
         )
         return Fault("runaway", change, bound, "m/s", number, message)
 
@@ -329,10 +343,12 @@ class Monitor:
         if speed is None:
             speed = (position - before.watch.answer.position) / silent
         # negated comparisons, so that NaN is a fault, too
-        outward = (speed, speed if difference is None else difference)
+        outward = (speed, speed if difference is None else difference, state.target[1])
+        # a drive goes on to its target, and makes up for the travel that it lags behind its set velocity
+        led = state.target[0] if self.drive.mode == "csp" else position + state.error
         for way in (-1.0, 1.0):
             ahead = self.braking_distance(max(0.0, *(way * each for each in outward)))
-            far = way * (position - start)
+            far = max(way * (position - start), way * (led - start))
             if not far + ahead <= limits.travel:
                 return _exceeded("travel", far + ahead, limits.travel, "m", number, _to_brake(ahead))
         if not abs(speed) <= limits.velocity:
@@ -364,7 +380,7 @@ class Monitor:
             if bound is None:
                 continue
             ahead = self.braking_distance(max(0.0, *(way * each for each in outward)))
-            if way * (position - bound) + ahead > 0.0:
+            if max(way * (position - bound), way * (led - bound)) + ahead > 0.0:
                 message = Text(
                     f"position = {Quantity(position, 'm'):6 SI}{_to_brake(ahead)} in cycle {number} left "
                     f"limits.{key} = {Quantity(bound, 'm'):6 SI}"
@@ -419,6 +435,14 @@ def braking_distance(drive: BusDrive, speed: float) -> float:
     """Return the travel from a speed (m/s) to standstill, m: lag + lost_frames + 2 cycles of reaction, and v²/(2 a)."""
     reaction = (drive.lag + drive.lost_frames + SPARE) * drive.cycle_time
     return speed * reaction + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
+
+
+def _agrees(answer: Answer, speed: float) -> bool:
+    """Return True if the reported velocity, if there is one, is about that of the positions.
+
+    Otherwise it is the readings that are wrong, and the drive may be sound.
+    """
+    return answer.velocity is None or 1.0 / LIKE < answer.velocity / speed < LIKE
 
 
 def _speed(seen: tuple[Seen, ...], n: int) -> float | None:
@@ -482,10 +506,13 @@ def brake(drive: BusDrive, braking: Braking, velocity: float) -> Braking:
     """
     limits, T = drive.limits, drive.cycle_time
     a = limits.quick_stop_deceleration
+    if drive.mode == "cst":
+        # once it has turned, the elastic parts may swing: no force then drives them
+        going = braking.velocity if braking.velocity * velocity > 0.0 else 0.0
+        soft = abs(velocity) / (SOFT * (drive.lag + 1) * T)
+        mass = limits.largest_mass or 0.0
+        force = -math.copysign(min(mass * min(a, soft), limits.force), going) if going else 0.0
+        return Braking(braking.position, going, force, braking.left - 1)
     after = math.copysign(max(0.0, abs(braking.velocity) - a * T), braking.velocity)
     position = braking.position + 0.5 * (braking.velocity + after) * T
-    force = 0.0
-    if drive.mode == "cst" and limits.largest_mass is not None:
-        soft = abs(velocity) / (SOFT * (drive.lag + 1) * T)
-        force = -math.copysign(min(limits.largest_mass * min(a, soft), limits.force), velocity)
-    return Braking(position, after, force, braking.left - 1)
+    return Braking(position, after, 0.0, braking.left - 1)

@@ -366,7 +366,11 @@ def play_together(
         # before the stop, whose cycles are no part of the motion
         lateness = first.pace.lateness()
         if aborted and all(reaction == BRAKE for reaction in reactions):
-            aborted += _braked(first, kept)
+            aborted += _braked(first, kept, must_rest=True)
+            reactions = [rows.reaction for rows in kept]
+        elif not aborted and any(rows.still_moves() for rows in kept):
+            # a profile of forces may end with a speed, and friction may be all that brakes the rest of it
+            aborted = _braked(first, kept, must_rest=False).removeprefix("; ")
             reactions = [rows.reaction for rows in kept]
         for client, reaction in zip(clients, reactions, strict=True):
             if aborted and reaction != BRAKE:
@@ -379,7 +383,8 @@ def play_together(
         for client in () if aborted else clients:
             client.disable()
         # not after another stop: its axis may coast, and a drive that runs away must not be switched on again
-        slips = _slips(first, clients) if all(reaction == BRAKE for reaction in reactions) else ""
+        rested = all(reaction == BRAKE for reaction in reactions) and not any(rows.still_moves() for rows in kept)
+        slips = _slips(first, clients) if rested else ""
         if slips:
             ends = [Text(f"{end}; {slips}" if end else slips) for end in ends]
             _hold(first, clients, slips, interrupted, progress)
@@ -434,10 +439,11 @@ def _reactions(faults: Sequence[Fault | None]) -> list[str]:
     return [OFF if reaction == OFF else QUICK_STOP for reaction in wanted]
 
 
-def _braked(first: DriveClient, kept: Sequence[_Rows]) -> str:
+def _braked(first: DriveClient, kept: Sequence[_Rows], *, must_rest: bool) -> str:
     """Brake all drives on ramps of their own deceleration, and hold their ends; return what went wrong as a clause.
 
-    A drive that does not brake, or leaves operation, makes the quick stop of all drives the next reaction.
+    A drive that does not brake, leaves operation or, with `must_rest`, still moves at the end makes the quick stop of
+    all drives the next reaction.
     """
     for rows in kept:
         rows.begin_braking()
@@ -458,7 +464,7 @@ def _braked(first: DriveClient, kept: Sequence[_Rows]) -> str:
                 rows.reaction = reaction
             return Text(f"; while it braked, {reason}")
     moving = [rows.still_moves() for rows in kept]
-    if not any(moving):
+    if not must_rest or not any(moving):
         return ""
     for rows in kept:
         rows.reaction = QUICK_STOP

@@ -56,12 +56,12 @@ reading.
 
 Velocity.  The velocity is compared with the position differences in two ways:
 
-1. Frozen values: all values are identical in `lost_frames` + 2 answers after the first, although the sum of |v| T over
-   these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but its
-   readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis that
-   has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion
-   changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values while |v|
-   T exceeds 1.1 c, may repeat them once more by chance: it is therefore allowed 2 n identical answers.
+1. Frozen values: all values but 0x60F4 are identical in `lost_frames` + 2 answers after the first, although the sum of
+   |v| T over these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but
+   its readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis
+   that has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a
+   motion changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values
+   while |v| T exceeds 1.1 c, may repeat them once more by chance: it is therefore allowed 2 n identical answers.
 2. Contradiction: a leaky sum over the memory is compared with the largest speed U, from either source, in that time:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
@@ -300,7 +300,8 @@ class Watch:
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
         """Return the number and duration of repeated answers, and the update interval of the values, in answers."""
         many, time = state.same
-        if answer == state.answer:
+        # 0x60F4 may be computed from the target, which goes on
+        if answer._replace(following_error=None) == state.answer._replace(following_error=None):
             return (many + 1, time + silent), state.renewal
         # otherwise the axis was at rest or slow, and repeated values say nothing about the drive
         held = abs(state.answer.velocity or 0.0) * time > self._held
