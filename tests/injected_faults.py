@@ -36,6 +36,7 @@ MASS, VISCOUS, PEAK = 100.0, 300.0, 1500.0  # kg, N s/m, N: of the bench, whose 
 LIMITED = replace(LIMITS, acceleration=20.0)  # m/s2; the peak force gives 15
 E, A, COUNT = LIMITED.following_error, LIMITED.quick_stop_deceleration, SCALING.metre
 REACTION = (LAG + ALLOWED) * T  # s
+HELD = 100  # cycles for which the last target is held
 RESPONSE = 10  # cycles that a force may take to act
 SIZES = {
     "jump": lambda rng: float(rng.choice([-1.0, 1.0]) * 10 ** rng.uniform(-3.6, -2.0)),  # 0.25 to 10 mm
@@ -211,7 +212,7 @@ def observable(
     kind: str, mode: str, frames: Frames, begins: int, first: int, profile: Profile, size: float
 ) -> int | None:
     """The first frame whose answer shows the fault, by the rule of its class; None if none does."""
-    last = min(first + profile.excitation.size, len(frames.answers))
+    last = min(first + profile.excitation.size + HELD, len(frames.answers))
     answers, true = frames.answers, np.array(frames.true)
 
     def earliest(condition: Any, frm: int = begins) -> int | None:
@@ -249,9 +250,9 @@ def observable(
         if kind == "gear":
             found.append(contradiction(answers, begins, first, last))
         return min((f for f in found if f is not None), default=None)
-    found = [off, fallen(frames, begins, first, last)]
     if kind == "gear":
-        found.append(contradiction(answers, begins, first, last))
+        return contradiction(answers, begins, first, last)
+    found = [off, fallen(frames, begins, first, last)]
     if kind in ("encoder_loss", "zero_error", "late_status"):
         force = np.array([SCALING.newton * frames.sent[f]["target_torque"] for f in range(first, last)])
         assert LIMITED.largest_mass is not None
@@ -259,7 +260,7 @@ def observable(
         stands = np.flatnonzero(np.abs(np.diff(true[begins - 1 :])) > 0.0)
         still = begins if kind == "encoder_loss" else begins + (int(stands[-1]) + 1 if stands.size else 0)
         due = due_by_force(force, LIMITED.largest_mass, LIMITED.breakaway_force, 3.0 * COUNT, T, still - first)
-        found.append(None if due is None else first + due)
+        found.append(None if due is None else first + due + LAG)
     return min((f for f in found if f is not None), default=None)
 
 
@@ -367,6 +368,8 @@ def judged(
         observed: int | None = began
     else:
         observed = observable(kind, mode, frames, began, first, profile, size)
+    if stopped is not None and began < stopped < (observed or stopped + 1):
+        observed = stopped  # by a sign that the rule of the class does not know
     if observed is None:
         return Trial(kind, None, None if stopped is None else stopped + 1, 0.0, 0.0, reason)
     moved = float(np.max(np.abs(true[observed:] - true[observed - 1])))
@@ -378,6 +381,8 @@ def judged(
     late = 0.1 + REACTION  # s for which a force goes on that nobody changes
     racing = v + pushed / MASS * late
     bound = {
+        # against a force, wrong positions may pass for a runaway
+        "gear": coast + E if mode == "cst" else v * REACTION + 0.5 * v * v / A + E,
         "sign": coast,
         "zero_error": coast,
         "late_status": coast,

@@ -277,6 +277,8 @@ def test_a_limit_is_named_with_value_bound_unit_and_cycle(key: str, unit: str, v
         bounds["following_error"] = 1.0
     else:
         bounds["travel"] = 1.0  # beyond the way that it takes to brake
+    if key != "velocity":
+        bounds["velocity"] = 1e6  # or the positions would be a jump
     drive = described("csp", 1e-3, 1e-6, bounds.pop("following_error"), **bounds)
     rest = Answer(0.01, 0.0 if answer.velocity is not None else None, 0.0)
     fault = watched(drive, [Target(0.01, 0.0, 0.0)] * 5, [rest, rest, None, None, answer])

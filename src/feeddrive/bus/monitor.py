@@ -55,8 +55,8 @@ from feeddrive.language.text import Text
 # two counts of noise at either end, rounding, and as much again in the velocity that continues the motion
 JUMP = 10  # counts by which a position may differ from where its motion leads
 AWAY = 2  # cycles in a row in which the error grows: one may be noise
-# in a runaway either speed may be some ms older than the other
-LIKE = 1.5  # ratio of the reported velocity and that of the positions up to which both are believed
+# a reported velocity may be some ms older than the positions
+LIKE = 1.5  # ratio of the mean reported velocity and that of the positions up to which both are believed
 # a speed that is known to a count in a window, and a drive that begins to brake a window late
 GROWN = 1.1  # of the speed at which the braking began
 
@@ -98,10 +98,11 @@ class Cycle(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """A position and the time at which it was reported, s."""
+    """A position (m) and a velocity (m/s, None if none is reported), and the time at which they were reported, s."""
 
     time: float
     position: float
+    velocity: float | None
 
 
 class State(NamedTuple):
@@ -150,7 +151,7 @@ class Monitor:
 
     def begin(self, answer: Answer) -> State:
         """Return the initial state, for an axis that holds its position."""
-        here = Seen(0.0, answer.position)
+        here = Seen(0.0, answer.position, answer.velocity)
         return State(self._watch.begin(answer), 0.0, (here,), (here, 0.0), (answer.position, 0.0))
 
     def step(self, state: State, cycle: Cycle, *, braking: bool = False) -> tuple[State, Fault | None]:
@@ -171,7 +172,7 @@ class Monitor:
                 watch=watched, time=time, target=target, lost=state.lost + 1, error=state.error + asked, pushed=nothing
             )
             return after, self._stop(cycle, number) or self._silent(after.lost, number)
-        here = Seen(time, answer.position)
+        here = Seen(time, answer.position, answer.velocity)
         seen = (here,) if late else (*state.seen, here)[-2 * self._long - 1 :]
         speed = _speed(seen, self._window)
         error = self._error(state, acting, answer, late=late)
@@ -291,7 +292,7 @@ class Monitor:
 
     def _flees(self, error: float, answer: Answer, speed: float | None, seen: tuple[Seen, ...]) -> bool:
         """Return True if the axis moves away from its target, driven by its force or faster and faster."""
-        if speed is None or error * speed >= 0.0 or not _agrees(answer, speed):
+        if speed is None or error * speed >= 0.0 or not _agree(seen, self._window):
             return False
         before = _speed(seen[: len(seen) - 1], self._window)
         return answer.force * speed > 0.0 or (before is not None and abs(speed) > abs(before))
@@ -309,7 +310,7 @@ class Monitor:
             )
             return Fault("runaway", abs(error), bound, "m", number, message)
         sign, _, begun = state.pushed
-        if begun is None or not slow or not _agrees(answer, slow):
+        if begun is None or not slow or not _agree(state.seen, self._long):
             return None
         spread = (state.watch.renewal - 1) / self._long * (abs(slow) + abs(begun))
         bound = JUMP * self._count / (self._long * self.drive.cycle_time) + spread
@@ -412,6 +413,9 @@ class Monitor:
         # the position may have been renewed after its last report; a drive renews its values within the window
         time = here.time - max(last.time, here.time - self._window * self.drive.cycle_time)
         most = self.limits.acceleration
+        if most is None and here.velocity is None:
+            # the speed is that of the positions then, and its limit is checked
+            return None
         moved = here.position - last.position
         if most is None or speed is None:
             bound, why = self.limits.velocity * time, "limits.velocity"
@@ -437,12 +441,16 @@ def braking_distance(drive: BusDrive, speed: float) -> float:
     return speed * reaction + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
 
 
-def _agrees(answer: Answer, speed: float) -> bool:
-    """Return True if the reported velocity, if there is one, is about that of the positions.
+def _agree(seen: tuple[Seen, ...], n: int) -> bool:
+    """Return True if positions and reported velocities of the last n answers agree, or no velocity is reported.
 
     Otherwise it is the readings that are wrong, and the drive may be sound.
     """
-    return answer.velocity is None or 1.0 / LIKE < answer.velocity / speed < LIKE
+    told = [each.velocity for each in seen[-n:] if each.velocity is not None]
+    if len(told) < n:
+        return True
+    speed, mean = _speed(seen, n), sum(told) / n
+    return not speed or 1.0 / LIKE < mean / speed < LIKE
 
 
 def _speed(seen: tuple[Seen, ...], n: int) -> float | None:

@@ -51,8 +51,7 @@ velocity v0 is unknown.  For an axis that stayed within 3 c throughout, v0 satis
 
 The right side decreases with τ'.  When it falls below the largest left side, no v0 is possible and a live axis must
 have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after the push began.  The axis is dead if
-it has still not shown two counts `lost_frames` + 2 cycles later, the longest time for which a drive may repeat a
-reading.
+it has still not shown two counts `lost_frames` + 1 cycles later: a drive may report a reading `lost_frames` + 2 times.
 
 Velocity.  The velocity is compared with the position differences in two ways:
 
@@ -275,14 +274,15 @@ class Watch:
             if value <= bound:
                 return None
         else:
-            if push.due is None or cycle - push.due < self._patience:
+            # a reading that is renewed every so many cycles is one cycle less old
+            if push.due is None or cycle - push.due < self._patience - 1:
                 return None
-            value, bound = float(cycle - push.due), float(self._patience)
+            value, bound = float(cycle - push.due), float(self._patience - 1)
             message = Text(
                 f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
                 f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
                 f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it "
-                f"within {self._patience} cycles"
+                f"within {self._patience - 1} cycles"
             )
             return Fault("standstill", value, bound, "cycles", cycle, message)
         message = Text(
