@@ -7,7 +7,7 @@ not asked.  Times are frames of the master.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -136,8 +136,8 @@ def virtual_time(transport: Any) -> Iterator[None]:
 class Frames:
     """What was sent and answered in each frame, and the true position after it."""
 
-    def __init__(self, transport: Any, lost: Container[int]) -> None:
-        self.transport, self._lost = transport, lost
+    def __init__(self, transport: Any, lost: Container[int], each: Callable[[Firmware], None]) -> None:
+        self.transport, self._lost, self._each = transport, lost, each
         self.sent: list[dict[str, int]] = []
         self.answers: list[dict[str, int] | None] = []
         self.true: list[float] = []
@@ -152,6 +152,7 @@ class Frames:
         self.sent.append(line._sent.unpack(line._content) if line._sent.size else {})
         self.answers.append(None if answered is None else line._told.unpack(answered))
         self.true.append(line.firmware.axis.last.position)
+        self._each(line.firmware)
         return answered
 
 
@@ -164,12 +165,13 @@ def played(
     press: int | None = None,
     loop: Loop | None = None,
     lost: Container[int] = (),
+    each: Callable[[Firmware], None] = lambda _: None,
     **limits: Any,
 ) -> tuple[Any, Frames, Firmware, int]:
     """A motion on a virtual drive: what `play` gives, all frames, the firmware, and the frame of its first row."""
     firmware = Firmware(DrivenAxis(loop or bench_loop()), SCALING, T, fault)
     transport = BUSES[bus](firmware)
-    frames = Frames(transport, lost)
+    frames = Frames(transport, lost, each)
     described = drive(bus, mode=mode, limits=replace(LIMITED, **limits), lost_frames=LOST_FRAMES, lag=LAG)
     with virtual_time(transport), DriveClient(transport, described, paced=False) as client:
         set_watchdog(transport, described)
@@ -254,7 +256,7 @@ def observable(
         return contradiction(answers, begins, first, last)
     found = [off, fallen(frames, begins, first, last)]
     if kind in ("encoder_loss", "zero_error", "late_status"):
-        force = np.array([SCALING.newton * frames.sent[f]["target_torque"] for f in range(first, last)])
+        force = np.concatenate([profile.excitation, np.zeros(HELD)])
         assert LIMITED.largest_mass is not None
         assert LIMITED.breakaway_force is not None
         stands = np.flatnonzero(np.abs(np.diff(true[begins - 1 :])) > 0.0)

@@ -295,7 +295,9 @@ class Monitor:
         if speed is None or error * speed >= 0.0 or not _agree(seen, self._window):
             return False
         before = _speed(seen[: len(seen) - 1], self._window)
-        return answer.force * speed > 0.0 or (before is not None and abs(speed) > abs(before))
+        # a count in the window may be noise
+        least = self._count / (self._window * self.drive.cycle_time)
+        return answer.force * speed > 0.0 or (before is not None and abs(speed) - abs(before) > least)
 
     def _runaway(
         self, state: State, answer: Answer, speed: float | None, slow: float | None, number: int
