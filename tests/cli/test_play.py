@@ -488,6 +488,7 @@ def test_a_band_above_the_rate_of_the_bus_is_refused(call, tmp_path: Path) -> No
         (("--interface", "nowhere0"), "interface 'nowhere0' is not there"),
         (("--interface", "veth1", "--bus", "modbus"), "must be one of 'ethercat', 'canopen'"),
         (("--interface", "lo", "--cycle-us", "1500"), "whole multiple of the sample time of the machine, 1000 us"),
+        (("--interface", "lo", "--fault", "melt@150"), "fault 'melt@150' must name a kind"),
         (("--interface", "lo", "--bus", "canopen"), "python-can"),
         (("--interface", "virtual:x", "--bus", "canopen", "--watchdog-ms", "100"), "is of EtherCAT"),
     ],

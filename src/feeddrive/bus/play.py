@@ -252,23 +252,34 @@ class Played:
 
 
 @contextlib.contextmanager
-def _keyboard() -> Generator[Callable[[], bool]]:
-    """Yield a function that returns True once a key was pressed at the terminal, or the terminal is gone.
+def _keyboard() -> Generator[Callable[[], int]]:
+    """Yield a function that returns how often a key was pressed at the terminal, or found it gone.
 
-    Without a terminal in the foreground it is always False.
+    Without a terminal in the foreground it is always 0.
     """
     line = _terminal()
     if line is None:
-        yield lambda: False
+        yield lambda: 0
         return
     import termios
     import tty
+
+    pressed = 0
+
+    def count() -> int:
+        nonlocal pressed
+        if select.select([line], [], [], 0.0)[0]:
+            pressed += 1
+            # a terminal that is gone can be read without end
+            with contextlib.suppress(OSError):
+                os.read(line, 1024)
+        return pressed
 
     before = termios.tcgetattr(line)
     # single keys, without Enter; Ctrl-C stays a signal.  What was typed before the motion is no stop
     tty.setcbreak(line, termios.TCSAFLUSH)
     try:
-        yield lambda: bool(select.select([line], [], [], 0.0)[0])
+        yield count
     finally:
         with contextlib.suppress(termios.error):
             termios.tcsetattr(line, termios.TCSAFLUSH, before)
@@ -286,24 +297,25 @@ def _terminal() -> int | None:
 
 
 @contextlib.contextmanager
-def interruption(*, keys: bool = False) -> Generator[Callable[[], bool]]:
-    """Replace the handlers of Ctrl-C, termination and hangup by a flag, so that no signal interrupts a cycle.
+def interruption(*, keys: bool = False) -> Generator[Callable[[], int]]:
+    """Replace the handlers of Ctrl-C, termination and hangup by a count, so that no signal interrupts a cycle.
 
-    Yields a function that returns True once a signal has arrived or, with `keys`, a key was pressed.
+    Yields a function that returns how many signals have arrived or, with `keys`, how often a key was pressed as well.
     """
-    pressed = threading.Event()
     # Python permits signal handlers in the main thread only; others are stopped by `progress`
     if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
+        yield lambda: 0
         return
+    arrived = 0
 
     def press(_number: int, _frame: FrameType | None) -> None:
-        pressed.set()
+        nonlocal arrived
+        arrived += 1
 
     before = {number: signal.signal(number, press) for number in ENDINGS}
     try:
-        with _keyboard() if keys else contextlib.nullcontext(pressed.is_set) as typed:
-            yield lambda: pressed.is_set() or typed()
+        with _keyboard() if keys else contextlib.nullcontext(lambda: 0) as typed:
+            yield lambda: arrived + typed()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -354,7 +366,7 @@ def play_together(
                 aborted = str(error).removeprefix(f"{first.transport.where}: ")
                 reactions = [QUICK_STOP] * len(clients)
                 break
-            by_hand = interrupted() or (progress is not None and progress.cancelled)
+            by_hand = interrupted() > 0 or (progress is not None and progress.cancelled)
             stop = "stopped by hand" if by_hand else ""
             faults = [rows.watched(row, first.pace.elapsed, stop) for rows, row in zip(kept, sent, strict=True)]
             if any(faults):
@@ -386,8 +398,8 @@ def play_together(
         rested = all(reaction == BRAKE for reaction in reactions) and not any(rows.still_moves() for rows in kept)
         slips = _slips(first, clients) if rested else ""
         if slips:
-            ends = [Text(f"{end}; {slips}" if end else slips) for end in ends]
-            _hold(first, clients, slips, interrupted, progress)
+            held_so = _hold(first, clients, slips, interrupted, progress)
+            ends = [Text(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}") for end in ends]
     played: list[Played] = []
     for rows, profile, before, end, name in zip(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
@@ -482,7 +494,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
             rows.add(0.0, 0.0, client.cycle())
             if client.lost_in_row >= client.drive.lost_frames:
                 raise BusError(f"{client.transport.where}: {client.trouble()}")
-            if interrupted():
+            if interrupted() > 0:
                 break
     profile = Profile("", "", client.drive.cycle_time, "N", zero, zero, zero)
     lateness = client.pace.lateness()
@@ -542,27 +554,34 @@ def _hold(
     first: DriveClient,
     clients: Sequence[DriveClient],
     why: str,
-    interrupted: Callable[[], bool],
+    interrupted: Callable[[], int],
     progress: Progress | None,
-) -> None:
-    """Switch the drives on again and hold their positions, until a person stops it; the end is switched off.
+) -> str:
+    """Switch the drives on again and hold their positions until a person stops it once more, then switch them off.
 
-    Raises BusError for a drive that does not switch on.
+    Returns what went wrong as a clause, "" if nothing.
     """
     if progress is not None:
-        progress.remark(f"- {why}. Support the axis, then stop (Ctrl-C): its force ends with it.")
-    for client in clients:
-        client.hold()
-    cycles = round(_HELD / first.drive.cycle_time) if first.pace.cycle_time is None else None
-    began = interrupted()
-    while cycles is None or cycles > 0:
-        # a stop that ended the motion is none of the hold; a drive in fault holds nothing
-        if (interrupted() and not began) or any(client.state is not PowerState.ENABLED for client in clients):
-            break
-        first.cycle()
-        cycles = None if cycles is None else cycles - 1
-    for client in clients:
-        client.disable()
+        progress.remark(f"- {why}. Support the axis, then stop (Ctrl-C or a key): its force ends with it.")
+    # the stop that ended the motion is none of the hold; one that was cancelled can be cancelled no more
+    begun, cancelled = interrupted(), progress is not None and progress.cancelled
+    waits = first.pace.cycle_time is not None and not cancelled
+    cycles = round(_HELD / first.drive.cycle_time)
+    try:
+        for client in clients:
+            client.hold()
+        while waits or cycles > 0:
+            stopped = interrupted() > begun or (progress is not None and progress.cancelled and not cancelled)
+            if stopped or any(client.trouble() for client in clients):
+                break
+            first.cycle()
+            cycles -= 1
+    except BusError as error:
+        return Text(f"; it could not be held ({error})")
+    finally:
+        for client in clients:
+            client.disable()
+    return ""
 
 
 def _halt(client: DriveClient, reaction: str) -> str:

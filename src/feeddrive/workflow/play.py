@@ -346,7 +346,7 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
     with interruption() as interrupted:
 
         def stopped() -> bool:
-            return interrupted() or progress.cancelled
+            return interrupted() > 0 or progress.cancelled
 
         # before serving, which blocks until the end: a master needs the file to connect
         if request.drive_file is not None:
