@@ -1,6 +1,6 @@
 """Print the table of docs/safety.md: injected faults, cycles until the reaction is commanded, travel against its bound.
 
-PYTHONPATH=src:tests python benchmarks/safety.py [faults of each class] [healthy motions]
+PYTHONPATH=src python benchmarks/safety.py [faults of each class] [healthy motions]
 """
 
 from __future__ import annotations
@@ -8,7 +8,9 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from injected_faults import BUSES, KINDS, healthy, trials, wrong
 
 MODES = ("csp", "csv", "cst")
@@ -29,6 +31,8 @@ def main(each: int = 34, motions: int = 167, kinds: Sequence[str] = KINDS) -> No
                 print("".join(f"{text}\n" for text in bad), end="", file=sys.stderr, flush=True)
                 faulty += bad
         whole = [one for one in found if one.observed is not None and one.commanded is not None]
+        if not whole:
+            continue
         total += len(found)
         share = max(one.moved / max(one.bound, 1e-6) for one in whole)
         print(
@@ -43,4 +47,5 @@ def main(each: int = 34, motions: int = 167, kinds: Sequence[str] = KINDS) -> No
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *[sys.argv[3:]] * (len(sys.argv) > 3))
+    given = sys.argv[1:]
+    main(int(given[0]) if given else 34, int(given[1]) if given[1:] else 167, given[2:] or KINDS)

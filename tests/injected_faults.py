@@ -7,7 +7,7 @@ not asked.  Times are frames of the master.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
@@ -124,7 +124,7 @@ def motion(rng: np.random.Generator, mode: str) -> Profile:
 
 
 @contextmanager
-def virtual_time(transport: Any) -> Iterator[None]:
+def virtual_time(transport: Any) -> Generator[None]:
     """The clock of the client is that of the bus."""
     clock, bus_client.time = bus_client.time, SimpleNamespace(monotonic=lambda: transport.cycles * T)  # type: ignore[attr-defined]
     try:
@@ -370,7 +370,7 @@ def judged(
         observed: int | None = began
     else:
         observed = observable(kind, mode, frames, began, first, profile, size)
-    if stopped is not None and began < stopped < (observed or stopped + 1):
+    if stopped is not None and began <= stopped < (observed or stopped + 1):
         observed = stopped  # by a sign that the rule of the class does not know
     if observed is None:
         return Trial(kind, None, None if stopped is None else stopped + 1, 0.0, 0.0, reason)

@@ -136,7 +136,7 @@ def test_a_runaway_in_cst_goes_against_its_force() -> None:
         ({"position_least": -7.55e-3}, going(-0.1, 61), "position"),
     ],
 )
-def test_a_limit_has_a_case_on_either_side(bounds: dict[str, float], answers: list[Answer], kind: str | None) -> None:
+def test_a_limit_has_a_case_on_either_side(bounds: dict[str, Any], answers: list[Answer], kind: str | None) -> None:
     fault = watched(described(**bounds), answers)
     assert (fault and fault.kind) == kind
     assert fault is None or reaction_to(fault) == BRAKE

@@ -79,6 +79,10 @@ class _VirtualTransport:
         """Set the time without frames after which the drive stops by itself, s."""
         self._limit = seconds
 
+    def operate(self, content: bytes) -> None:
+        """Start the exchange."""
+        raise NotImplementedError
+
     def put(self, content: bytes) -> None:
         """Set the outputs of the next cycle."""
         self._content = content
