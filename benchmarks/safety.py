@@ -1,6 +1,8 @@
 """Print the table of docs/safety.md: injected faults, cycles until the reaction is commanded, travel against its bound.
 
-PYTHONPATH=src python benchmarks/safety.py [faults of each class] [healthy motions]
+PYTHONPATH=src python benchmarks/safety.py [faults of each class] [healthy motions] [classes]
+
+Both numbers are for each of the three modes on each of the two buses; a class is a name of `KINDS`, default all.
 """
 
 from __future__ import annotations
