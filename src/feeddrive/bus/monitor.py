@@ -205,7 +205,7 @@ class Monitor:
             or (None if late else self._jumped(state, here, number))
             or self._runaway(after, answer, speed, slow, number)
             or self._beyond(after, answer, state, speed, number)
-            or self._accelerated(seen, watched.renewal, number)
+            or self._accelerated(seen, self._renewal(watched, answer.velocity), number)
             or fault
         )
 
@@ -314,7 +314,8 @@ class Monitor:
         sign, _, begun = state.pushed
         if begun is None or not slow or not _agree(state.seen, self._long):
             return None
-        spread = (state.watch.renewal - 1) / self._long * (abs(slow) + abs(begun))
+        # a drive that renews its values every so many cycles: one renewal more or less in either window
+        spread = (self._window - 1) / self._long * (abs(slow) + abs(begun))
         bound = JUMP * self._count / (self._long * self.drive.cycle_time) + spread
         change = begun - sign * slow
         if change <= bound:
@@ -395,6 +396,10 @@ class Monitor:
         """Return the travel from a speed (m/s) to standstill, m: the reaction, and v²/(2 a)."""
         return braking_distance(self.drive, speed)
 
+    def _renewal(self, watched: watch.State, velocity: float | None) -> int:
+        """Return the cycles after which values are new, at most: the watch sees them only beside a velocity."""
+        return self._window if velocity is None else watched.renewal
+
     def _accelerated(self, seen: tuple[Seen, ...], renewal: int, number: int) -> Fault | None:
         most, n = self.limits.acceleration, self._long
         if most is None or len(seen) <= 2 * n:
@@ -423,7 +428,7 @@ class Monitor:
             bound, why = self.limits.velocity * time, "limits.velocity"
         else:
             moved -= speed * time
-            spread = (state.watch.renewal - 1) * self.drive.cycle_time * abs(speed)
+            spread = (self._renewal(state.watch, here.velocity) - 1) * self.drive.cycle_time * abs(speed)
             bound = most * time * (time + self._window * self.drive.cycle_time) + spread
             why = "limits.acceleration"
         bound += JUMP * self._count
