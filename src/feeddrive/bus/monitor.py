@@ -315,7 +315,8 @@ class Monitor:
         if begun is None or not slow or not _agree(state.seen, self._long):
             return None
         # a drive that renews its values every so many cycles: one renewal more or less in either window
-        spread = (self._window - 1) / self._long * (abs(slow) + abs(begun))
+        renewal = self._renewal(state.watch, answer.velocity)
+        spread = (renewal - 1) / self._long * (abs(slow) + abs(begun))
         bound = JUMP * self._count / (self._long * self.drive.cycle_time) + spread
         change = begun - sign * slow
         if change <= bound:
