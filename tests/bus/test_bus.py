@@ -20,6 +20,7 @@ from feeddrive.bus.canopen import opened_network
 from feeddrive.bus.cia402 import OBJECTS
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.play import play_profile
+from feeddrive.bus.transport import write_object
 from feeddrive.bus.virtual_drive import Firmware
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
@@ -364,6 +365,7 @@ def test_the_velocity_is_watched_also_where_the_drive_does_not_tell_it(monkeypat
     lacking(monkeypatch, "velocity")
     slow = replace(LIMITS, velocity=0.04)
     with powered("canopen") as bench, client(drive("canopen", limits=slow), bench.interface) as master:
+        write_object(master.transport, "max_motor_speed", 0xFFFFFFFF)  # the drive itself would stop first
         played = play_profile(master, bus_scenarios.profile(peak=0.0))
     assert played.aborted is not None
     assert "exceeded limits.velocity = 0.04 m/s" in played.aborted

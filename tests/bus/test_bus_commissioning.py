@@ -118,6 +118,7 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
         following_error_window=0,
         quick_stop_deceleration=0,
         quick_stop_option=0,
+        max_motor_speed=0,
         position_most=0,
     )
     remarks = write_limits(paper, made)
@@ -125,6 +126,7 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     assert paper.values["following_error_window"] == 200_000
     assert paper.values["quick_stop_deceleration"] == 500_000_000
     assert paper.values["position_most"] == 30_000_000
+    assert paper.values["max_motor_speed"] == 3000  # 0.5 m/s on a screw of 10 mm
     assert remarks == ["The drive does not take 0x605A:00 (quick stop option): set this limit with its maker's tool."]
 
 
@@ -166,3 +168,39 @@ def test_what_no_object_can_hold_is_refused() -> None:
     for each in tried:
         with pytest.raises(BusError, match=r"does not fit into 0x60.*look at \[scaling\] of the drive file"):
             each()
+
+
+class Stubborn(Paper):
+    """A drive that takes every object, and holds its own value of one of them."""
+
+    def __init__(self, name: str, held: int) -> None:
+        super().__init__(**dict.fromkeys(OBJECTS, 0))
+        self.name, self.held = name, held
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        super().write(index, subindex, content)
+        self.values[self.name] = self.held
+
+
+@pytest.mark.parametrize(
+    ("name", "held", "words"),
+    [
+        ("max_torque", 500, "holds 500 in 0x6072:00"),
+        ("following_error_window", 1000, "holds 1000 in 0x6065:00"),
+        ("max_motor_speed", 2900, "holds 2900 in 0x6080:00 (max motor speed), where 3000 was written"),
+        ("quick_stop_deceleration", 600_000_000, "holds 600000000 in 0x6085:00"),
+        ("quick_stop_option", 6, "holds 6 in 0x605A:00"),
+        ("max_torque", 5000, "a looser limit"),
+        ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 200000 and reads back"),
+        ("max_motor_speed", 3001, "0x6080:00 (max motor speed) was set to 3000 and reads back as 3001"),
+        ("quick_stop_deceleration", 0, "a looser limit"),
+    ],
+)
+def test_a_limit_that_reads_back_looser_is_refused_and_a_tighter_one_told(name: str, held: int, words: str) -> None:
+    """0.5 m/s are 3,000 turns a minute of a screw of 10 mm."""
+    if "holds" in words:
+        assert any(words in remark for remark in write_limits(Stubborn(name, held), drive("ethercat")))
+        return
+    with pytest.raises(BusError) as refused:
+        write_limits(Stubborn(name, held), drive("ethercat"))
+    assert words in str(refused.value)

@@ -403,7 +403,11 @@ def profile(tmp_path: Path) -> Path:
     [
         ("", "", "drive.toml: interface 'nowhere0' is not there; there are: "),
         ("force = 300", "force = 5", "plans force = 10 N, and limits.force of the drive file is 5 N"),
-        ("travel_mm = 100", "travel_mm = 10", "plans travel = 0.05 m, and limits.travel of the drive file is 0.01 m"),
+        (
+            "travel_mm = 100",
+            "travel_mm = 10",
+            "plans travel = 0.05001 m, and limits.travel of the drive file is 0.01 m",
+        ),
         ("velocity = 0.2", "velocity = 0.02", "limits.velocity of the drive file is 0.02 m/s"),
         ("force = 300", "force = 0.1", "less than a thousandth of the rated torque, 0.117 N"),
         ("following_error_mm = 5", "following_error_nm = 5", "less than one increment, 5e-08 m"),
@@ -484,6 +488,7 @@ def test_a_band_above_the_rate_of_the_bus_is_refused(call, tmp_path: Path) -> No
         (("--interface", "nowhere0"), "interface 'nowhere0' is not there"),
         (("--interface", "veth1", "--bus", "modbus"), "must be one of 'ethercat', 'canopen'"),
         (("--interface", "lo", "--cycle-us", "1500"), "whole multiple of the sample time of the machine, 1000 us"),
+        (("--interface", "lo", "--fault", "melt@150"), "fault 'melt@150' must name a kind"),
         (("--interface", "lo", "--bus", "canopen"), "python-can"),
         (("--interface", "virtual:x", "--bus", "canopen", "--watchdog-ms", "100"), "is of EtherCAT"),
     ],

@@ -93,6 +93,7 @@ OBJECTS: Mapping[str, Object] = {
         Object("target_position", 0x607A, 0, "i32", "for cyclic synchronous position, increments"),
         Object("position_least", 0x607D, 1, "i32", "lower software limit, increments"),
         Object("position_most", 0x607D, 2, "i32", "upper software limit, increments"),
+        Object("max_motor_speed", 0x6080, 0, "u32", "largest speed of the motor, turns a minute"),
         Object("quick_stop_deceleration", 0x6085, 0, "u32", "increments/s²"),
         Object("encoder_increments", 0x608F, 1, "u32", "position encoder resolution: increments"),
         Object("encoder_turns", 0x608F, 2, "u32", "position encoder resolution: in so many turns of the motor"),
@@ -210,6 +211,7 @@ MODES = {"csp": CSP, "csv": CSV, "cst": CST}
 
 # error codes set by a virtual drive; CiA 402 leaves 0xFF00 and above to the manufacturer
 ERRORS = {
+    0x2310: "overcurrent",
     0x7305: "broken reading of the encoder",
     0x7500: "the bus stopped while the drive was enabled",
     0x8400: "velocity beyond its limit",

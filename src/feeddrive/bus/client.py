@@ -1,8 +1,9 @@
 """A CiA 402 client that identifies and checks a drive, switches it on and off, and commands it cyclically."""
 
 import contextlib
+import math
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from types import TracebackType
 from typing import NamedTuple, Self
 
@@ -120,8 +121,24 @@ def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
     return []
 
 
+# the direction in which a limit is looser than the one asked for; 0: neither
+_LOOSER = {
+    "max_torque": 1,
+    "max_motor_speed": 1,
+    "following_error_window": 1,
+    "quick_stop_deceleration": -1,
+    "quick_stop_option": 0,
+    "position_least": -1,
+    "position_most": 1,
+}
+
+
 def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
-    """Write the limits to the drive; return a remark for each one that it refuses."""
+    """Write the limits that the drive guards by itself, and read them back; return a remark for each that it lacks.
+
+    A limit that reads back tighter is a remark, too.  Raises BusError for one that reads back looser: the drive would
+    permit more than the drive file.
+    """
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
         # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
@@ -130,21 +147,37 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
         "quick_stop_option": 2,  # brake on that ramp, then switch off
     }
+    if scaling.turns:
+        # rounded up: a slow axis has few turns a minute, and below its limit the drive would hold it back
+        wanted["max_motor_speed"] = math.ceil(scaling.turns_per_minute(limits.velocity))
     for name, metres in (("position_least", limits.position_least), ("position_most", limits.position_most)):
         if metres is not None:
             wanted[name] = scaling.increments(metres)
     remarks: list[str] = []
     for name, value in wanted.items():
         least, most = cia402.OBJECTS[name].bounds()
-        try:
-            # clamped: a limit beyond the range of its object could never act
-            write_object(transport, name, max(least, min(most, value)))
-        except RefusedError:
-            remarks.append(
-                f"The drive does not take {cia402.OBJECTS[name].place} ({name.replace('_', ' ')}): set this limit "
-                "with its maker's tool."
-            )
+        # clamped: a limit beyond the range of its object could never act
+        remarks += _written(transport, name, max(least, min(most, value)))
     return remarks
+
+
+def _written(transport: Transport, name: str, value: int) -> Iterator[str]:
+    """Write a limit and read it back; yield a remark if the drive does not take it as it is."""
+    place = f"{cia402.OBJECTS[name].place} ({name.replace('_', ' ')})"
+    try:
+        write_object(transport, name, value)
+        got = read_object(transport, name)
+    except RefusedError:
+        yield f"The drive does not take {place}: set this limit with its maker's tool."
+        return
+    if got == value:
+        return
+    if (got - value) * _LOOSER[name] > 0:
+        raise BusError(
+            f"{transport.where}: {place} was set to {value} and reads back as {got}, a looser limit: the drive would "
+            "permit more than the drive file; set it with its maker's tool, or raise the limit if the machine allows it"
+        )
+    yield f"The drive holds {got} in {place}, where {value} was written."
 
 
 # A drive by CiA 402: opened and checked, switched on and off, and commanded in a cycle.
@@ -187,6 +220,7 @@ class DriveClient:
         self._sent, self._back = Layout(cia402.SENT), Layout(cia402.TOLD)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
+        self._mode = 0
         self._heard = 0.0  # time of the last answer, on the monotonic clock
         self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
         self.together = [self]  # all that are driven in the same cycles, this one among them
@@ -227,6 +261,16 @@ class DriveClient:
     def reports_velocity(self) -> bool:
         """True if the drive reports a velocity (0x606C); otherwise the velocity is computed from its positions."""
         return "velocity" in self._back.names
+
+    @property
+    def statusword(self) -> int:
+        """The last statusword; 0 if there is none yet."""
+        return 0 if self.told is None else self.told.status
+
+    @property
+    def mode_shown(self) -> int:
+        """The last mode of operation that the drive displayed (0x6061)."""
+        return self._mode
 
     @property
     def state(self) -> PowerState | None:
@@ -410,10 +454,10 @@ class DriveClient:
         self._follow(cia402.FAULT_RESET)
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: cia402.FAULT_RESET})
 
-    def prepare_stop(self) -> None:
-        """Request a quick stop with the next cycle; `stop` completes it."""
+    def prepare_stop(self, *, force_off: bool = False) -> None:
+        """Request a quick stop with the next cycle, or the end of all force; `stop` or `disable` completes it."""
         if self.state is PowerState.ENABLED:
-            self._values["controlword"] = cia402.QUICK_STOP
+            self._values["controlword"] = cia402.DISABLE_VOLTAGE if force_off else cia402.QUICK_STOP
 
     def stop(self) -> None:
         """Perform a quick stop, wait until the drive has switched off, and disable the voltage in any case."""
@@ -426,6 +470,19 @@ class DriveClient:
             raise
         finally:
             self._switch_off()
+
+    def rest(self) -> None:
+        """Exchange one cycle with the drives of the group off."""
+        self._follow(cia402.DISABLE_VOLTAGE)
+
+    def hold(self) -> None:
+        """Switch the drive on again, where it has target positions in csp, and command its present position."""
+        if "target_position" in self._sent.names:
+            self.mode = cia402.CSP
+            self._values["mode"] = self.mode
+        self.enable()
+        assert self.told is not None
+        self.command(position=self.told.position)
 
     def disable(self) -> None:
         """Switch off without a quick stop, for an axis at rest."""

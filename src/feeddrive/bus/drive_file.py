@@ -42,6 +42,12 @@ class BusLimits(Section):
     velocity: Number = parameter("m/s", "largest speed", above=0)
     force: Number = parameter("N", "largest force", above=0)
     following_error: Number = parameter("m", "largest difference of target and position", above=0)
+    acceleration: Number | None = parameter(
+        "m/s2", "largest acceleration; without it only jumps beyond the largest speed are seen", above=0, default=None
+    )
+    energy: Number | None = parameter(
+        "J", "largest kinetic energy of largest_mass; absent: not watched", above=0, default=None
+    )
     largest_mass: Number | None = parameter(
         "kg", "largest mass that the axis moves, workpiece included; needed in cst", above=0, default=None
     )
@@ -53,7 +59,9 @@ class BusLimits(Section):
     )
     position_least: Number | None = parameter("m", "lowest position in the drive's own count", default=None)
     position_most: Number | None = parameter("m", "highest position in the drive's own count", default=None)
-    quick_stop_deceleration: Number = parameter("m/s2", "with which a quick stop brakes", above=0, default=2.0)
+    quick_stop_deceleration: Number = parameter(
+        "m/s2", "with which the axis brakes, and its quick stop", above=0, default=2.0
+    )
 
 
 class BusDrive(Section):
@@ -88,6 +96,8 @@ class BusDrive(Section):
                     f'limits.{name} is missing: in mode = "cst" a drive that shows no motion counts as dead once its '
                     f"force must have moved the axis: state limits.largest_mass in kg and limits.breakaway_force in N"
                 )
+        if self.limits.energy is not None and self.limits.largest_mass is None:
+            raise ParameterError("limits.energy needs limits.largest_mass, whose kinetic energy it bounds")
         if self.limits.force < self.scaling.newton:
             raise ParameterError(
                 f"limits.force = {Quantity(self.limits.force, 'N'):6} is less than a thousandth of the rated torque, "
@@ -213,6 +223,11 @@ class DriveScaling(Section):
         rated = self.rated_torque if self.rated_force is None else self.rated_force
         assert rated is not None
         return round(1e3 * rated)
+
+    def turns_per_minute(self, velocity: float) -> float:
+        """Convert a velocity of the table, m/s, to turns of the motor a minute; for a rotary motor only."""
+        assert self.lead is not None
+        return 60.0 * velocity * self.gear / self.lead
 
     def increments(self, metres: float) -> int:
         """Convert m, m/s or m/s² to the nearest whole number of increments."""

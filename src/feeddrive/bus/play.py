@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import select
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +19,20 @@ import numpy as np
 from feeddrive.bus.cia402 import PowerState
 from feeddrive.bus.client import ActualValues, DriveClient
 from feeddrive.bus.drive_file import BusDrive
+from feeddrive.bus.monitor import (
+    BRAKE,
+    OFF,
+    QUICK_STOP,
+    RESTING,
+    Cycle,
+    Monitor,
+    begin_braking,
+    brake,
+    braking_distance,
+    reaction_to,
+)
 from feeddrive.bus.transport import Lateness, urgent
-from feeddrive.bus.watch import Answer, Target, Watch
+from feeddrive.bus.watch import Answer, Fault, Target
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import BusError, ParameterError
@@ -194,9 +209,8 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
             f"{profile.name}: holds a motion (set_position), and nothing follows it in mode cst: use csp, or design "
             "the excitation with --offset-velocity 0"
         )
-    added = profile.excitation if profile.unit == "m" else 0.0
     planned = [
-        ("travel", float(np.max(np.abs(profile.set_position + added), initial=0.0)), limits.travel, "m"),
+        ("travel", _reach(profile, drive), limits.travel, "m"),
         ("velocity", float(np.max(np.abs(profile.velocity), initial=0.0)), limits.velocity, "m/s"),
         ("force", float(np.max(np.abs(profile.excitation), initial=0.0)) * (profile.unit == "N"), limits.force, "N"),
     ]
@@ -208,8 +222,22 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
             )
 
 
+def _reach(profile: Profile, drive: BusDrive) -> float:
+    """Return the farthest position from the start at which the planned motion could come to rest, m.
+
+    The monitor ends a motion that could no longer be braked within limits.travel.
+    """
+    position = profile.set_position + (profile.excitation if profile.unit == "m" else 0.0)
+    if position.size < 2 or not np.any(position):
+        return 0.0
+    velocity = np.gradient(position, profile.sample_time)
+    rows = zip(position.tolist(), velocity.tolist(), strict=True)
+    return max(way * x + braking_distance(drive, max(0.0, way * v)) for x, v in rows for way in (-1.0, 1.0))
+
+
 # the position trails its target: switched off at once, the axis would stop short of it
 _SETTLING = 0.1  # s that the last target is held before the drive is switched off
+_HELD = 1.0  # s for which a virtual drive without a clock is held, as nobody waits for it
 
 
 @dataclass(frozen=True)
@@ -224,23 +252,70 @@ class Played:
 
 
 @contextlib.contextmanager
-def interruption() -> Generator[Callable[[], bool]]:
-    """Replace the handlers of Ctrl-C and termination by a flag, so that no signal interrupts a cycle.
+def _keyboard() -> Generator[Callable[[], int]]:
+    """Yield a function that returns how often a key was pressed at the terminal, or found it gone.
 
-    Yields a function that returns True once a signal has arrived.
+    Without a terminal in the foreground it is always 0.
     """
-    pressed = threading.Event()
+    line = _terminal()
+    if line is None:
+        yield lambda: 0
+        return
+    import termios
+    import tty
+
+    pressed = 0
+
+    def count() -> int:
+        nonlocal pressed
+        if select.select([line], [], [], 0.0)[0]:
+            pressed += 1
+            # a terminal that is gone can be read without end
+            with contextlib.suppress(OSError):
+                os.read(line, 1024)
+        return pressed
+
+    before = termios.tcgetattr(line)
+    # single keys, without Enter; Ctrl-C stays a signal.  What was typed before the motion is no stop
+    tty.setcbreak(line, termios.TCSAFLUSH)
+    try:
+        yield count
+    finally:
+        with contextlib.suppress(termios.error):
+            termios.tcsetattr(line, termios.TCSAFLUSH, before)
+
+
+def _terminal() -> int | None:
+    """Return the file number of the standard input if it is a terminal with this process in its foreground."""
+    try:
+        line = sys.stdin.fileno()
+        # the terminal stops a process in the background that changes its settings
+        return line if os.tcgetpgrp(line) == os.getpgrp() else None
+    # Windows has no such function
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+@contextlib.contextmanager
+def interruption(*, keys: bool = False) -> Generator[Callable[[], int]]:
+    """Replace the handlers of Ctrl-C, termination and hangup by a count, so that no signal interrupts a cycle.
+
+    Yields a function that returns how many signals have arrived or, with `keys`, how often a key was pressed as well.
+    """
     # Python permits signal handlers in the main thread only; others are stopped by `progress`
     if threading.current_thread() is not threading.main_thread():
-        yield pressed.is_set
+        yield lambda: 0
         return
+    arrived = 0
 
     def press(_number: int, _frame: FrameType | None) -> None:
-        pressed.set()
+        nonlocal arrived
+        arrived += 1
 
     before = {number: signal.signal(number, press) for number in ENDINGS}
     try:
-        yield pressed.is_set
+        with _keyboard() if keys else contextlib.nullcontext(lambda: 0) as typed:
+            yield lambda: arrived + typed()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -276,10 +351,10 @@ def play_together(
     kept = [_Rows(client) for client in clients]
     lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
     report_every = max(1, round(0.1 / drive.cycle_time))
-    aborted = ""
+    aborted, reactions = "", [BRAKE] * len(clients)
     first.pace.begin()
     lost_before = [client.lost for client in clients]
-    with interruption() as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
+    with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
         held = count + max(lag, round(_SETTLING / drive.cycle_time))
         for k in range(held):
             sent: list[_Sent] = []
@@ -290,24 +365,42 @@ def play_together(
                 first.cycle()
             except BusError as error:
                 aborted = str(error).removeprefix(f"{first.transport.where}: ")
+                reactions = [QUICK_STOP] * len(clients)
                 break
-            seen = [rows.watched(profile, first.pace.slips) for rows, profile in zip(kept, sent, strict=True)]
-            by_hand = interrupted() or (progress is not None and progress.cancelled)
-            aborted = "stopped by hand" if by_hand else _trouble(kept, seen)
-            if aborted:
+            by_hand = interrupted() > 0 or (progress is not None and progress.cancelled)
+            stop = "stopped by hand" if by_hand else ""
+            faults = [rows.watched(row, first.pace.elapsed, stop) for rows, row in zip(kept, sent, strict=True)]
+            if any(faults):
+                aborted, reactions = _trouble(kept, faults), _reactions(faults)
                 break
             if progress is not None and k % report_every == 0:
                 # unlike `step`, it never raises: a cancel must end the motion by a quick stop
                 progress.show_step(profiles[0].name, min(k, count), count, "")
-        # before the quick stop, whose cycles are no part of the motion
+        # before the stop, whose cycles are no part of the motion
         lateness = first.pace.lateness()
-        if aborted:
-            for client in clients:
-                # requested for all first: the next cycle carries every quick stop, while `_halt` waits drive by drive
-                client.prepare_stop()
-        ends = [Text(f"{aborted}{_halt(client)}" if aborted else "") for client in clients]
+        if aborted and all(reaction == BRAKE for reaction in reactions):
+            aborted += _braked(first, kept, must_rest=True)
+            reactions = [rows.reaction for rows in kept]
+        elif not aborted and any(rows.still_moves() for rows in kept):
+            # a profile of forces may end with a speed, and friction may be all that brakes the rest of it
+            aborted = _braked(first, kept, must_rest=False).removeprefix("; ")
+            reactions = [rows.reaction for rows in kept]
+        for client, reaction in zip(clients, reactions, strict=True):
+            if aborted and reaction != BRAKE:
+                # requested for all first: the next cycle carries every stop, while `_halt` waits drive by drive
+                client.prepare_stop(force_off=reaction == OFF)
+        ends = [
+            Text(f"{aborted}{_halt(client, reaction)}" if aborted else "")
+            for client, reaction in zip(clients, reactions, strict=True)
+        ]
         for client in () if aborted else clients:
             client.disable()
+        # not after another stop: its axis may coast, and a drive that runs away must not be switched on again
+        rested = all(reaction == BRAKE for reaction in reactions) and not any(rows.still_moves() for rows in kept)
+        slips = _slips(first, clients) if rested else ""
+        if slips:
+            held_so = _hold(first, clients, slips, interrupted, progress)
+            ends = [Text(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}") for end in ends]
     played: list[Played] = []
     for rows, profile, before, end, name in zip(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
@@ -343,15 +436,52 @@ def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness
         )
 
 
-def _trouble(kept: Sequence[_Rows], seen: Sequence[str]) -> str:
-    """Return the reason to abort: the first drive that no longer follows, or the first fault that a watch reports; an
-    empty string if there is none.
+def _trouble(kept: Sequence[_Rows], faults: Sequence[Fault | None]) -> str:
+    """Return the reason to abort: that of the first drive with a fault."""
+    rows, fault = next((rows, fault) for rows, fault in zip(kept, faults, strict=True) if fault is not None)
+    # the client knows the bus, and the words for the error code of the drive
+    reason = (rows.client.trouble() if fault.kind in ("frames", "drive") else "") or fault.message
+    return reason if len(kept) == 1 or fault.kind == "stop" else Text(f"{rows.client.transport.where}: {reason}")
+
+
+def _reactions(faults: Sequence[Fault | None]) -> list[str]:
+    """Return the reaction of each drive: all brake on their ramps, or all stop, some of them with the force off."""
+    wanted = [reaction_to(fault) if fault is not None else BRAKE for fault in faults]
+    if all(reaction == BRAKE for reaction in wanted):
+        return wanted
+    return [OFF if reaction == OFF else QUICK_STOP for reaction in wanted]
+
+
+def _braked(first: DriveClient, kept: Sequence[_Rows], *, must_rest: bool) -> str:
+    """Brake all drives on ramps of their own deceleration, and hold their ends; return what went wrong as a clause.
+
+    A drive that does not brake, leaves operation or, with `must_rest`, still moves at the end makes the quick stop of
+    all drives the next reaction.
     """
-    for rows, fault in zip(kept, seen, strict=True):
-        reason = rows.client.trouble() or fault
+    for rows in kept:
+        rows.begin_braking()
+    while any(rows.braking.left > 0 for rows in kept):
+        try:
+            for rows in kept:
+                rows.brake()
+            first.cycle()
+        except BusError as error:
+            reason: str = str(error).removeprefix(f"{first.transport.where}: ")
+            faults: list[Fault | None] = []
+        else:
+            faults = [rows.braked(first.pace.elapsed) for rows in kept]
+            reason = _trouble(kept, faults) if any(faults) else ""
         if reason:
-            return reason if len(kept) == 1 else Text(f"{rows.client.transport.where}: {reason}")
-    return ""
+            wanted = _reactions(faults) if faults else []
+            for rows, reaction in zip(kept, wanted or [QUICK_STOP] * len(kept), strict=True):
+                rows.reaction = reaction
+            return Text(f"; while it braked, {reason}")
+    moving = [rows.still_moves() for rows in kept]
+    if not must_rest or not any(moving):
+        return ""
+    for rows in kept:
+        rows.reaction = QUICK_STOP
+    return Text(f"; {_trouble(kept, moving)}")
 
 
 def listened(client: DriveClient, seconds: float) -> Played:
@@ -365,7 +495,7 @@ def listened(client: DriveClient, seconds: float) -> Played:
             rows.add(0.0, 0.0, client.cycle())
             if client.lost_in_row >= client.drive.lost_frames:
                 raise BusError(f"{client.transport.where}: {client.trouble()}")
-            if interrupted():
+            if interrupted() > 0:
                 break
     profile = Profile("", "", client.drive.cycle_time, "N", zero, zero, zero)
     lateness = client.pace.lateness()
@@ -402,10 +532,66 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
     return _Sent(Target(position, velocity, force), excitation)
 
 
-def _halt(client: DriveClient) -> str:
-    """Perform a quick stop and switch off; return the result as a clause to append to a message."""
+def _slips(first: DriveClient, clients: Sequence[DriveClient]) -> str:
+    """Watch the axes for a moment with their drives off; return the reason if one of them moves, else ""."""
+    off = [client.told.position if client.told is not None else None for client in clients]
+    rested = [client.state is PowerState.SWITCH_ON_DISABLED for client in clients]
+    for _ in range(round(RESTING / first.drive.cycle_time) if all(rested) else 0):
+        first.rest()
+        for client, begin in zip(clients, off, strict=True):
+            if client.answer is None or begin is None:
+                continue
+            moved, bound = abs(client.answer.position - begin), client.drive.limits.following_error
+            if moved > bound:
+                return Text(
+                    f"{client.transport.where}: the axis moves by {Quantity(moved, 'm'):SI} with its drive off, more "
+                    f"than limits.following_error = {Quantity(bound, 'm'):SI}: its brake slips, or it has none; the "
+                    "drive was switched on again to hold it"
+                )
+    return ""
+
+
+def _hold(
+    first: DriveClient,
+    clients: Sequence[DriveClient],
+    why: str,
+    interrupted: Callable[[], int],
+    progress: Progress | None,
+) -> str:
+    """Switch the drives on again and hold their positions until a person stops it once more, then switch them off.
+
+    Returns what went wrong as a clause, "" if nothing.
+    """
+    if progress is not None:
+        progress.remark(f"- {why}. Support the axis, then stop (Ctrl-C or a key): its force ends with it.")
+    # the stop that ended the motion is none of the hold; one that was cancelled can be cancelled no more
+    begun, cancelled = interrupted(), progress is not None and progress.cancelled
+    waits = first.pace.cycle_time is not None and not cancelled
+    cycles = round(_HELD / first.drive.cycle_time)
     try:
-        client.stop()
+        for client in clients:
+            client.hold()
+        while waits or cycles > 0:
+            stopped = interrupted() > begun or (progress is not None and progress.cancelled and not cancelled)
+            if stopped or any(client.trouble() for client in clients):
+                break
+            first.cycle()
+            cycles -= 1
+    except BusError as error:
+        return Text(f"; it could not be held ({error})")
+    finally:
+        for client in clients:
+            client.disable()
+    return ""
+
+
+def _halt(client: DriveClient, reaction: str) -> str:
+    """Stop and switch off by a reaction; return the result as a clause to append to a message."""
+    try:
+        if reaction == QUICK_STOP:
+            client.stop()
+        else:
+            client.disable()
     except BusError as error:
         return Text(
             f"; the drive could not be stopped over the bus ({error}): its own watchdog must do it, look at the axis"
@@ -413,7 +599,10 @@ def _halt(client: DriveClient) -> str:
     state = client.state
     if state in (PowerState.FAULT, PowerState.FAULT_REACTION):
         return "; the drive stops by itself, by its settings: many switch off the force, and friction brakes it"
-    return f"; the axis was stopped and is in '{'unknown' if state is None else state.words}'"
+    words = "unknown" if state is None else state.words
+    if reaction == OFF:
+        return f"; its force was switched off at once, as no control of it can be trusted, and it is in '{words}'"
+    return f"; the axis was stopped and is in '{words}'"
 
 
 class _Rows:
@@ -426,16 +615,46 @@ class _Rows:
         self.told: list[ActualValues] = []
         self.lost: list[float] = []
         self._last = client.told
-        self._watch = Watch(client.drive)
-        self._state = self._watch.begin(self._answer(client.told))
+        self._monitor = Monitor(client.drive)
+        self._state = self._monitor.begin(self._answer(client.told))
+        rest = Target(self.start, 0.0, 0.0)
+        self._targets = (rest, rest)  # the last two
+        self.braking = begin_braking(client.drive, rest, rest, 0.0)
+        self.reaction = BRAKE
 
-    def watched(self, sent: _Sent, late: bool) -> str:
-        """Add the completed cycle; return the reason if the watch aborts the motion, else an empty string."""
-        told = self.client.answer
-        self.add(sent.target.position, sent.excitation, told)
-        answer = None if told is None else self._answer(told)
-        self._state, fault = self._watch.step(self._state, sent.target, answer, late=late)
-        return "" if fault is None else fault.message
+    def watched(self, sent: _Sent, elapsed: float, stop: str) -> Fault | None:
+        """Add the completed cycle; return the fault for which the monitor ends the motion."""
+        self.add(sent.target.position, sent.excitation, self.client.answer)
+        self._targets = (self._targets[1], sent.target)
+        return self._checked(sent.target, elapsed, stop)
+
+    def _checked(self, target: Target, elapsed: float, stop: str, *, braking: bool = False) -> Fault | None:
+        client = self.client
+        answer = None if client.answer is None else self._answer(client.answer)
+        cycle = Cycle(target, answer, client.statusword, client.mode_shown, elapsed, stop)
+        self._state, fault = self._monitor.step(self._state, cycle, braking=braking)
+        return fault
+
+    def begin_braking(self) -> None:
+        """Prepare the braking profile from the last targets, or in cst from the measured velocity."""
+        before, last = self._targets
+        self.braking = begin_braking(self.client.drive, last, before, self._last.velocity)
+        self._state = self._monitor.brakes(self._state)
+
+    def brake(self) -> None:
+        """Command the next setpoints of the braking profile."""
+        self.braking = brake(self.client.drive, self.braking, self._last.velocity)
+        self.client.command(position=self.braking.position, velocity=self.braking.velocity, force=self.braking.force)
+
+    def braked(self, elapsed: float) -> Fault | None:
+        """Check a completed cycle of the braking; return the fault for which the drive is stopped otherwise."""
+        self._last = self.client.answer or self._last
+        target = Target(self.braking.position, self.braking.velocity, self.braking.force)
+        return self._checked(target, elapsed, "", braking=True)
+
+    def still_moves(self) -> Fault | None:
+        """Return a fault if the axis still moves at the end of its braking ramp."""
+        return self._monitor.rests(self._state)
 
     def _answer(self, told: ActualValues) -> Answer:
         velocity = told.velocity if self.client.reports_velocity else None

@@ -217,6 +217,7 @@ class Pace:
     def __init__(self, cycle_time: float | None) -> None:
         self.cycle_time = cycle_time
         self.slips = False  # whether the last cycle began more than a cycle late
+        self.elapsed = 1.0  # cycles from the begin of the cycle before to that of the last one
         self._next = 0.0
         self._late: list[float] = []
         self._missed, self._slipped = 0, 0.0
@@ -238,6 +239,7 @@ class Pace:
         late = max(0.0, now - self._next)
         self._late.append(late)
         self.slips = late > self.cycle_time
+        self.elapsed = 1.0 + late / self.cycle_time
         if self.slips:
             self._missed += 1
             self._slipped += late

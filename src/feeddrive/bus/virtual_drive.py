@@ -2,7 +2,7 @@
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus import cia402
 from feeddrive.bus.cia402 import Layout, PowerState
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time
+from feeddrive.bus.faults import FaultActor, InjectedFault
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.axis import Axis
@@ -67,6 +68,8 @@ class DrivenAxis:
             for row, (constant, _) in enumerate(self._closed.plan.constants):
                 if constant == name:
                     self._velocity[row] = value
+        # the whole force has its sign, that of the integral as well
+        self._gains = [row for row, (name, _) in enumerate(self._closed.plan.constants) if name == "control.law.Kp"]
         self._tables = prepared.rows(self._closed), prepared.rows(self._open)
         motor, load = loop.axis.still(position)
         self.last = Sample(float(load), float(motor), 0.0, 0.0)
@@ -81,20 +84,36 @@ class DrivenAxis:
         """True if the law is a cascade: its velocity loop can run alone, with a position gain of 0."""
         return isinstance(self.loop.control.law, CascadePPI)
 
+    @property
+    def has_sign(self) -> bool:
+        """True if the force of the law has one gain, Kp, whose sign is that of the force."""
+        return self.has_velocity_loop and bool(self._gains)
+
     @staticmethod
     def _native(prepared: Prepared, probe: str) -> Native:
         program = prepared.program(load=False, enable=True, probes=(probe,))
         return prepared.native(program, record=_RECORD)
 
     def follow(
-        self, position: np.ndarray, velocity: np.ndarray, added_force: float, enable: bool, alone: bool = False
+        self,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        added_force: float,
+        enable: bool,
+        alone: bool = False,
+        sign: float = 1.0,
     ) -> Sample:
         """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the force limit.
 
-        With `alone` only the velocity loop runs.  Without `enable` no force acts.
+        With `alone` only the velocity loop runs.  Without `enable` no force acts.  With `sign` = -1 every force acts
+        the other way.
         """
-        values = {"set_position": position, "set_velocity": velocity, "added_force": added_force * enable}
-        return self._run(self._closed, self._velocity if alone else self._constants, values, enable, position.size, 0)
+        values = {"set_position": position, "set_velocity": velocity, "added_force": sign * added_force * enable}
+        constants = self._velocity if alone else self._constants
+        if sign < 0.0:
+            constants = constants.copy()
+            constants[self._gains] *= sign
+        return self._run(self._closed, constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:
         """Apply a force (N) directly to the axis with the controller switched off."""
@@ -209,6 +228,7 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
 # 0x1600.. and 0x1A00.. define the contents of a process data object, 0x1C12 and 0x1C13 the objects that an EtherCAT
 # master uses, 0x1400.. and 0x1800.. the CAN messages that carry them.
 
+OVERCURRENT = 0x2310  # error code of an injected fault of the power stage
 VENDOR, PRODUCT, REVISION = 0, 0x66656564, 1  # vendor 0: not assigned
 _TRIPPED = {
     TRIP_READING: 0x7305,
@@ -217,7 +237,7 @@ _TRIPPED = {
     TRIP_TRAVEL: 0x8612,
     TRIP_COMMAND: 0xFF01,
 }
-_NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402)
+_NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402); of 0x6080 no limit, either
 # the axis trails the ramp of its setpoint, and the position loop brings it to rest meanwhile
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
 _WRITABLE = {
@@ -231,6 +251,7 @@ _WRITABLE = {
     "target_position",
     "position_least",
     "position_most",
+    "max_motor_speed",
     "quick_stop_deceleration",
     "velocity_offset",
     "torque_offset",
@@ -268,12 +289,19 @@ class Firmware:
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
-    in 0x6085 and then switches off; a fault removes the force immediately.
+    in 0x6085 and then switches off; a fault removes the force immediately.  `faults` are acted out in operation.
     """
 
-    def __init__(self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float) -> None:
-        """Set up the firmware. Raises ParameterError if `cycle_time` (s) is not a multiple of the sample time."""
+    def __init__(
+        self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float, faults: Sequence[InjectedFault] = ()
+    ) -> None:
+        """Set up the firmware. Raises ParameterError if `cycle_time` (s) is not a multiple of the sample time, and for
+        a fault that the control of the axis cannot have.
+        """
         self.axis, self.scaling = axis, scaling
+        self.faults = FaultActor(faults, scaling.metre)
+        if any(fault.kind == "sign" for fault in faults) and not axis.has_sign:
+            raise ParameterError("the fault 'sign' needs a cascade, whose force has the sign of its gain Kp")
         self.T = float(axis.loop.sample_time)
         self.samples = round(cycle_time / self.T)
         if self.samples < 1 or abs(cycle_time / self.T - self.samples) > 1e-6:
@@ -309,6 +337,7 @@ class Firmware:
             "max_torque": 0xFFFF,
             "rated_torque": scaling.rated_milli,
             "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
+            "max_motor_speed": _NO_WINDOW,
             "position_least": -(1 << 31),
             "position_most": (1 << 31) - 1,
             "quick_stop_deceleration": min(scaling.increments(5.0), _NO_WINDOW),
@@ -331,7 +360,7 @@ class Firmware:
         """Return True if the drive has the object."""
         if name == "second_position":
             return self.axis.encoders == 2
-        if cia402.OBJECTS[name].index in (0x608F, 0x6091, 0x6092):
+        if cia402.OBJECTS[name].index in (0x6080, 0x608F, 0x6091, 0x6092):
             return self.scaling.turns
         return name in cia402.OBJECTS
 
@@ -367,7 +396,13 @@ class Firmware:
 
     def take(self, sent: Mapping[str, int]) -> None:
         """Accept the process data of a cycle."""
-        self.values.update(sent)
+        if not self.faults.is_unplugged:
+            self.values.update(self.faults.taken(sent))
+
+    @property
+    def told(self) -> Mapping[str, int]:
+        """The values that the drive tells its master: the true ones, unless a fault acts."""
+        return self.faults.told(self.values)
 
     def lost(self) -> None:
         """Handle a lost connection: an enabled drive enters the fault state, unless 0x6007 = 0."""
@@ -378,7 +413,8 @@ class Firmware:
 
     def cycle(self) -> None:
         """Run one bus cycle with the most recent process data."""
-        values = self.values
+        values, faults = self.values, self.faults
+        faults.advance(values, is_on=self.state is PowerState.ENABLED)
         control, before = values["controlword"], self.state
         self.state = cia402.answer(before, control, self._control_before)
         self._control_before = control
@@ -396,6 +432,11 @@ class Firmware:
         else:
             error = self._rest()
         self.cycles += 1
+        late = faults.size("late_status")
+        if faults.since("drive_fault") == 1:
+            error = int(faults.size("drive_fault") or 0)
+        elif late is not None and faults.since("late_status") == late + 1:
+            error = OVERCURRENT
         if error:
             self._fault(error)
         values["statusword"] = self._status()
@@ -415,7 +456,7 @@ class Firmware:
         """Run one cycle with the drive switched off, so that only friction brakes the axis; return 0 for no error."""
         self._target = None
         before = self.axis.last.position
-        self.axis.push(0.0, self.samples)
+        self.axis.push(self.faults.size("brake_slip") or 0.0, self.samples)
         self._show(
             self.axis.last.position, self.axis.last.second, (self.axis.last.position - before) / self.cycle_time, 0
         )
@@ -423,6 +464,8 @@ class Firmware:
 
     def _obey(self, mode: int, *, fresh: bool) -> int:
         values, scaling = self.values, self.scaling
+        if self.faults.is_limp:
+            return self._rest()
         if mode == cia402.CST:
             self._target = None
             return self._push(values["target_torque"] + values["torque_offset"])
@@ -457,10 +500,12 @@ class Firmware:
         if limit is not None:
             limited = max(-float(limit), min(float(limit), limited))
         before = self.axis.last.position
-        self.axis.push(limited, self.samples)
+        self.axis.push(self.faults.sign * limited, self.samples)
         # the control is off, and its guard with it: the limits that hold in this mode are checked here
         guard, here = self.axis.loop.control.guard, self.axis.last.position
         speed = (here - before) / self.cycle_time
+        if self._races(speed):
+            return 0x8400
         self._show(here, self.axis.last.second, speed, round(limited / self.scaling.newton))
         if guard is None or math.isnan(here):
             return 0x7305 if math.isnan(here) else 0
@@ -499,12 +544,17 @@ class Firmware:
     ) -> int:
         """Run one bus cycle in closed loop; return the error code, 0 if the guard does not trip."""
         before = self.axis.last.position
-        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone)
+        sign = self.faults.sign
+        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone, sign)
         speed = (last.position - before) / self.cycle_time
         if not math.isfinite(last.position) or not math.isfinite(last.force):
             return 0x7305 if not math.isfinite(last.position) else 0xFF01
-        self._show(last.position, last.second, speed, round(last.force / self.scaling.newton))
-        return _TRIPPED.get(last.trip, 0)
+        self._show(last.position, last.second, speed, round(sign * last.force / self.scaling.newton))
+        return _TRIPPED.get(last.trip, 0x8400 if self._races(speed) else 0)
+
+    def _races(self, speed: float) -> bool:
+        """Return True if the motor turns faster than 0x6080 allows."""
+        return self.scaling.turns and self.scaling.turns_per_minute(abs(speed)) > self.values["max_motor_speed"]
 
     def _show(self, position: float, second: float, speed: float, per_mille: int) -> None:
         metre = self.scaling.metre

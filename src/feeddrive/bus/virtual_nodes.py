@@ -15,6 +15,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 from feeddrive.bus.canopen import opened_network, packages
@@ -22,7 +23,7 @@ from feeddrive.bus.cia402 import VIRTUAL, Layout
 from feeddrive.bus.ethercat import opened_socket
 from feeddrive.bus.virtual_drive import INVALID, NO_SUBINDEX, PRODUCT, REVISION, VENDOR, Firmware, PdoMap, SdoAbortError
 
-_WATCHDOG = 0x001B  # AL status code: sync manager watchdog
+WATCHDOG_EXPIRED = 0x001B  # AL status code: sync manager watchdog
 _PAUSE = 0.05  # s between looks at `stopped`
 
 
@@ -55,9 +56,11 @@ def serve_ethercat(
             line.settimeout(min([_PAUSE, *(0.5 * limit for limit in limits if limit)]))
             with contextlib.suppress(socket.timeout):
                 frame: bytes | None = line.recv(2048)
+                if any(drive.faults.is_unplugged for drive in drives):
+                    frame = None
                 for station in stations:
                     frame = None if frame is None else station.passed(frame)
-                if frame is not None and not lose(drives[0].cycles):
+                if frame is not None and not lose(drives[0].cycles) and drives[0].faults.is_answering:
                     line.send(frame)
                 # after the answer, so that the simulation does not delay it; a list, since any() would stop early
                 moved = [station.advance() for station in stations]
@@ -65,7 +68,7 @@ def serve_ethercat(
                     last = time.monotonic()
             for station, limit in zip(stations, limits, strict=True):
                 if limit and time.monotonic() - last > limit and station.state == OP:
-                    station.fall(_WATCHDOG)
+                    station.fall(WATCHDOG_EXPIRED)
 
 
 ETHERTYPE = 0x88A4
@@ -154,7 +157,7 @@ class SlaveController:
         self._refresh()
 
     def _refresh(self) -> None:
-        self._memory[INPUTS[0] : INPUTS[0] + self._inputs.size] = self._inputs.pack(self.firmware.values)
+        self._memory[INPUTS[0] : INPUTS[0] + self._inputs.size] = self._inputs.pack(self.firmware.told)
 
     def _datagram(self, frame: bytearray, at: int, size: int) -> None:
         command = frame[at]
@@ -419,6 +422,43 @@ def _category(kind: int, content: bytes) -> bytes:
 _SYNC_ID, _HEARTBEAT, _CONSUMER, _BEAT = 0x80, 0x1017, 0x1016, 0x700
 
 
+@lru_cache
+def _layout(*names: str) -> Layout:
+    return Layout([names])
+
+
+class NodeData:
+    """The process data of a CANopen node: what arrived since the last SYNC, and what it sends with the next one."""
+
+    def __init__(self, firmware: Firmware, objects: PdoMap) -> None:
+        self.firmware, self.objects = firmware, objects
+        self._arrived: dict[int, bytes] = {}
+
+    def arrive(self, message: int, content: bytes) -> None:
+        """Keep a message until the next SYNC."""
+        self._arrived[message] = content
+
+    def answers(self) -> list[tuple[int, bytes]]:
+        """Return the messages that a SYNC asks for, with the values of the last cycle."""
+        if not self.firmware.faults.is_answering:
+            return []
+        told, listed = self.firmware.told, list[tuple[int, bytes]]()
+        for k in range(4):
+            message = self.objects.messages[0x1800 + k]
+            if not message & INVALID:
+                listed.append((message & 0x7FF, _layout(*self.objects.names(0x1A00 + k)).pack(told)))
+        return listed
+
+    def advance(self, *, is_operational: bool) -> None:
+        """Accept what arrived, and advance by one bus cycle."""
+        for k in range(4):
+            message = self.objects.messages[0x1400 + k]
+            content = self._arrived.pop(message & 0x7FF, None)
+            if is_operational and not message & INVALID and content is not None:
+                self.firmware.take(_layout(*self.objects.names(0x1600 + k)).unpack(content))
+        self.firmware.cycle()
+
+
 def serve_canopen(
     firmware: Firmware,
     interface: str,
@@ -476,30 +516,22 @@ def serve_canopen(
         for master in range(1, 128):
             if master != station:
                 network.subscribe(_BEAT + master, watch.beat)
-        arrived: dict[int, bytes] = {}
+        data = NodeData(firmware, objects)
 
         def operational() -> bool:
             return node.nmt.state == "OPERATIONAL"
 
         def arrive(identifier: int, content: bytearray, _stamp: float) -> None:
-            arrived[identifier] = bytes(content)
+            data.arrive(identifier, bytes(content))
 
         for k in range(4):
             network.subscribe(0x200 + 0x100 * k + station, arrive)
 
         def sync(*_: Any) -> None:
             losing = lose(firmware.cycles)
-            for k in range(4):
-                message = objects.messages[0x1800 + k]
-                if operational() and not message & INVALID and not losing:
-                    told = Layout([objects.names(0x1A00 + k)])
-                    network.send_message(message & 0x7FF, told.pack(firmware.values))
-            for k in range(4):
-                message = objects.messages[0x1400 + k]
-                content = arrived.pop(message & 0x7FF, None)
-                if operational() and not message & INVALID and content is not None:
-                    firmware.take(Layout([objects.names(0x1600 + k)]).unpack(content))
-            firmware.cycle()
+            for message, content in data.answers() if operational() and not losing else ():
+                network.send_message(message, content)
+            data.advance(is_operational=operational())
 
         network.subscribe(_SYNC_ID, sync)
         node.nmt.state = "PRE-OPERATIONAL"

@@ -1,19 +1,14 @@
-"""Supervision of a drive in motion, independent of the health that the drive reports.
+"""Signs of life of a drive in motion: what no live drive would report, whatever it says of its own health.
 
-`Watch.step` is a pure function: it maps state, targets and actual values of one cycle to the next state, and to a fault
-or None.  It accesses neither bus nor clock, and does not depend on the source of the targets.
+The safety monitor (`monitor`) makes these checks after its own.  `Watch.step` is a pure function: it maps state,
+targets and actual values of one cycle to the next state, and to a fault or None.  It accesses neither bus nor clock,
+and does not depend on the source of the targets.
 
     c        one increment, m
     r, w, F  target position, velocity and force that an answer refers to: those sent `lag` cycles before it
     x, v     actual position (0x6064) and velocity (0x606C)
     T        cycle time, s
     E, M, B  limits.following_error, limits.largest_mass, limits.breakaway_force
-
-Limits.  |x - x_start|, |v|, actual force and x must stay within the drive file's limits.  In csp the following error is
-
-    e = max(|r - x|, |0x60F4|)                                                        fault if e > E
-
-The difference r - x is evaluated independently of 0x60F4, which a drive may report as constantly 0.
 
 Standstill.  The anchor a is the reading of a cycle j, and is set to x as soon as |x - a| >= 2 c.  Until then the axis
 has shown less than two counts of motion.  An axis that has moved by more than 3 c shows at least two counts: of the
@@ -56,17 +51,16 @@ velocity v0 is unknown.  For an axis that stayed within 3 c throughout, v0 satis
 
 The right side decreases with τ'.  When it falls below the largest left side, no v0 is possible and a live axis must
 have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after the push began.  The axis is dead if
-it has still not shown two counts `lost_frames` + 2 cycles later, the longest time for which a drive may repeat a
-reading.
+it has still not shown two counts `lost_frames` + 1 cycles later: a drive may report a reading `lost_frames` + 2 times.
 
 Velocity.  The velocity is compared with the position differences in two ways:
 
-1. Frozen values: all values are identical in `lost_frames` + 2 answers after the first, although the sum of |v| T over
-   these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but its
-   readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis that
-   has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a motion
-   changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values while |v|
-   T exceeds 1.1 c, may repeat them once more by chance: it is therefore allowed 2 n identical answers.
+1. Frozen values: all values but 0x60F4 are identical in `lost_frames` + 2 answers after the first, although the sum of
+   |v| T over these answers, or at most over a memory of 10 RESPONSE, is 2 c or more: the drive reports a velocity, but
+   its readings are constant.  This check detects values frozen in motion earlier than any bound above.  A live axis
+   that has moved by 2 c has changed its reading, one that stops abruptly changes its velocity, and noise that hides a
+   motion changes one or the other.  A drive that updates its values only every n cycles, detected by repeated values
+   while |v| T exceeds 1.1 c, may repeat them once more by chance: it is therefore allowed 2 n identical answers.
 2. Contradiction: a leaky sum over the memory is compared with the largest speed U, from either source, in that time:
 
        |Σ (v T - Δx)| > RESPONSE U + max(3/4 E, 3 c)                                    fault
@@ -188,7 +182,7 @@ class State(NamedTuple):
 
 
 class Watch:
-    """The supervision of one drive within the bounds of its drive file; it holds no state."""
+    """The signs of life of one drive within the bounds of its drive file; it holds no state."""
 
     def __init__(self, drive: BusDrive) -> None:
         self.drive, self.limits = drive, drive.limits
@@ -235,49 +229,12 @@ class Watch:
         same, renewal = self._repeated(state, answer, silent)
         gap, speed = self._compared(state, answer, silent, late)
         fault = (
-            self._beyond(state, answer, lead, silent)
-            or self._standing(state.cycle, anchor, push, acting, sent)
+            self._standing(state.cycle, anchor, push, acting, sent)
             or self._frozen(state.cycle, answer, same, renewal)
             or self._contradiction(state.cycle, answer, gap, speed)
         )
         after = State(state.cycle + 1, state.start, tuple(sent), 0.0, answer, anchor, push, same, renewal, gap, speed)
         return after, fault
-
-    def _beyond(self, state: State, answer: Answer, lead: float, silent: float) -> Fault | None:
-        """Return a fault if a limit of the drive file is exceeded."""
-        limits, cycle, position = self.limits, state.cycle, answer.position
-        travel, speed = abs(position - state.start), answer.velocity
-        if speed is None:
-            speed = (position - state.answer.position) / silent
-        # negated comparisons, so that NaN is a fault, too
-        if not travel <= limits.travel:
-            return _exceeded("travel", travel, limits.travel, "m", cycle)
-        if not abs(speed) <= limits.velocity:
-            return _exceeded("velocity", abs(speed), limits.velocity, "m/s", cycle)
-        if not abs(answer.force) <= limits.force:
-            return _exceeded("force", abs(answer.force), limits.force, "N", cycle)
-        if self.drive.mode == "csp":
-            told = answer.following_error
-            error = max(abs(lead), abs(told or 0.0))
-            if not error <= limits.following_error:
-                says = (
-                    "the drive has no 0x60F4"
-                    if told is None
-                    else Text(f"the drive says {Quantity(told, 'm'):SI} in 0x60F4")
-                )
-                which = f" (set position - 0x6064; {says})" if error == abs(lead) else " (0x60F4)"
-                return _exceeded("following_error", error, limits.following_error, "m", cycle, which)
-        for key, bound, way in (
-            ("position_least", limits.position_least, -1.0),
-            ("position_most", limits.position_most, 1.0),
-        ):
-            if bound is not None and way * (position - bound) > 0.0:
-                message = Text(
-                    f"position = {Quantity(position, 'm'):6 SI} in cycle {cycle} left limits.{key} = "
-                    f"{Quantity(bound, 'm'):6 SI}"
-                )
-                return Fault("position", position, bound, "m", cycle, message)
-        return None
 
     def _pushed(self, push: Push, force: float, dt: float, cycle: int) -> Push:
         """Update the push by one cycle: the minimum motion caused by it, and the bounds of the initial speed."""
@@ -317,14 +274,15 @@ class Watch:
             if value <= bound:
                 return None
         else:
-            if push.due is None or cycle - push.due < self._patience:
+            # a reading that is renewed every so many cycles is one cycle less old
+            if push.due is None or cycle - push.due < self._patience - 1:
                 return None
-            value, bound = float(cycle - push.due), float(self._patience)
+            value, bound = float(cycle - push.due), float(self._patience - 1)
             message = Text(
                 f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
                 f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
                 f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it "
-                f"within {self._patience} cycles"
+                f"within {self._patience - 1} cycles"
             )
             return Fault("standstill", value, bound, "cycles", cycle, message)
         message = Text(
@@ -342,7 +300,8 @@ class Watch:
     def _repeated(self, state: State, answer: Answer, silent: float) -> tuple[tuple[int, float], int]:
         """Return the number and duration of repeated answers, and the update interval of the values, in answers."""
         many, time = state.same
-        if answer == state.answer:
+        # 0x60F4 may be computed from the target, which goes on
+        if answer._replace(following_error=None) == state.answer._replace(following_error=None):
             return (many + 1, time + silent), state.renewal
         # otherwise the axis was at rest or slow, and repeated values say nothing about the drive
         held = abs(state.answer.velocity or 0.0) * time > self._held
@@ -384,11 +343,3 @@ class Watch:
             )
             return Fault("velocity_contradicts", abs(gap), bound, "m", cycle, sentence)
         return None
-
-
-def _exceeded(key: str, value: float, bound: float, unit: str, cycle: int, which: str = "") -> Fault:
-    """Return the fault of an exceeded limit of the drive file; `which` names the source of the value."""
-    message = Text(
-        f"{key} = {Quantity(value, unit):SI}{which} in cycle {cycle} exceeded limits.{key} = {Quantity(bound, unit):SI}"
-    )
-    return Fault(key, value, bound, unit, cycle, message)

@@ -11,6 +11,7 @@ from typing import TypeVar
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.drive_file import DriveFile, read_drive
 from feeddrive.bus.ethercat import Segment
+from feeddrive.bus.faults import KINDS, read_fault
 from feeddrive.bus.play import (
     Played,
     Profile,
@@ -290,6 +291,10 @@ class VirtualDriveRequest(Request):
         least=1.0,
         default=None,
     )
+    fault: tuple[str, ...] = option(
+        f"fault from a cycle in operation on, as freeze@150 or, with a size, jump@150=0.002: {', '.join(KINDS)}",
+        default=(),
+    )
     master: str | None = option("interface for the drive file; default: the same", default=None)
     drive_file: Path | None = option("write a drive file for it here", default=None)
 
@@ -315,11 +320,16 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
         else {request.axis or "": machine.loop(request.axis)}
     )
     drives: dict[str, Firmware] = {}
+    faults = [read_fault(text) for text in request.fault]
     for name, loop in loops.items():
         cycle_time = float(loop.sample_time) if request.cycle_us is None else request.cycle_us
-        drives[name] = Firmware(DrivenAxis(loop, request.position, request.seed), scaling_of(loop), cycle_time)
+        axis = DrivenAxis(loop, request.position, request.seed)
+        # one axis of several: its fault is seen beside healthy ones
+        drives[name] = Firmware(axis, scaling_of(loop), cycle_time, () if drives else faults)
 
     def ready() -> None:
+        for fault in faults:
+            progress.remark(f"Fault from cycle {fault.cycle} in operation on: {KINDS[fault.kind].meaning}.")
         for name, firmware in drives.items():
             progress.remark(
                 Text(
@@ -336,7 +346,7 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
     with interruption() as interrupted:
 
         def stopped() -> bool:
-            return interrupted() or progress.cancelled
+            return interrupted() > 0 or progress.cancelled
 
         # before serving, which blocks until the end: a master needs the file to connect
         if request.drive_file is not None:
