@@ -16,9 +16,10 @@ from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforwar
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.identification import regression
-from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion import law_other_readings, law_search, law_structures
+from feeddrive.identification.motion.law_other_readings import OtherReadings
 from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
-from feeddrive.identification.motion.law_search import Instrumented, Scored, Search
+from feeddrive.identification.motion.law_search import Scored, Search
 from feeddrive.identification.motion.law_structures import PID, Fitted, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
@@ -80,7 +81,7 @@ class ControlFit(Result):
     free       the same of a free linear law, which is the noise of the log
     near       True if the free law explains clearly more: a filter or another part of the law was not found
     added      first autocorrelation that the law adds to the residual of the free law
-    instruments  True if the gains were found by instruments, since the log holds other readings than the law had
+    other_readings  True if the log holds other readings than the law had: its gains are those of the slow part
     remarks    what the blocks of the library represent only approximately
     tried      (velocity samples, delay) -> residual of the superset of all structures
     """
@@ -90,7 +91,7 @@ class ControlFit(Result):
     residual: float
     free: float
     near: bool
-    instruments: bool
+    other_readings: bool
     smoothing: float
     remarks: tuple[str, ...]
     tried: dict[tuple[int, int], float]
@@ -169,9 +170,9 @@ def identify_control(log: MotionLog) -> ControlFit:
             f"{log.name}: the command is at its limit in nearly all rows, where it does not follow the law: record a "
             "motion of lower acceleration"
         )
-    verdict = _judged(found)
-    if verdict.instrumented is not None:
-        return _by_instruments(log, found, verdict.instrumented)
+    verdict, found = _judged(found, log.force_limit)
+    if verdict.other is not None:
+        return _with_other_readings(log, found, verdict.other)
     if verdict.silent:
         raise NotIdentifiableError(
             f"{log.name}: even a free linear law of set position and position leaves "
@@ -213,14 +214,22 @@ class _Verdict:
     law: bool
     near: bool
     bent: bool
-    instrumented: Instrumented | None
+    other: OtherReadings | None
     silent: bool = False
 
 
-def _judged(found: Search) -> _Verdict:
+def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
+    """Return the verdict, and the search that it judges."""
+    other = None
+    if not found.deep:
+        # other readings first: no model and no low pass makes up for them
+        other = law_other_readings.with_other_readings(found.rows.raw, found.rows.raw.free(limit))
+        if other is not None and _known(other, found.floor.memory):
+            return _Verdict(False, False, False, other), found
+        found = law_search.deeper(found)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
-        return _Verdict(True, False, False, None)
+        return _Verdict(True, False, False, None), found
     rest = found.residual(best)
     added = abs(law_search.correlation(rest)) - abs(floor.memory)
     # a smoothed direction, which the free law lacks, may leave less than it, and another memory
@@ -232,26 +241,27 @@ def _judged(found: Search) -> _Verdict:
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
     if explains and quiet and not bent and not silent:
-        return _Verdict(True, False, False, None)
-    by_motion = law_search.instrumented(found.rows)
-    if by_motion is not None and _known(found.rows, by_motion, floor.memory):
-        return _Verdict(False, False, bent, by_motion)
+        return _Verdict(True, False, False, None), found
     near = left < NEAR and quiet and not bent and not silent
-    return _Verdict(False, near, bent, None, silent)
+    return _Verdict(False, near, bent, None, silent), found
 
 
-def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
-    """Return True if a cascade that was found by instruments is the law, and the log holds other readings than it had.
+def _known(other: OtherReadings, memory: float) -> bool:
+    """Return True if a cascade in the slow rows is the law, and the log holds other readings than it had.
 
-    Other readings show by their noise, which a difference makes blue, or by the twist between motor and load. A filter
-    in the law may look like a twist, but with samples of lag.
+    Other readings show by their counts, which the force lacks, by those that the force has instead, which a difference
+    makes blue (`memory` of the free law), or by the twist between motor and load. A filter in the law may look like a
+    twist, but with samples of lag.
     """
-    values = found.fitted.values
-    covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
-    errors, gains = regression.errors(covariance)[: values.size], found.fitted.structure.gains
-    sure = all(errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp"))
-    twisted = found.fitted.structure.twist.compliance > 0.0 and found.gain > TWIST
-    return sure and (found.sound if twisted else found.ratio < law_search.RATIO and memory < -WHITE)
+    best = other.best
+    if other.misses:
+        return False
+    errors = regression.errors(law_other_readings.covariance_of(other, best))
+    fitted, gains = best.fitted, best.structure.gains
+    sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
+    twisted = best.structure.twist.compliance > 0.0 and other.gain > TWIST
+    unlike = other.deaf or memory < -WHITE or (twisted and best.structure.late <= law_search.MOST_LAG)
+    return sure and unlike
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
@@ -295,22 +305,21 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     )
 
 
-def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> ControlFit:
+def _with_other_readings(log: MotionLog, found: Search, other: OtherReadings) -> ControlFit:
     readings = list[LawReading]()
-    for one, price in by_motion.likely:
+    for one in other.likely:
         # fits that differ in samples or feedforward alone are one law; a far 1/Tn is another one
         known = any(
             reading.structure.integral == one.structure.integral and _near(reading, one) for reading in readings
         )
-        if known or price > by_motion.likely[0][1] + ALIKE or len(readings) == _SHOWN:
+        if known or one.criterion > other.best.criterion + ALIKE or len(readings) == _SHOWN:
             continue
-        covariance = _covariance_by_motion(found.rows, by_motion, one)
-        readings.append(_cascade_reading(log.frame, one, covariance, log.sample_time))
+        readings.append(_cascade_reading(log.frame, one.fitted, _covariance_of(other, one), log.sample_time))
     readings.sort(key=lambda one: _unusual(one))
     power = found.floor.power
     remark = Text(
-        "the log holds other readings than the law had (another encoder, or rounded values): its gains are found by "
-        "functions of the set motion, and the samples of the velocity and of the delay are not known"
+        "the log holds other readings than the law had (another encoder, or rounded values): its gains are those of "
+        "the slow part of the log, and the samples of the velocity and of the delay are not known"
     )
     return ControlFit(
         log.name,
@@ -336,24 +345,25 @@ def _near(reading: LawReading, one: Fitted | Scored) -> bool:
     return abs(math.log((one.rate or 1.0) / rate)) < _APART
 
 
-def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -> np.ndarray:
-    """Return the covariance of a fit by instruments, with the scatter among likely fits of other samples."""
-    covariance = law_search.covariance_by(rows, by_motion.instruments, one)
+def _covariance_of(other: OtherReadings, one: Scored) -> np.ndarray:
+    """Return the covariance of a fit to slow rows, with the scatter among likely fits with other parts."""
+    covariance = law_other_readings.covariance_of(other, one)
     near = [
-        (other, price)
-        for other, price in by_motion.likely
-        if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < _APART
+        fit
+        for fit in other.likely
+        if fit.structure.curved == one.structure.curved
+        and abs(math.log((fit.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
     ]
-    weights = np.exp(-0.5 * np.array([price for _, price in near]))
+    weights = np.exp(-0.5 * np.array([fit.criterion - one.criterion for fit in near]))
     weights /= np.sum(weights)
     names = [name for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains]
     places = [one.structure.gains.index(name) for name in names]
-    for weight, (other, _) in zip(weights, near, strict=True):
+    for weight, fit in zip(weights, (fit.fitted for fit in near), strict=True):
         off = np.zeros(covariance.shape[0])
         for place, name in zip(places, names, strict=True):
-            off[place] = (other[name] if name in other.structure.gains else other["Kp"]) - one[name]
-        if one.structure.curved and other.structure.curved:
-            off[one.values.size] = other.rate - one.rate
+            off[place] = (fit[name] if name in fit.structure.gains else fit["Kp"]) - one.fitted[name]
+        if one.structure.curved:
+            off[one.fitted.values.size] = fit.rate - one.fitted.rate
         covariance = covariance + weight * np.outer(off, off)
     return covariance
 

@@ -15,19 +15,18 @@ from feeddrive.identification.motion.law_rows import (
     LawRows,
     Reduced,
     Signals,
-    Twist,
     reduced,
     triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
-from feeddrive.identification.regression import median_spread, robust_covariance
+from feeddrive.identification.regression import median_spread
 
 ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
 _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
-_STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
-_FEW = 0.03  # of the rows that may be left out so
+STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
+FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
 _STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
 _MOST_DEAD = 3  # samples of dead time in a reference model
@@ -41,16 +40,8 @@ _REFITTED = 2  # fits that are fitted to all rows then
 _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a model are searched
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
-_DAMPINGS = np.geomspace(0.005, 0.15, 5)  # damping ratios of an axis that twists
-_USUAL_DAMPING = 0.03  # with which samples, delay and corner are scanned
-_BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
-_REFINED = 6  # fits by instruments whose twist is searched finely
-_TURNS = 2  # in which twist and corner are searched, each with the other one held
-RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
-_ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _BANDS = np.geomspace(1e-3, 0.1, 5)  # of the usual error: half widths of a dead band that are tried
-_SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
-_LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
+LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
@@ -158,7 +149,7 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
     widths = _BANDS * median_spread(e[few.places])
     within = [np.clip(e, -width, width) for width in widths if width > 0.0]
     kinds = [bends, *([one, rows.raw.T * np.cumsum(one)] for one in within)]
-    more = few.centered(np.stack([column for kind in kinds for column in kind], axis=1)[few.places])
+    more = few.taken(np.stack([column for kind in kinds for column in kind], axis=1))
     own = law_structures.regressors(found, few)
     rest = few.force - own[:, : found.values.size] @ found.values
     linear = np.hstack([own, few.columns])
@@ -180,12 +171,16 @@ def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """All structures that were fitted to a log, best first, and the floor they are held against."""
+    """All structures that were fitted to a log, best first, and the floor they are held against.
+
+    deep  False if the best one misses something, and neither models nor low passes were tried
+    """
 
     rows: LawRows
     floor: Floor
     tried: dict[tuple[int, int], float]
     scored: tuple[Scored, ...]
+    deep: bool = True
 
     @property
     def best(self) -> Scored:
@@ -208,8 +203,8 @@ class Search:
 def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     """Return the structures that explain a log, or None if too few rows are away from the limit.
 
-    `choices` are ways to read the log, likeliest first. Cheap searches of all come first; only if each misses
-    something, models and low passes are tried, on the one that leaves least.
+    `choices` are ways to read the log, likeliest first. If each misses something, the one that leaves least is
+    returned, of which models and low passes are still to be tried (`deeper`).
     """
     found = list[Search]()
     for signals in choices:
@@ -228,7 +223,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
             found += [] if one is None or one is first else [one]
     if not found:
         return None
-    return _deeper(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)))
+    return replace(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
@@ -237,8 +232,8 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
     rest = first.residual(first.best)
     spread = median_spread(rest)
     noise = ROUNDING * math.sqrt(first.floor.power / rest.size)
-    far = np.abs(rest) > _STRAY * max(spread, noise)
-    if 0 < np.sum(far) <= _FEW * far.size:
+    far = np.abs(rest) > STRAY * max(spread, noise)
+    if 0 < np.sum(far) <= FEW * far.size:
         strays = np.zeros(keep.size, bool)
         strays[first.rows.places[far]] = True
         yield keep & ~strays
@@ -251,7 +246,7 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
 def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     """Return the search over the rows in `keep` without models and low passes, or None for too few rows."""
     rows = LawRows.of(signals, keep)
-    if rows.force.size < _LEAST_ROWS:
+    if rows.force.size < LEAST_ROWS:
         return None
     basis, part = rows.basis, rows.reduced()
     floor = floor_of(rows, part)
@@ -270,8 +265,9 @@ def _searched(signals: Signals, keep: np.ndarray) -> Search | None:
     return _with_more(Search(rows, floor, tried, tuple(scored)), (_smoothed, _smoothed, _shifted))
 
 
-def _deeper(found: Search) -> Search:
+def deeper(found: Search) -> Search:
     """Return a search with reference models and low passes."""
+    found = replace(found, deep=True)
     found = _with_models(found)
     return _with_low_passes(found) if found.floor.wants_more(found.best) else found
 
@@ -410,199 +406,9 @@ def _lags(rows: LawRows, floor: Floor, *, friction: bool) -> list[Scored]:
     return [Scored(one, floor.criterion(one.ssr, one.structure.parameters), rows.raw) for one in found]
 
 
-@dataclass(frozen=True, eq=False)
-class Instrumented:
-    """A cascade fitted by instruments, for a log whose readings are not those of the law.
-
-    ratio   sum of squares that is left in the space of the instruments, over that of chance
-    gain    criterion of the best fit without a twist between motor and load, less that of this one
-    likely  this and other fits with their criteria, best first
-    instruments  (rows, p): their orthonormal columns
-    """
-
-    fitted: Fitted
-    ratio: float
-    gain: float
-    likely: tuple[tuple[Fitted, float], ...]
-    instruments: np.ndarray
-
-    @property
-    def sound(self) -> bool:
-        """True if no more than chance is left, by a law that is not so late that it may have a low pass."""
-        return self.ratio < RATIO and self.fitted.structure.late <= MOST_LAG
-
-
-def instrumented(rows: LawRows) -> Instrumented | None:
-    """Return the likeliest cascade by instruments, or None.
-
-    Errors of readings enter the columns and bias least squares; functions of the set motion do not hold them.
-    """
-    problems = _ByMotion(rows)
-    plain = _instrumented(problems, problems.scan(None))
-    if plain is None or plain.sound:
-        return plain
-    passed = [one for share in _POLES for one in problems.scan(Lag(1.0 - float(share), 0.0))]
-    passed.sort(key=lambda one: one.ssr)
-    if not passed:
-        return plain
-    # the corner about the best one of the grid, whose twist moves with it
-    lagged = _instrumented(problems, passed)
-    return lagged if lagged is not None and lagged.ratio < plain.ratio else plain
-
-
-class _ByMotion:
-    """The problems of cascades in the space of the instruments."""
-
-    def __init__(self, rows: LawRows) -> None:
-        self.rows, self.Z = rows, rows.instruments()
-        self._parts = dict[float | None, Reduced]()
-
-    def part(self, lag: Lag | None) -> Reduced:
-        """Return the reduced problem of all columns after a low pass."""
-        pole = None if lag is None else lag.pole
-        if pole not in self._parts:
-            on = self.Z.T @ np.column_stack([law_structures.with_drag(self.rows, lag), self.rows.force])
-            self._parts[pole] = Reduced(on[:, :-1], on[:, -1])
-        return self._parts[pole]
-
-    def minima(self, structures: Iterable[Structure]) -> list[Fitted]:
-        """Return all fits of structures with one low pass."""
-        tried = list(structures)
-        return law_structures.minima(tried, self.rows.basis, self.part(tried[0].lag)) if tried else []
-
-    def scan(self, lag: Lag | None) -> list[Fitted]:
-        """Return fits of the widest cascade for samples, delays and twists, the smallest residual first."""
-        bends = (0.0, *map(float, _BENDS if lag is None else _BENDS[::2]))
-        found = self.minima(
-            Structure(
-                CASCADE, True, n, d, fed="backward", friction=0, lag=lag, twist=_damped(h), drag=h > 0.0, shifted=True
-            )
-            for n in (1, 2, 4, 8)
-            for d in ((0, 1, 2) if lag is None else (0, 1))
-            for h in bends
-        )
-        return sorted(found, key=lambda one: one.ssr)
-
-    def twisted(self, one: Fitted) -> Fitted:
-        """Return a fit at its own minimum over the twist."""
-        compliance = one.structure.twist.compliance
-        if compliance == 0.0:
-            return one
-        return _profile(self.rows, self._along(one, _twisted), compliance * _AROUND**2) or one
-
-    def refined(self, one: Fitted) -> Fitted:
-        """Return a fit at its own minimum over twist, loss and corner, each in turn."""
-        if one.structure.twist.compliance == 0.0:
-            return one
-        for _ in range(_TURNS):
-            one = self.twisted(one)
-            losses = 2.0 * _DAMPINGS * math.sqrt(one.structure.twist.compliance)
-            lossy = _profile(self.rows, self._along(one, _lossy), losses)
-            one = lossy if lossy is not None and lossy.ssr < one.ssr else one
-            if one.structure.lag is not None:
-                one = _profile(self.rows, self._along(one, _passed), (1.0 - one.structure.lag.pole) * _AROUND) or one
-        return one
-
-    def _along(self, one: Fitted, change: Callable[[Structure, float], Structure]) -> Callable[[float], Fitted | None]:
-        def at(value: float) -> Fitted | None:
-            fits = self.minima([change(one.structure, value)])
-            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
-            return min(near, key=lambda other: other.ssr, default=None)
-
-        return at
-
-
-def _damped(compliance: float) -> Twist:
-    """Return a twist with the usual damping: d/k = 2 ζ / ω, ω = 1/√compliance."""
-    return Twist(compliance, 2.0 * _USUAL_DAMPING * math.sqrt(compliance))
-
-
-def _twisted(structure: Structure, compliance: float) -> Structure:
-    return replace(structure, twist=structure.twist._replace(compliance=compliance))
-
-
-def _lossy(structure: Structure, loss: float) -> Structure:
-    return replace(structure, twist=structure.twist._replace(loss=loss))
-
-
 def _passed(structure: Structure, share: float) -> Structure:
     assert structure.lag is not None
     return replace(structure, lag=structure.lag._replace(pole=1.0 - share))
-
-
-def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | None:
-    """Return the likeliest cascade with the twist and the low pass of the best fit of a scan."""
-    if not scan:
-        return None
-    rows, spare = problems.rows, problems.Z.shape[1]
-    widest = problems.refined(scan[0])
-    twist, lag = widest.structure.twist, widest.structure.lag
-    noise = _slow_noise(rows, widest)
-
-    def price(one: Fitted) -> float:
-        return one.ssr / noise + one.structure.parameters * math.log(spare)
-
-    def plain(n: int, d: int) -> Iterator[Structure]:
-        for forward in law_structures.FORWARD:
-            for fed in ("", "backward"):
-                for friction in (None, 0):
-                    for integral in (True, False):
-                        stiff = Structure(
-                            CASCADE,
-                            integral,
-                            n,
-                            d,
-                            forward=forward,
-                            fed=fed,
-                            friction=friction,
-                            lag=lag,
-                            shifted=integral,
-                        )
-                        yield stiff
-                        if twist.compliance > 0.0:
-                            yield replace(stiff, twist=twist)
-                            yield replace(stiff, twist=twist, drag=True)
-
-    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:_KEPT]
-    found = problems.minima(one for pair in pairs for one in plain(*pair))
-    found.sort(key=price)
-    if not found:
-        return None
-    # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
-    fine = [problems.twisted(one) for one in found[:_REFINED]]
-    fine.sort(key=price)
-    top = fine[0]
-    likely = [one for one in fine if price(one) < price(top) + _ODD]
-    ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
-    stiff = min((price(one) for one in found if one.structure.twist.compliance == 0.0), default=math.inf)
-    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), problems.Z)
-
-
-def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
-    """Return the covariance of gains, 1/Tn, compliance and pole that were found by instruments."""
-    columns, size = law_structures.regressors(top, rows), top.values.size
-    rest = rows.force - columns[:, :size] @ top.values
-    twist = top.structure.twist
-    if twist.compliance > 0.0:
-        step = 0.01 * twist.compliance
-        other = replace(top, structure=_twisted(top.structure, twist.compliance + step))
-        bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
-        columns = np.column_stack([columns, bend])
-    lag = top.structure.lag
-    if lag is not None:
-        step = 1e-3 * (1.0 - lag.pole)
-        other = replace(top, structure=_passed(top.structure, 1.0 - lag.pole - step))
-        later = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
-        columns = np.column_stack([columns, later])
-    return robust_covariance(Z @ (Z.T @ columns), rest, smooth=64)
-
-
-def _slow_noise(rows: LawRows, top: Fitted) -> float:
-    """Return the variance per row of the slow part of what the likeliest structure leaves."""
-    rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
-    length = max(1, round(_SLOW / rows.raw.T))
-    blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)
-    return 1.4826**2 * float(np.median(np.abs(blocks - np.median(blocks)))) ** 2 / length
 
 
 def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:

@@ -1,0 +1,403 @@
+"""The law of a log that holds other readings than the law had: those of the load's encoder, or rounded ones.
+
+The motor, whose position x_m the law reads, is ahead of the load x by its own spring:
+
+    x_m = x + h (a - (d/k) da/dt) + drag sgn v,   h = m_load/k,   a acceleration of the load
+
+drag: friction of the load over the stiffness. With it the law is one of the logged signals:
+
+    u = C(x_set, x_m + count of the motor) + noise
+
+Counts of the load's encoder enter the columns by differences of up to third order, and bias least squares; counts of
+the motor, which the log does not hold, are blue noise of the force. Both are fast, while the motion is slow: a low pass
+over all columns and the force leaves the equation as it is and takes the noise away. The rows that are left
+(`LawRows.slow`) tell gains to the tenth of a percent; samples of the velocity and of delay are one lag in them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Signals, Twist, reduced
+from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
+from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
+from feeddrive.identification.regression import median_spread, robust_covariance
+
+_HIGHEST = 40.0  # Hz: what is faster is counts and noise, in a loop that follows set motion
+_SAMPLES = (1, 2, 4, 8)  # of the velocity that are tried: others make nearly the lag of one of these
+_DELAYS = (0, 1, 2)  # samples that are tried
+_POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
+_NODES = np.geomspace(5e-3, 0.97, 17)  # 1 - pole of low passes, between which columns are interpolated
+_SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
+_DAMPING = 0.03  # of an axis that twists, with which samples, delay and corner are scanned
+_BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
+_STARTS = 4  # fits without and with a low pass that are searched finely
+_KEPT = 4  # of these, from which parts are left out
+_NARROWED = 2  # cascades with some of the parts that are searched finely
+_FINE = 6  # of these, that are searched finely
+_MERGED = 0.7  # of ln 1/Tn, within which two starts of a fine search are one
+_ANY = Twist(1.0, 1.0)  # stands for any twist
+_FAR = 60.0  # difference of the criterion, from which on a fit is not searched any more
+_PLAYS = 15.0  # of the criterion, that friction feedforward must explain before its smoothing is searched
+_ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
+_LONG = 0.6  # first autocorrelation of what the free law leaves, from which on something wanders in the log
+_HEARD = 0.25  # of the command by counts, that is found in the force of any law that reads them
+_CHANCE = 4.0  # standard deviations
+_STEP = 1e-3  # relative, by which the slope of an unknown is taken
+_STEPS = 12  # of a fine search
+# ranges of the unknowns of a fine search: far beyond those of axes
+_RANGES = {
+    "compliance": (1e-9, 1e-2),  # s2
+    "loss": (1e-7, 0.1),  # s
+    "share": (6e-3, 0.95),
+    "smoothing": (1e-9, 1e3),  # m/s
+    "rate": (0.3, 1500.0),  # 1/s
+}
+
+
+@dataclass(frozen=True, eq=False)
+class OtherReadings:
+    """A cascade for a log whose readings are not those of the law, in its slow rows.
+
+    rows    the slow rows
+    floor   what a free linear law leaves of them
+    gain    criterion of the best fit without a twist between motor and load, less that of this one
+    likely  this and other fits, best first
+    deaf    True if the force lacks what the counts of the log's readings would command by the law
+    """
+
+    rows: LawRows
+    floor: Floor
+    gain: float
+    likely: tuple[Scored, ...]
+    deaf: bool = False
+
+    @property
+    def misses(self) -> bool:
+        """True if the likeliest fit leaves more than chance lets a law leave beyond the free one."""
+        return self.floor.misses(self.best)
+
+    def residual(self, one: Scored) -> np.ndarray:
+        """Return what a fit leaves of the force in the slow rows."""
+        columns = law_structures.regressors(one.fitted, self.rows.signed(one.signals))
+        return self.rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
+
+    @property
+    def best(self) -> Scored:
+        """The likeliest fit."""
+        return self.likely[0]
+
+
+def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | None:
+    """Return the likeliest cascade in the slow rows of those in `keep`, or None."""
+    rows = LawRows.of(signals, keep).slow(_HIGHEST)
+    if rows.force.size < law_search.LEAST_ROWS:
+        return None
+    found = _Slow(rows).likeliest()
+    if found is None or not (found.misses or found.floor.memory > _LONG):
+        return found and replace(found, deaf=deaf(signals, keep, found.best))
+    # a motor that rests is up to half a count from its reading, and the integral of the law sums that
+    rows = LawRows.of(signals, keep & signals.between_rests()).slow(_HIGHEST)
+    if rows.force.size >= law_search.LEAST_ROWS:
+        found = _Slow(rows).likeliest() or found
+    rest = found.residual(found.best)
+    far = np.abs(rest) > law_search.STRAY * median_spread(rest)
+    # so it is at a turn
+    if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
+        found = _Slow(found.rows.without(far)).likeliest(found.likely) or found
+    return replace(found, deaf=deaf(signals, keep, found.best))
+
+
+def deaf(signals: Signals, keep: np.ndarray, one: Scored) -> bool:
+    """Return True if the force lacks what the counts of a log's reading, or of its set position, would command.
+
+    A free law of the third differences of the one signal, of which motion has next to nothing, explains less of those
+    of the force than a quarter of what the law would make of them, and chance is no reason (F distribution).
+    """
+    still = np.zeros(signals.x.size)
+    kind = replace(one.structure, twist=STIFF, drag=False, friction=None, fed="", shifted=False)
+    gains = np.array([one.fitted[name] for name in kind.gains])
+    bare = replace(one.fitted, structure=kind, values=gains)
+    for kinds, own in (("dx", replace(signals, wanted=still)), ("ds", replace(signals, x=still))):
+        rows = LawRows.of(own, keep)
+        command = law_structures.regressors(bare, rows)[:, : gains.size] @ gains
+        near = rows.places[3:] - rows.places[:-3] == 3
+        lags = [k for k, name in enumerate(rows.basis.names) if name.startswith(kinds)]
+        X, y, c = (np.diff(values, 3, axis=0)[near] for values in (rows.columns[:, lags], rows.force, command))
+        sizes = np.linalg.norm(X, axis=0)
+        X = X[:, sizes > 1e-9 * np.max(sizes)]
+        explained, p = float(np.sum((np.linalg.qr(X)[0].T @ y) ** 2)), X.shape[1]
+        noise = (float(y @ y) - explained) / (y.size - p)
+        expected = _HEARD * float(c @ c) / noise
+        if explained / noise < p + expected - _CHANCE * math.sqrt(2.0 * (p + 2.0 * expected)):
+            return True
+    return False
+
+
+class _Slow:
+    """The problems of cascades in the slow rows."""
+
+    def __init__(self, rows: LawRows) -> None:
+        self.rows = rows
+        self.floor = floor_of(rows, rows.reduced())
+        self.fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
+        self._plain = dict[int | None, np.ndarray]()
+        self._signs = dict[tuple[int | None, float], np.ndarray]()
+        self._parts = dict[tuple[Lag | None, float], Reduced]()
+
+    def part(self, lag: Lag | None, smoothing: float) -> Reduced:
+        """Return the reduced problem of all columns after a low pass, with smoothed directions of the set motion.
+
+        Columns between the corners of a grid are interpolated (by Lagrange, in four points of the logarithm).
+        """
+        key = lag, smoothing
+        if key not in self._parts:
+            if lag is None:
+                columns = self._columns(None, smoothing)
+            else:
+                place = math.log((1.0 - lag.pole) / _NODES[0]) / math.log(_NODES[1] / _NODES[0])
+                first = min(max(int(place) - 1, 0), _NODES.size - 4)
+                at = place - first - np.arange(4.0)
+                weights = [np.prod(np.delete(at, k) / (k - np.delete(np.arange(4.0), k)) * 1.0) for k in range(4)]
+                columns = sum(w * self._columns(first + k, smoothing) for k, w in enumerate(weights))
+            self._parts[key] = reduced(columns, self.rows.force)
+        return self._parts[key]
+
+    def _columns(self, node: int | None, smoothing: float) -> np.ndarray:
+        """Return all columns after no low pass, or after one of the grid."""
+        lag = None if node is None else Lag(1.0 - float(_NODES[node]), 0.0)
+        if node not in self._plain:
+            self._plain[node] = law_structures.with_drag(self.rows, lag)
+        if smoothing == 0.0:
+            return self._plain[node]
+        if (node, smoothing) not in self._signs:
+            signals, columns = replace(self.rows.raw, smoothing=smoothing), self._plain[node].copy()
+            places = [k for k, name in enumerate(self.rows.basis.names) if name.startswith("sign")]
+            own = np.stack([signals.direction(self.rows.basis.names[k]) for k in places], axis=1)
+            columns[:, places] = law_structures.passed(self.rows, lag, own)
+            self._signs[node, smoothing] = columns
+        return self._signs[node, smoothing]
+
+    def scored(self, structures: Iterable[Structure], smoothing: float) -> list[Scored]:
+        """Return all fits of structures, best first."""
+        alike = dict[Lag | None, list[Structure]]()
+        for one in structures:
+            alike.setdefault(one.lag, []).append(one)
+        found = [
+            self._score(fitted, smoothing)
+            for lag, some in alike.items()
+            for fitted in self._fits(some, self.part(lag, smoothing))
+        ]
+        return sorted(found, key=lambda one: one.criterion)
+
+    def _fits(self, structures: list[Structure], part: Reduced) -> list[Fitted]:
+        tasks = [law_structures.problem(one, self.rows.basis, part) for one in structures]
+        return [one for one in law_structures.fits(structures, tasks) if _acts(one)]
+
+    def _score(self, fitted: Fitted, smoothing: float) -> Scored:
+        unknowns = fitted.structure.parameters + (fitted.structure.friction is not None and smoothing > 0.0)
+        return Scored(fitted, self.floor.criterion(fitted.ssr, unknowns), replace(self.rows.raw, smoothing=smoothing))
+
+    def scan(self) -> list[Scored]:
+        """Return the best fit of the widest cascade for each number of samples and delay, with and without a low pass.
+
+        Twists, and low passes, are those of a grid.
+        """
+        plain = [_widest(n, d, None, h) for n in _SAMPLES for d in _DELAYS for h in (0.0, *map(float, _BENDS))]
+        lags = [Lag(1.0 - float(share), 0.0) for share in _POLES]
+        passed = [
+            _widest(n, d, lag, h) for lag in lags for n in _SAMPLES for d in (0, 1) for h in (0.0, *map(float, _BENDS[::2]))
+        ]
+        best = dict[tuple[int, int, bool], Scored]()
+        for one in self.scored([*plain, *passed], 0.0):
+            structure = one.structure
+            best.setdefault((structure.n, structure.d, structure.lag is None), one)
+        return list(best.values())
+
+    def refined(self, one: Scored, held: tuple[str, ...] = ()) -> Scored:
+        """Return a fit at its own minimum over twist, loss, low pass, smoothing and 1/Tn, but for those `held`."""
+        from scipy.optimize import least_squares  # takes a second to import
+
+        start = {name: value for name, value in _unknowns(one).items() if name not in held}
+        if not start:
+            return one
+        names, place = list(start), np.log(np.array(list(start.values())))
+        low, high = np.log(np.array([_RANGES[name] for name in names])).T
+
+        def at(values: np.ndarray) -> tuple[Fitted, float, np.ndarray]:
+            unknowns = _unknowns(one) | dict(zip(names, map(float, np.exp(values)), strict=True))
+            structure, smoothing, rate = _changed(one, unknowns)
+            task = law_structures.problem(structure, self.rows.basis, self.part(structure.lag, smoothing))
+            C = task.A + rate * task.B
+            sizes = np.linalg.norm(C, axis=0)
+            sizes = np.where(sizes > 0.0, sizes, 1.0)
+            gains = np.linalg.lstsq(C / sizes, task.y, rcond=1e-13)[0] / sizes
+            rest = task.y - C @ gains
+            return Fitted(structure, gains, rate, float(rest @ rest)), smoothing, rest
+
+        inside = np.clip(place, low + 1e-6, high - 1e-6)
+        scale = 1.0 / math.sqrt(self.floor.ssr)
+        found = least_squares(
+            lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=_STEPS
+        )
+        fitted, smoothing, _ = at(found.x)
+        return self._score(fitted, smoothing) if _acts(fitted) else one
+
+    def likeliest(self, known: Iterable[Scored] = ()) -> OtherReadings | None:
+        """Return the likeliest cascades with what of twist, low pass and friction feedforward the rows tell.
+
+        `known`: fits to more rows, which are fitted again; without them the whole range is searched.
+        """
+        wide = self._wide(list(known) or self._starts())
+        found = dict[tuple[Structure, int], Scored]()
+        for like in wide[:_KEPT]:
+            for one in self._narrowed(like):
+                kind = replace(one.structure, lag=one.structure.lag and Lag(0.0, 0.0), twist=_ANY if one.structure.twist.compliance else STIFF)
+                found.setdefault((kind, round(math.log(one.fitted.rate or 1.0) / _MERGED)), one)
+        fine = [self.refined(one, ("smoothing",)) for one in sorted(found.values(), key=_criterion)[:_FINE]]
+        fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
+        if not fine:
+            return None
+        best = fine[0].criterion
+        stiff = min((one.criterion for one in fine if one.structure.twist.compliance == 0.0), default=math.inf)
+        return OtherReadings(
+            self.rows, self.floor, stiff - best, tuple(one for one in fine if one.criterion < best + _ODD)
+        )
+
+    def _starts(self) -> list[Scored]:
+        """Return the best fits of the scan without and with a low pass."""
+        scan = sorted(self.scan(), key=_criterion)
+        alike = ([one for one in scan if (one.structure.lag is None) == plain][:_STARTS] for plain in (True, False))
+        return [one for some in alike for one in some]
+
+    def _wide(self, starts: list[Scored]) -> list[Scored]:
+        """Return fits of cascades with all parts at their own minima, best first."""
+        wide = sorted(map(self.refined, map(_bent, starts)), key=_criterion)
+        wide = [one for one in wide if one.criterion < wide[0].criterion + _FAR]
+        # Kv and 1/Tn may change places
+        wide += [self.refined(_exchanged(one)) for one in wide[:2] if one.structure.curved]
+        wide.sort(key=_criterion)
+        smooth = self._smoothed(wide[0])
+        if smooth is not None:
+            held = ("smoothing",)
+            wide = [smooth, *(self.refined(replace(one, signals=smooth.signals), held) for one in wide)]
+            wide.sort(key=_criterion)
+        return wide
+
+    def _smoothed(self, one: Scored) -> Scored | None:
+        """Return a fit with the smoothed directions of the set motion, if friction feedforward is in the law."""
+        bare = self.scored([replace(one.structure, friction=None)], 0.0)
+        if bare and bare[0].criterion < one.criterion + _PLAYS:
+            return None
+        tried = [again for share in _SMOOTH for again in self.scored([one.structure], float(share) * self.fastest)]
+        tried.sort(key=_criterion)
+        return self.refined(tried[0]) if tried and tried[0].criterion < one.criterion else None
+
+    def _narrowed(self, like: Scored) -> list[Scored]:
+        """Return cascades with some parts of a wide one: the likeliest ones, with and without a twist."""
+        variants = [one for one in self.scored(_variants(like.structure), like.signals.smoothing)]
+        near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / (like.fitted.rate or 1.0))) < 0.7]
+        stiff = [one for one in near if one.structure.twist.compliance == 0.0]
+        return list(dict.fromkeys([*near[:_NARROWED], *stiff[:1]]))
+
+
+def _criterion(one: Scored) -> float:
+    return one.criterion
+
+
+def _bent(one: Scored) -> Scored:
+    """Return a fit with a small twist if it has none."""
+    if one.structure.twist.compliance > 0.0:
+        return one
+    kind = one.structure
+    twisted = _widest(kind.n, kind.d, kind.lag, float(_BENDS[2]))
+    return replace(one, fitted=replace(one.fitted, structure=twisted))
+
+
+def _exchanged(one: Scored) -> Scored:
+    return replace(one, fitted=replace(one.fitted, rate=one.fitted["Kp Kv"] / one.fitted["Kp"]))
+
+
+def _acts(one: Fitted) -> bool:
+    """Return True if a fit acts against the error; parts that it has too much may have any sign."""
+    return one["Kp Kv"] > 0.0 and one["Kp"] > 0.0
+
+
+def _widest(n: int, d: int, lag: Lag | None, compliance: float) -> Structure:
+    """Return the cascade with all parts and the usual damping, d/k = 2 ζ / ω, ω = 1/√compliance."""
+    twist = Twist(compliance, 2.0 * _DAMPING * math.sqrt(compliance)) if compliance else STIFF
+    return Structure(
+        CASCADE, True, n, d, fed="backward", friction=0, lag=lag, twist=twist, drag=compliance > 0.0, shifted=True
+    )
+
+
+def _variants(like: Structure) -> Iterator[Structure]:
+    """Yield cascades with the twist and the low pass of another one, with and without each of their parts."""
+    n, d = like.n, like.d
+    for forward in law_structures.FORWARD:
+        for fed in ("", "backward"):
+            for friction in (None, 0):
+                for integral in (True, False):
+                    stiff = Structure(
+                        CASCADE,
+                        integral,
+                        n,
+                        d,
+                        forward=forward,
+                        fed=fed,
+                        friction=friction,
+                        lag=like.lag,
+                        shifted=integral,
+                    )
+                    yield stiff
+                    if like.twist.compliance > 0.0:
+                        yield replace(stiff, twist=like.twist)
+                        yield replace(stiff, twist=like.twist, drag=True)
+
+
+def _unknowns(one: Scored) -> dict[str, float]:
+    """Return the unknowns of a fit in which the force is not linear."""
+    structure, found = one.structure, dict[str, float]()
+    if structure.twist.compliance > 0.0:
+        found |= structure.twist._asdict()
+    if structure.lag is not None:
+        found["share"] = 1.0 - structure.lag.pole
+    if structure.friction is not None and one.signals.smoothing > 0.0:
+        found["smoothing"] = one.signals.smoothing
+    if structure.curved:
+        found["rate"] = one.fitted.rate
+    return found
+
+
+def _changed(one: Scored, values: dict[str, float]) -> tuple[Structure, float, float]:
+    """Return the structure of a fit with other unknowns, the smoothing of its directions and its 1/Tn."""
+    structure = one.structure
+    if "compliance" in values:
+        structure = replace(structure, twist=Twist(values["compliance"], values["loss"]))
+    if structure.lag is not None:
+        structure = replace(structure, lag=structure.lag._replace(pole=1.0 - values["share"]))
+    return structure, values.get("smoothing", one.signals.smoothing), values.get("rate", 0.0)
+
+
+def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
+    """Return the covariance of a fit to slow rows: gains, 1/Tn, and its other unknowns."""
+    size, unknowns = one.fitted.values.size, _unknowns(one)
+
+    def columns(values: dict[str, float]) -> np.ndarray:
+        structure, smoothing, rate = _changed(one, values)
+        rows = found.rows.signed(replace(found.rows.raw, smoothing=smoothing))
+        return law_structures.regressors(replace(one.fitted, structure=structure, rate=rate), rows)
+
+    own = columns(unknowns)
+    slopes = list[np.ndarray]()
+    for name, value in unknowns.items():
+        if name != "rate":
+            other = columns(unknowns | {name: (1.0 + _STEP) * value})
+            slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
+    rest = found.rows.force - own[:, :size] @ one.fitted.values
+    return robust_covariance(np.column_stack([own, *slopes]), rest, smooth=8)
