@@ -38,7 +38,7 @@ TWIST = 10.0  # of the criterion, that the twist between motor and load must exp
 LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
-_SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
+STEADY = 15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
@@ -196,7 +196,7 @@ def identify_control(log: MotionLog) -> ControlFit:
 def _searched(log: MotionLog, signals: Signals) -> Search | None:
     """Return the search with the set position restored if it was rounded, or as it is."""
     count = count_of(signals.wanted)
-    if count <= _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
+    if count <= law_other_readings.SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
         return law_search.search([signals], log.force_limit)
     smooth = replace(signals, wanted=steadied(signals.wanted, count))
     # a law that computes with the rounded positions itself leaves less with them
@@ -220,11 +220,11 @@ class _Verdict:
 
 def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     """Return the verdict, and the search that it judges."""
-    other = None
-    if not found.deep:
+    tried = found.deep
+    if not tried:
         # other readings first: no model and no low pass makes up for them
-        other = law_other_readings.with_other_readings(found.rows.raw, found.rows.raw.free(limit))
-        if other is not None and _known(other, found.floor.memory):
+        other = _other(found, limit)
+        if other is not None:
             return _Verdict(False, False, False, other), found
         found = law_search.deeper(found)
     best, floor = found.best, found.floor
@@ -238,12 +238,24 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     bent = law_search.nonlinear(_rows(found, best), best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
+    explains = explains and law_other_readings.differs(found.rows, best) < STEADY
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
     if explains and quiet and not bent and not silent:
         return _Verdict(True, False, False, None), found
+    if tried:
+        other = _other(found, limit)
+        if other is not None:
+            return _Verdict(False, False, bent, other), found
     near = left < NEAR and quiet and not bent and not silent
     return _Verdict(False, near, bent, None, silent), found
+
+
+def _other(found: Search, limit: float | None) -> OtherReadings | None:
+    """Return the law for other readings than the log holds, or None if it is not known."""
+    signals = found.rows.raw
+    other = law_other_readings.with_other_readings(signals, signals.free(limit))
+    return other if other is not None and _known(other, found.floor.memory) else None
 
 
 def _known(other: OtherReadings, memory: float) -> bool:
@@ -259,8 +271,9 @@ def _known(other: OtherReadings, memory: float) -> bool:
     errors = regression.errors(law_other_readings.covariance_of(other, best))
     fitted, gains = best.fitted, best.structure.gains
     sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
-    twisted = best.structure.twist.compliance > 0.0 and other.gain > TWIST
-    unlike = other.deaf or memory < -WHITE or (twisted and best.structure.late <= law_search.MOST_LAG)
+    assert other.counts is not None
+    reading, wanted = other.counts
+    unlike = wanted.missing or (not reading.heard and (reading.missing or memory < -WHITE or other.twist(TWIST) > TWIST))
     return sure and unlike
 
 

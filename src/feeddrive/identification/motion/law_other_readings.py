@@ -26,6 +26,7 @@ from feeddrive.identification.motion import law_search, law_structures
 from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Signals, Twist, reduced
 from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
 from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
+from feeddrive.identification.motion.motion_log import count_of
 from feeddrive.identification.regression import median_spread, robust_covariance
 
 _HIGHEST = 40.0  # Hz: what is faster is counts and noise, in a loop that follows set motion
@@ -46,7 +47,14 @@ _FAR = 60.0  # difference of the criterion, from which on a fit is not searched 
 _PLAYS = 15.0  # of the criterion, that friction feedforward must explain before its smoothing is searched
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _LONG = 0.6  # first autocorrelation of what the free law leaves, from which on something wanders in the log
-_HEARD = 0.25  # of the command by counts, that is found in the force of any law that reads them
+SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
+_ORDER = 7  # of the differences that leave counts
+_PREDICTED = 20  # samples from which the fast force is predicted
+_NOTHING = 1e-9  # of the largest column, up to which one holds nothing
+_HEARD = 500.0  # variances of the force: motion, other than counts, explains up to 300, and counts that are read 900 up
+_DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
+_SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
+_WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
 _CHANCE = 4.0  # standard deviations
 _STEP = 1e-3  # relative, by which the slope of an unknown is taken
 _STEPS = 12  # of a fine search
@@ -64,23 +72,34 @@ _RANGES = {
 class OtherReadings:
     """A cascade for a log whose readings are not those of the law, in its slow rows.
 
-    rows    the slow rows
+    rows    the slow rows, and those that they were taken from (`fast`)
     floor   what a free linear law leaves of them
     gain    criterion of the best fit without a twist between motor and load, less that of this one
     likely  this and other fits, best first
-    deaf    True if the force lacks what the counts of the log's readings would command by the law
+    counts  what counts of the log's reading and set position are in the force
     """
 
     rows: LawRows
+    fast: LawRows
     floor: Floor
     gain: float
     likely: tuple[Scored, ...]
-    deaf: bool = False
+    counts: tuple[Counts, Counts] | None = None
 
     @property
     def misses(self) -> bool:
         """True if the likeliest fit leaves more than chance lets a law leave beyond the free one."""
         return self.floor.misses(self.best)
+
+    def twist(self, enough: float) -> float:
+        """Return `gain`, or that of faster rows if it is not `enough`."""
+        gain = self.gain
+        for highest in _WIDER:
+            if gain > enough:
+                break
+            faster = _Slow(self.fast.slow(highest), self.fast).likeliest(self.likely)
+            gain = gain if faster is None else faster.gain
+        return gain
 
     def residual(self, one: Scored) -> np.ndarray:
         """Return what a fit leaves of the force in the slow rows."""
@@ -94,56 +113,117 @@ class OtherReadings:
 
 
 def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | None:
-    """Return the likeliest cascade in the slow rows of those in `keep`, or None."""
-    rows = LawRows.of(signals, keep).slow(_HIGHEST)
+    """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings."""
+    fast = LawRows.of(signals, keep)
+    exact = count_of(signals.wanted) <= SEEN * float(np.max(np.abs(np.diff(signals.wanted))))
+    if exact and _counts(fast, "dx").heard:
+        return None
+    rows = fast.slow(_HIGHEST)
     if rows.force.size < law_search.LEAST_ROWS:
         return None
-    found = _Slow(rows).likeliest()
+    found = _Slow(rows, fast).likeliest()
     if found is None or not (found.misses or found.floor.memory > _LONG):
-        return found and replace(found, deaf=deaf(signals, keep, found.best))
+        return found and _with_counts(found, signals, keep)
     # a motor that rests is up to half a count from its reading, and the integral of the law sums that
     rows = LawRows.of(signals, keep & signals.between_rests()).slow(_HIGHEST)
     if rows.force.size >= law_search.LEAST_ROWS:
-        found = _Slow(rows).likeliest() or found
+        found = _Slow(rows, fast).likeliest() or found
     rest = found.residual(found.best)
     far = np.abs(rest) > law_search.STRAY * median_spread(rest)
     # so it is at a turn
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
-        found = _Slow(found.rows.without(far)).likeliest(found.likely) or found
-    return replace(found, deaf=deaf(signals, keep, found.best))
+        found = _Slow(found.rows.without(far), fast).likeliest(found.likely) or found
+    return _with_counts(found, signals, keep)
 
 
-def deaf(signals: Signals, keep: np.ndarray, one: Scored) -> bool:
-    """Return True if the force lacks what the counts of a log's reading, or of its set position, would command.
+@dataclass(frozen=True)
+class Counts:
+    """What the counts of a signal of the log are in the force.
 
-    A free law of the third differences of the one signal, of which motion has next to nothing, explains less of those
-    of the force than a quarter of what the law would make of them, and chance is no reason (F distribution).
+    expected   what they would command by the law, as sum of squares over the variance of the force
+    explained  what a free law of them explains of the force, likewise
+    unknowns   number of its coefficients
     """
-    still = np.zeros(signals.x.size)
+
+    expected: float
+    explained: float
+    unknowns: int
+
+    @property
+    def heard(self) -> bool:
+        """True if the force follows them: motion that is left explains less."""
+        return self.explained > _HEARD
+
+    @property
+    def missing(self) -> bool:
+        """True if the force would follow them, if the law had read them, and it does not."""
+        chance = _CHANCE * math.sqrt(2.0 * (self.unknowns + 2.0 * self.explained))
+        return not self.heard and self.explained + chance < _DEAF * self.expected
+
+
+def _counts(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Counts:
+    """Return what the counts of a signal, dx of the reading or ds of the set position, are in the force.
+
+    Differences of high order leave counts, which are white, and next to nothing of motion. What they leave of the force
+    is made white by the linear prediction of it.
+    """
+    from scipy.linalg import solve_toeplitz  # takes a second to import
+    from scipy.signal import lfilter
+
+    near = rows.places[_ORDER:] - rows.places[:-_ORDER] == _ORDER
+    past = [k for k, name in enumerate(rows.basis.names) if name.startswith(signal) and int(name[2:]) >= 0]
+    command = np.zeros(rows.force.size) if command is None else command
+    columns = np.column_stack([rows.columns[:, past], rows.force, command])
+    fast = np.diff(columns, _ORDER, axis=0)[near]
+    force = fast[:, -2]
+    memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
+    predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
+    fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
+    X, force, command = fast[:, :-2], fast[:, -2], fast[:, -1]
+    sizes = np.linalg.norm(X, axis=0)
+    X = X[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
+    explained = float(np.sum((np.linalg.qr(X)[0].T @ force) ** 2))
+    noise = (float(force @ force) - explained) / (force.size - X.shape[1])
+    return Counts(float(command @ command) / noise, explained / noise, X.shape[1])
+
+
+def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
+    """Return a fit with what the counts of reading and set position, which it would command, are in the force."""
+    one, still = found.best, np.zeros(signals.x.size)
     kind = replace(one.structure, twist=STIFF, drag=False, friction=None, fed="", shifted=False)
     gains = np.array([one.fitted[name] for name in kind.gains])
     bare = replace(one.fitted, structure=kind, values=gains)
-    for kinds, own in (("dx", replace(signals, wanted=still)), ("ds", replace(signals, x=still))):
+
+    def counts(signal: str, own: Signals) -> Counts:
         rows = LawRows.of(own, keep)
-        command = law_structures.regressors(bare, rows)[:, : gains.size] @ gains
-        near = rows.places[3:] - rows.places[:-3] == 3
-        lags = [k for k, name in enumerate(rows.basis.names) if name.startswith(kinds)]
-        X, y, c = (np.diff(values, 3, axis=0)[near] for values in (rows.columns[:, lags], rows.force, command))
-        sizes = np.linalg.norm(X, axis=0)
-        X = X[:, sizes > 1e-9 * np.max(sizes)]
-        explained, p = float(np.sum((np.linalg.qr(X)[0].T @ y) ** 2)), X.shape[1]
-        noise = (float(y @ y) - explained) / (y.size - p)
-        expected = _HEARD * float(c @ c) / noise
-        if explained / noise < p + expected - _CHANCE * math.sqrt(2.0 * (p + 2.0 * expected)):
-            return True
-    return False
+        return _counts(rows, signal, law_structures.regressors(bare, rows)[:, : gains.size] @ gains)
+
+    return replace(
+        found, counts=(counts("dx", replace(signals, wanted=still)), counts("ds", replace(signals, x=still)))
+    )
+
+
+def differs(rows: LawRows, one: Scored) -> float:
+    """Return by how much other gains of a law explain the slow rows better, as n ln of the sums of squares.
+
+    The gains of a law are those of its slow part. Those that counts of another reading have biased are not. (Hausman's
+    test.)
+    """
+    slow = rows.slow(_HIGHEST).signed(one.signals)
+    columns = law_structures.regressors(one.fitted, slow)
+    rest = slow.force - columns[:, : one.fitted.values.size] @ one.fitted.values
+    sizes = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(sizes > 0.0, sizes, 1.0)
+    other = rest - columns @ np.linalg.lstsq(columns, rest, rcond=1e-12)[0]
+    noise = law_search.ROUNDING**2 * float(slow.force @ slow.force)
+    return law_search.independent(other) * math.log((float(rest @ rest) + noise) / (float(other @ other) + noise))
 
 
 class _Slow:
     """The problems of cascades in the slow rows."""
 
-    def __init__(self, rows: LawRows) -> None:
-        self.rows = rows
+    def __init__(self, rows: LawRows, fast: LawRows) -> None:
+        self.rows, self.fast = rows, fast
         self.floor = floor_of(rows, rows.reduced())
         self.fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
         self._plain = dict[int | None, np.ndarray]()
@@ -264,10 +344,15 @@ class _Slow:
         if not fine:
             return None
         best = fine[0].criterion
+        floor, linear = self.floor, floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
+        bare = [one for one in fine if one.structure.friction is None]
+        if bare and floor.misses(fine[0]) and not linear.misses(bare[0]):
+            # counts at a turn look like friction feedforward
+            if bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
+                fine, floor, best = bare, linear, bare[0].criterion
         stiff = min((one.criterion for one in fine if one.structure.twist.compliance == 0.0), default=math.inf)
-        return OtherReadings(
-            self.rows, self.floor, stiff - best, tuple(one for one in fine if one.criterion < best + _ODD)
-        )
+        likely = tuple(one for one in fine if one.criterion < best + _ODD)
+        return OtherReadings(self.rows, self.fast, floor, stiff - best, likely)
 
     def _starts(self) -> list[Scored]:
         """Return the best fits of the scan without and with a low pass."""
@@ -303,7 +388,8 @@ class _Slow:
         variants = [one for one in self.scored(_variants(like.structure), like.signals.smoothing)]
         near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / (like.fitted.rate or 1.0))) < 0.7]
         stiff = [one for one in near if one.structure.twist.compliance == 0.0]
-        return list(dict.fromkeys([*near[:_NARROWED], *stiff[:1]]))
+        bare = [one for one in near if one.structure.friction is None]
+        return list(dict.fromkeys([*near[:_NARROWED], *stiff[:1], *bare[:1]]))
 
 
 def _criterion(one: Scored) -> float:

@@ -106,17 +106,24 @@ class Floor:
         return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
 
 
-def floor_of(rows: LawRows, part: Reduced) -> Floor:
-    """Return the floor of the rows."""
-    rest = rows.force - rows.columns @ _solution(part)
-    ssr, n = part.rest(), rows.force.size
-    rho = correlation(rest)
-    effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
-    return Floor(ssr, part.power, rho, effective, rows.basis.size)
+def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> Floor:
+    """Return the floor of the rows: of a free law of all basis columns, or of those at some places."""
+    places = np.arange(rows.basis.size) if places is None else places
+    own = part.factor[:, places]
+    gains = _solution(Reduced(own, part.right))
+    rest = rows.force - rows.columns[:, places] @ gains
+    left = part.right - own @ gains
+    return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size)
+
+
+def independent(rest: np.ndarray) -> float:
+    """Return the number of independent rows of a residual."""
+    rho = max(0.0, correlation(rest))
+    return max(20.0, rest.size * (1.0 - rho) / (1.0 + rho))
 
 
 def _solution(part: Reduced) -> np.ndarray:
-    """Return the coefficients of all basis columns."""
+    """Return the coefficients of all columns."""
     sizes = np.linalg.norm(part.factor, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
