@@ -38,7 +38,7 @@ TWIST = 10.0  # of the criterion, that the twist between motor and load must exp
 LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
-STEADY = 15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better
+STEADY = 15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
@@ -220,12 +220,9 @@ class _Verdict:
 
 def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     """Return the verdict, and the search that it judges."""
-    tried = found.deep
-    if not tried:
-        # other readings first: no model and no low pass makes up for them
-        other = _other(found, limit)
-        if other is not None:
-            return _Verdict(False, False, False, other), found
+    other = _other(found, limit)
+    # no model and no low pass makes up for other readings; a twist may be one of these
+    if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
         found = law_search.deeper(found)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
@@ -241,12 +238,10 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     explains = explains and law_other_readings.differs(found.rows, best) < STEADY
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
-    if explains and quiet and not bent and not silent:
+    if explains and quiet and not bent and not silent and (other is None or other.ahead(best) < STEADY):
         return _Verdict(True, False, False, None), found
-    if tried:
-        other = _other(found, limit)
-        if other is not None:
-            return _Verdict(False, False, bent, other), found
+    if other is not None:
+        return _Verdict(False, False, bent, other), found
     near = left < NEAR and quiet and not bent and not silent
     return _Verdict(False, near, bent, None, silent), found
 
@@ -271,10 +266,14 @@ def _known(other: OtherReadings, memory: float) -> bool:
     errors = regression.errors(law_other_readings.covariance_of(other, best))
     fitted, gains = best.fitted, best.structure.gains
     sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
+    return sure and (_foreign(other, memory) or other.twist(TWIST) > TWIST)
+
+
+def _foreign(other: OtherReadings, memory: float) -> bool:
+    """Return True if the counts of the log are not in the force, or those of another reading are."""
     assert other.counts is not None
     reading, wanted = other.counts
-    unlike = wanted.missing or (not reading.heard and (reading.missing or memory < -WHITE or other.twist(TWIST) > TWIST))
-    return sure and unlike
+    return wanted.missing or reading.missing or memory < -WHITE
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:

@@ -102,9 +102,14 @@ class OtherReadings:
         return gain
 
     def residual(self, one: Scored) -> np.ndarray:
-        """Return what a fit leaves of the force in the slow rows."""
+        """Return what a law leaves of the force in the slow rows."""
         columns = law_structures.regressors(one.fitted, self.rows.signed(one.signals))
         return self.rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
+
+    def ahead(self, one: Scored) -> float:
+        """Return by how much less than a law of all rows the likeliest fit leaves of the slow ones, as a criterion."""
+        rest = self.residual(one)
+        return self.floor.criterion(float(rest @ rest), one.structure.parameters) - self.best.criterion
 
     @property
     def best(self) -> Scored:
