@@ -38,7 +38,9 @@ TWIST = 10.0  # of the criterion, that the twist between motor and load must exp
 LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
-STEADY = 15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
+STEADY = (
+    15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
+)
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
@@ -154,7 +156,7 @@ def identify_control(log: MotionLog) -> ControlFit:
     A structure counts as the law if its residual differs from that of a free linear law (13 readings, 9 set positions,
     both sums) by chance only, and no nonlinear function of the signals explains more. A rounded set position is first
     restored by the smoothest path within its rounding. If the log holds other readings than the law had, such as those
-    of the load's encoder, the gains are found by instruments: functions of the set motion.
+    of the load's encoder, the gains are those of the slow part of the log (`law_other_readings`).
 
     Raises NotIdentifiableError with the share that a free law explains if no structure is the law.
     """
@@ -257,8 +259,7 @@ def _known(other: OtherReadings, memory: float) -> bool:
     """Return True if a cascade in the slow rows is the law, and the log holds other readings than it had.
 
     Other readings show by their counts, which the force lacks, by those that the force has instead, which a difference
-    makes blue (`memory` of the free law), or by the twist between motor and load. A filter in the law may look like a
-    twist, but with samples of lag.
+    makes blue (`memory` of the free law), or by the twist between motor and load.
     """
     best = other.best
     if other.misses:
@@ -266,14 +267,16 @@ def _known(other: OtherReadings, memory: float) -> bool:
     errors = regression.errors(law_other_readings.covariance_of(other, best))
     fitted, gains = best.fitted, best.structure.gains
     sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
-    return sure and (_foreign(other, memory) or other.twist(TWIST) > TWIST)
+    assert other.counts is not None
+    # a law that follows the counts of the log has read them, and what looks like a twist is a filter
+    return sure and (_foreign(other, memory) or (not other.counts[0].heard and other.twist(TWIST) > TWIST))
 
 
 def _foreign(other: OtherReadings, memory: float) -> bool:
     """Return True if the counts of the log are not in the force, or those of another reading are."""
     assert other.counts is not None
     reading, wanted = other.counts
-    return wanted.missing or reading.missing or memory < -WHITE
+    return wanted.missing or reading.missing or (memory < -WHITE and not reading.heard)
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:

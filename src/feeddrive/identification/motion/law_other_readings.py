@@ -296,7 +296,11 @@ class _Slow:
         plain = [_widest(n, d, None, h) for n in _SAMPLES for d in _DELAYS for h in (0.0, *map(float, _BENDS))]
         lags = [Lag(1.0 - float(share), 0.0) for share in _POLES]
         passed = [
-            _widest(n, d, lag, h) for lag in lags for n in _SAMPLES for d in (0, 1) for h in (0.0, *map(float, _BENDS[::2]))
+            _widest(n, d, lag, h)
+            for lag in lags
+            for n in _SAMPLES
+            for d in (0, 1)
+            for h in (0.0, *map(float, _BENDS[::2]))
         ]
         best = dict[tuple[int, int, bool], Scored]()
         for one in self.scored([*plain, *passed], 0.0):
@@ -342,7 +346,11 @@ class _Slow:
         found = dict[tuple[Structure, int], Scored]()
         for like in wide[:_KEPT]:
             for one in self._narrowed(like):
-                kind = replace(one.structure, lag=one.structure.lag and Lag(0.0, 0.0), twist=_ANY if one.structure.twist.compliance else STIFF)
+                kind = replace(
+                    one.structure,
+                    lag=one.structure.lag and Lag(0.0, 0.0),
+                    twist=_ANY if one.structure.twist.compliance else STIFF,
+                )
                 found.setdefault((kind, round(math.log(one.fitted.rate or 1.0) / _MERGED)), one)
         fine = [self.refined(one, ("smoothing",)) for one in sorted(found.values(), key=_criterion)[:_FINE]]
         fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
@@ -351,10 +359,10 @@ class _Slow:
         best = fine[0].criterion
         floor, linear = self.floor, floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
         bare = [one for one in fine if one.structure.friction is None]
-        if bare and floor.misses(fine[0]) and not linear.misses(bare[0]):
-            # counts at a turn look like friction feedforward
-            if bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
-                fine, floor, best = bare, linear, bare[0].criterion
+        # counts at a turn look like friction feedforward
+        explained = bare and floor.misses(fine[0]) and not linear.misses(bare[0])
+        if explained and bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
+            fine, floor, best = bare, linear, bare[0].criterion
         stiff = min((one.criterion for one in fine if one.structure.twist.compliance == 0.0), default=math.inf)
         likely = tuple(one for one in fine if one.criterion < best + _ODD)
         return OtherReadings(self.rows, self.fast, floor, stiff - best, likely)
@@ -390,8 +398,9 @@ class _Slow:
 
     def _narrowed(self, like: Scored) -> list[Scored]:
         """Return cascades with some parts of a wide one: the likeliest ones, with and without a twist."""
-        variants = [one for one in self.scored(_variants(like.structure), like.signals.smoothing)]
-        near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / (like.fitted.rate or 1.0))) < 0.7]
+        variants = self.scored(_variants(like.structure), like.signals.smoothing)
+        rate = like.fitted.rate or 1.0
+        near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / rate)) < _MERGED]
         stiff = [one for one in near if one.structure.twist.compliance == 0.0]
         bare = [one for one in near if one.structure.friction is None]
         return list(dict.fromkeys([*near[:_NARROWED], *stiff[:1], *bare[:1]]))
