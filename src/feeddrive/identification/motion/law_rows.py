@@ -18,7 +18,8 @@ _CHANGES = MOST_SAMPLES + MOST_DELAY + 2  # past changes of the reading that a c
 _SIGNS = range(-1, MOST_DELAY + 2)  # samples by which the direction of the set motion may be older than row k
 _SKIP = 0.2  # s at the start: the filters and models of the law hold a past there that the log does not show
 _SHORT = 40  # rows: a shorter stretch between two limits would be spent on its own constant
-_SETTLED, _STARTING = 0.05, 0.05  # s: of a rest that still tell how motion ends and begins
+_SETTLED = 0.05  # s: of a rest that still tell how motion ends
+_STARTING = 0.05  # s: of a rest that already tell how motion begins
 _HELD = 1e-3  # of the largest force, within which successive samples are at the limit: the rounding of a log
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
