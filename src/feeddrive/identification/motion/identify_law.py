@@ -222,12 +222,13 @@ class _Verdict:
 
 def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     """Return the verdict, and the search that it judges."""
-    other = _other(found, limit)
+    exact = law_search.ROUNDING**2 * found.floor.power
+    other = _other(found, limit) if found.best.fitted.ssr > exact else None
     # no model and no low pass makes up for other readings; a twist may be one of these
     if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
         found = law_search.deeper(found)
     best, floor = found.best, found.floor
-    if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
+    if best.fitted.ssr <= exact:
         return _Verdict(True, False, False, None), found
     rest = found.residual(best)
     added = abs(law_search.correlation(rest)) - abs(floor.memory)

@@ -121,7 +121,7 @@ def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | N
     """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings."""
     fast = LawRows.of(signals, keep)
     exact = count_of(signals.wanted) <= SEEN * float(np.max(np.abs(np.diff(signals.wanted))))
-    if exact and _counts(fast, "dx").heard:
+    if exact and counts_of(fast, "dx").heard:
         return None
     rows = fast.slow(_HIGHEST)
     if rows.force.size < law_search.LEAST_ROWS:
@@ -166,7 +166,7 @@ class Counts:
         return not self.heard and self.explained + chance < _DEAF * self.expected
 
 
-def _counts(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Counts:
+def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Counts:
     """Return what the counts of a signal, dx of the reading or ds of the set position, are in the force.
 
     Differences of high order leave counts, which are white, and next to nothing of motion. What they leave of the force
@@ -182,14 +182,17 @@ def _counts(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Co
     fast = np.diff(columns, _ORDER, axis=0)[near]
     force = fast[:, -2]
     memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
+    if force.size < law_search.LEAST_ROWS or memory[0] == 0.0:
+        return Counts(0.0, 0.0, len(past))
+    memory[0] *= 1.0 + _NOTHING
     predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
     fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
-    X, force, command = fast[:, :-2], fast[:, -2], fast[:, -1]
-    sizes = np.linalg.norm(X, axis=0)
-    X = X[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
-    explained = float(np.sum((np.linalg.qr(X)[0].T @ force) ** 2))
-    noise = (float(force @ force) - explained) / (force.size - X.shape[1])
-    return Counts(float(command @ command) / noise, explained / noise, X.shape[1])
+    force, command, changes = fast[:, -2], fast[:, -1], fast[:, :-2]
+    sizes = np.linalg.norm(changes, axis=0)
+    changes = changes[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
+    explained = float(np.sum((np.linalg.qr(changes)[0].T @ force) ** 2))
+    noise = (float(force @ force) - explained) / (force.size - changes.shape[1])
+    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1])
 
 
 def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
@@ -201,7 +204,7 @@ def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> Ot
 
     def counts(signal: str, own: Signals) -> Counts:
         rows = LawRows.of(own, keep)
-        return _counts(rows, signal, law_structures.regressors(bare, rows)[:, : gains.size] @ gains)
+        return counts_of(rows, signal, law_structures.regressors(bare, rows)[:, : gains.size] @ gains)
 
     return replace(
         found, counts=(counts("dx", replace(signals, wanted=still)), counts("ds", replace(signals, x=still)))
@@ -248,8 +251,9 @@ class _Slow:
                 place = math.log((1.0 - lag.pole) / _NODES[0]) / math.log(_NODES[1] / _NODES[0])
                 first = min(max(int(place) - 1, 0), _NODES.size - 4)
                 at = place - first - np.arange(4.0)
-                weights = [np.prod(np.delete(at, k) / (k - np.delete(np.arange(4.0), k)) * 1.0) for k in range(4)]
-                columns = sum(w * self._columns(first + k, smoothing) for k, w in enumerate(weights))
+                weights = [np.prod(np.delete(at, k) / (k - np.delete(np.arange(4.0), k))) for k in range(4)]
+                near = np.stack([self._columns(first + k, smoothing) for k in range(4)])
+                columns = np.einsum("k,kij->ij", np.array(weights), near)
             self._parts[key] = reduced(columns, self.rows.force)
         return self._parts[key]
 
@@ -302,10 +306,11 @@ class _Slow:
             for d in (0, 1)
             for h in (0.0, *map(float, _BENDS[::2]))
         ]
-        best = dict[tuple[int, int, bool], Scored]()
-        for one in self.scored([*plain, *passed], 0.0):
-            structure = one.structure
-            best.setdefault((structure.n, structure.d, structure.lag is None), one)
+        tried = [*plain, *passed]
+        best = dict[tuple[int, int, bool, bool], Scored]()
+        for one in self.scored([*tried, *(replace(kind, integral=False, shifted=False) for kind in tried)], 0.0):
+            kind = one.structure
+            best.setdefault((kind.n, kind.d, kind.lag is None, kind.integral), one)
         return list(best.values())
 
     def refined(self, one: Scored, held: tuple[str, ...] = ()) -> Scored:
@@ -330,7 +335,7 @@ class _Slow:
             return Fitted(structure, gains, rate, float(rest @ rest)), smoothing, rest
 
         inside = np.clip(place, low + 1e-6, high - 1e-6)
-        scale = 1.0 / math.sqrt(self.floor.ssr)
+        scale = 1.0 / math.sqrt(self.floor.ssr + law_search.ROUNDING**2 * self.floor.power)
         found = least_squares(
             lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=_STEPS
         )
@@ -342,7 +347,10 @@ class _Slow:
 
         `known`: fits to more rows, which are fitted again; without them the whole range is searched.
         """
-        wide = self._wide(list(known) or self._starts())
+        starts = list(known) or self._starts()
+        if not starts:
+            return None
+        wide = self._wide(starts)
         found = dict[tuple[Structure, int], Scored]()
         for like in wide[:_KEPT]:
             for one in self._narrowed(like):
@@ -415,8 +423,8 @@ def _bent(one: Scored) -> Scored:
     if one.structure.twist.compliance > 0.0:
         return one
     kind = one.structure
-    twisted = _widest(kind.n, kind.d, kind.lag, float(_BENDS[2]))
-    return replace(one, fitted=replace(one.fitted, structure=twisted))
+    twist = _widest(kind.n, kind.d, kind.lag, float(_BENDS[2])).twist
+    return replace(one, fitted=replace(one.fitted, structure=replace(kind, twist=twist)))
 
 
 def _exchanged(one: Scored) -> Scored:

@@ -293,7 +293,8 @@ class LawRows:
         if step < 2:
             return self
         half, samples = _KERNEL // 2 * step, self.whole.shape[0]
-        kernel = firwin(2 * half + 1, highest, window=("kaiser", _STOPPED), fs=1.0 / self.raw.T)
+        window: Any = ("kaiser", _STOPPED)
+        kernel = firwin(2 * half + 1, highest, window=window, fs=1.0 / self.raw.T)
         kept = np.zeros(samples + 1)
         kept[self.places + 1] = 1.0
         inside = np.cumsum(kept)
