@@ -504,7 +504,7 @@ def _law_of(log: MotionLog, motor: np.ndarray | None, remarks: list[str]) -> tup
     if motor is not None:
         read = replace(log, position=motor)
         found = _attempted(lambda: identify_control(read), [])
-        if found is not None and not found.instruments and not found.near:
+        if found is not None and not found.other_readings and not found.near:
             remarks.append("the law reads the encoder of the motor, by which its gains were found")
             return found, read
     return _attempted(lambda: identify_control(log), remarks), log
