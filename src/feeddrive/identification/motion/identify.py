@@ -453,7 +453,7 @@ def identify_motion(
         remarks += control.remarks
         blocks = control.control(log.force_limit)
         # other readings than those of the law contradict any law; it was found in spite of them
-        if not control.instruments:
+        if not control.other_readings:
             blocks, check = _as_blocks(law_log, control, blocks, remarks)
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
