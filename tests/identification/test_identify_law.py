@@ -217,6 +217,18 @@ def test_counts_are_missed_where_the_law_would_make_more_of_them_than_chance(
     assert (counts.heard, counts.missing) == (heard, missing)
 
 
+@pytest.mark.parametrize(("beyond", "misses"), [(2.0, False), (4.0, True)])
+def test_a_law_of_other_readings_leaves_no_more_than_chance(beyond: float, misses: bool) -> None:
+    """The free law has 40 coefficients, of 300 rows; `beyond`: standard deviations of a chi square."""
+    fitted = Fitted(Structure(CASCADE_FAMILY, True, 1, 0), np.array([3e5, 5e3, 9e3]), 20.0, 0.0)
+    spare = 40 - fitted.structure.parameters
+    left = math.exp((spare + beyond * math.sqrt(2.0 * spare)) / 300.0)
+    floor = law_search.Floor(1.0, 1e4, 0.3, 300.0, 40)
+    rows: Any = None
+    best = Scored(replace(fitted, ssr=left), 0.0, rows)
+    assert law_other_readings.OtherReadings(rows, rows, floor, 0.0, (best,)).misses is misses
+
+
 def test_slow_rows_hold_the_law_of_all_rows() -> None:
     """A filter before all signals leaves the law as it is: 40 Hz of 1 kHz, each tenth row."""
     log = logged("Cascade", tuple(PI.items()))

@@ -42,6 +42,7 @@ _KEPT = 4  # of these, from which parts are left out
 _NARROWED = 2  # cascades with some of the parts that are searched finely
 _FINE = 6  # of these, that are searched finely
 _MERGED = 0.7  # of ln 1/Tn, within which two starts of a fine search are one
+_TWO = 0.1  # of ln 1/Tn, beyond which two fits are two minima
 _ANY = Twist(1.0, 1.0)  # stands for any twist
 _FAR = 60.0  # difference of the criterion, from which on a fit is not searched any more
 _PLAYS = 15.0  # of the criterion, that friction feedforward must explain before its smoothing is searched
@@ -56,6 +57,7 @@ _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
 _WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
 _CHANCE = 4.0  # standard deviations
+_REFUSED = 3.0  # standard deviations of a chi square: one right law in 200 is refused, and fewer wrong ones pass
 _STEP = 1e-3  # relative, by which the slope of an unknown is taken
 _STEPS = 12  # of a fine search
 # ranges of the unknowns of a fine search: far beyond those of axes
@@ -89,7 +91,7 @@ class OtherReadings:
     @property
     def misses(self) -> bool:
         """True if the likeliest fit leaves more than chance lets a law leave beyond the free one."""
-        return self.floor.misses(self.best)
+        return self.floor.misses(self.best, _REFUSED)
 
     def twist(self, enough: float) -> float:
         """Return `gain`, or that of faster rows if it is not `enough`."""
@@ -364,6 +366,10 @@ class _Slow:
         fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         if not fine:
             return None
+        # Kv and 1/Tn may change places in the law as well
+        other = self.refined(_exchanged(fine[0]), ("smoothing",)) if fine[0].structure.curved else fine[0]
+        if other.fitted.sensible and abs(math.log((other.fitted.rate or 1.0) / (fine[0].fitted.rate or 1.0))) > _TWO:
+            fine = sorted([*fine, other], key=_criterion)
         best = fine[0].criterion
         floor, linear = self.floor, floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
         bare = [one for one in fine if one.structure.friction is None]

@@ -87,10 +87,13 @@ class Floor:
         """The RMS that is left, relative to that of the force."""
         return math.sqrt(self.ssr / self.power)
 
-    def misses(self, scored: Scored) -> bool:
-        """Return True if a structure leaves more than chance lets a law leave beyond the free one."""
+    def misses(self, scored: Scored, chance: float = _CHANCE) -> bool:
+        """Return True if a structure leaves more than chance lets a law leave beyond the free one.
+
+        `chance`: standard deviations of a chi square.
+        """
         spare = self.unknowns - scored.structure.parameters
-        return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
+        return self.criterion(scored.fitted.ssr, 0) > spare + chance * math.sqrt(2.0 * spare)
 
     def wants_more(self, scored: Scored) -> bool:
         """Return True if a structure misses something, or leaves so much more that further ones are worth a trial."""
