@@ -134,7 +134,7 @@ def row(log: ForeignLog) -> Row:
     # a law outside of the families that is nearly one of them counts by its gains, too
     gains = "law.Kp" in log.truth or "law.P" in log.truth
     right, z, relative = judged(found, log) if gains else (False, [], [])
-    words = found.readings[0].name + (" by instruments" if found.instruments else "")
+    words = found.readings[0].name + (" with other readings" if found.other_readings else "")
     return Row(log.kind, "near" if found.near else "law", right, tuple(z), tuple(relative), seconds, words)
 
 

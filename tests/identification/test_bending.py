@@ -77,17 +77,17 @@ def test_bending_is_said_and_the_law_is_found_behind_the_load() -> None:
     found = identify_motion(log_of())
     assert any("the axis bends" in remark for remark in found.remarks)
     assert found.control is not None
-    assert found.control.instruments
+    assert found.control.other_readings
     assert found.control["Kv"].value == pytest.approx(12.0, rel=0.05)
     assert found.control["Kp"].value == pytest.approx(MASS * 50.0, rel=0.03)
     assert found.control["Tn"].value == pytest.approx(1.0 / 8.0, rel=0.05)
 
 
-@pytest.mark.slow(reason="a search through all structures by instruments, some 4 s")
+@pytest.mark.slow(reason="a search through all structures and in the slow rows, some 4 s")
 def test_a_low_pass_is_found_behind_the_load() -> None:
     """A corner of 2 ms beside the twist: gains within 5 %; half a sample of the velocity may count as its lag."""
     found = identify_control(log_of(tau=2e-3))
-    assert found.instruments
+    assert found.other_readings
     assert found["Kp"].value == pytest.approx(MASS * 50.0, rel=0.03)
     assert found["Kv"].value == pytest.approx(12.0, rel=0.05)
     lag = found["time_constant"].value + 0.5 * (found.velocity_samples - 1) * T
@@ -99,14 +99,14 @@ def test_the_law_is_taken_from_the_reading_that_it_had() -> None:
     load, motor = log_of("load"), log_of("motor")
     found = identify_motion(load, motor=motor.position)
     assert found.control is not None
-    assert not found.control.instruments
+    assert not found.control.other_readings
     assert any("reads the encoder of the motor" in remark for remark in found.remarks)
     for name, value in {"Kv": 12.0, "Kp": MASS * 50.0, "Tn": 1.0 / 8.0}.items():
         assert found.control[name].value == pytest.approx(value, rel=5e-3), name
     assert found.rigid["mass"].value == identify_rigid(load, dead_time=found.delay.dead_time)["mass"].value
 
 
-@pytest.mark.slow(reason="a search through all structures by instruments, some 4 s")
+@pytest.mark.slow(reason="a search through all structures and in the slow rows, some 4 s")
 def test_a_law_of_the_load_stays_one_if_the_motor_explains_nothing() -> None:
     noise = np.random.default_rng(1).normal(size=log_of().position.size)
     found = identify_motion(log_of(), motor=np.cumsum(noise) * 1e-6)

@@ -455,7 +455,7 @@ def identify_motion(
         remarks += control.remarks
         blocks = control.control(log.force_limit)
         # other readings than those of the law contradict any law; it was found in spite of them
-        if not control.instruments:
+        if not control.other_readings:
             blocks, check = _as_blocks(law_log, control, blocks, remarks)
     # a law that reproduces the force proves that both channels are on one clock
     delay = find_delay(log, how=how, clocks=check is None or not check.proves)
@@ -506,7 +506,7 @@ def _law_of(log: MotionLog, motor: np.ndarray | None, remarks: list[str]) -> tup
     if motor is not None:
         read = replace(log, position=motor)
         found = _attempted(lambda: identify_control(read), [])
-        if found is not None and not found.instruments and not found.near:
+        if found is not None and not found.other_readings and not found.near:
             remarks.append("the law reads the encoder of the motor, by which its gains were found")
             return found, read
     return _attempted(lambda: identify_control(log), remarks), log

@@ -16,9 +16,10 @@ from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforwar
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.identification import regression
-from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion import law_other_readings, law_search, law_structures
+from feeddrive.identification.motion.law_other_readings import OtherReadings
 from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
-from feeddrive.identification.motion.law_search import Instrumented, Scored, Search
+from feeddrive.identification.motion.law_search import Scored, Search
 from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
@@ -37,7 +38,9 @@ TWIST = 10.0  # of the criterion, that the twist between motor and load must exp
 LEAST_ROWS = 1000  # some 20 for each unknown of the free law: with fewer, any law leaves as little in noise
 SURE = 0.1  # largest relative error of Kp, or of P and D, with which a law counts as known
 MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in squares: right laws leave up to 0.1 more
-_SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding that matters to a difference quotient
+STEADY = (
+    15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
+)
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
 _SAME, _SAME_ERRORS = 0.1, 3.0
@@ -85,7 +88,7 @@ class ControlFit(Result):
     free       relative RMS residual of a free linear law, which is the noise of the log
     near       True if the free law explains clearly more, or the velocity is differenced over so many samples that a
                filter may take their place: a filter or another part of the law was not found
-    instruments  True if the gains were estimated with instruments, since the log lacks the readings used by the law
+    other_readings  True if the log lacks the readings used by the law: its gains are those of the slow part
     remarks    remarks on parts that the blocks of the library represent only approximately
     tried      (velocity samples, delay) -> residual of the superset of all structures
     """
@@ -95,7 +98,7 @@ class ControlFit(Result):
     residual: float
     free: float
     near: bool
-    instruments: bool
+    other_readings: bool
     smoothing: float
     remarks: tuple[str, ...]
     tried: dict[tuple[int, int], float]
@@ -159,7 +162,7 @@ def identify_control(log: MotionLog) -> ControlFit:
     structure is accepted as the law if its residual exceeds that of a free linear law (13 readings, 9 set positions,
     both sums) by chance only, and no nonlinear function of the signals explains more. A rounded set position is first
     replaced by the smoothest path within the rounding errors. If the law used other readings than those in the log,
-    such as those of the motor encoder, the gains are estimated with instruments, which are functions of the set motion.
+    such as those of the motor encoder, the gains are those of the slow part of the log (`law_other_readings`).
 
     Raises NotIdentifiableError, stating the fraction of the force that a free law explains, if no structure is
     accepted.
@@ -176,9 +179,9 @@ def identify_control(log: MotionLog) -> ControlFit:
             f"{log.name}: the command is at its limit in nearly all rows, where it does not follow the law: record a "
             "motion of lower acceleration"
         )
-    verdict = _judged(found)
-    if verdict.instrumented is not None:
-        return _by_instruments(log, found, verdict.instrumented)
+    verdict, found = _judged(found, log.force_limit)
+    if verdict.other is not None:
+        return _with_other_readings(log, found, verdict.other)
     if verdict.silent:
         raise NotIdentifiableError(
             f"{log.name}: even a free linear law of set position and position leaves "
@@ -204,7 +207,7 @@ def identify_control(log: MotionLog) -> ControlFit:
 def _searched(log: MotionLog, signals: Signals) -> Search | None:
     """Return the search; a rounded set position is tried both smoothed and as logged."""
     count = count_of(signals.wanted)
-    if count <= _SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
+    if count <= law_other_readings.SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
         return law_search.search([signals], log.force_limit)
     smooth = replace(signals, wanted=steadied(signals.wanted, count))
     # a law that computes with the rounded positions itself leaves less with them
@@ -223,15 +226,21 @@ class _Verdict:
     law: bool
     near: bool
     bent: bool
-    instrumented: Instrumented | None
+    other: OtherReadings | None
     silent: bool = False
     held: bool = False
 
 
-def _judged(found: Search) -> _Verdict:
+def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
+    """Return the verdict, and the search that it judges."""
+    exact = law_search.ROUNDING**2 * found.floor.power
+    other = _other(found, limit) if found.best.fitted.ssr > exact else None
+    # no model and no low pass makes up for other readings; a twist may be one of these
+    if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
+        found = law_search.deeper(found)
     best, floor = found.best, found.floor
-    if best.fitted.ssr <= law_search.ROUNDING**2 * floor.power:
-        return _Verdict(True, False, False, None)
+    if best.fitted.ssr <= exact:
+        return _Verdict(True, False, False, None), found
     rest = found.residual(best)
     added = abs(law_search.correlation(rest)) - abs(floor.memory)
     # a smoothed direction, which the free law lacks, may leave less than it, and another memory
@@ -239,33 +248,51 @@ def _judged(found: Search) -> _Verdict:
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     rows = _rows(found, best)
     if law_search.slower(rows, best.fitted, floor) > 0.0:
-        return _Verdict(False, False, False, None, held=True)
+        return _Verdict(False, False, False, None, held=True), found
     bent = law_search.nonlinear(rows, best.fitted, floor) > 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
+    explains = explains and law_other_readings.differs(found.rows, best) < STEADY
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
-    if explains and quiet and not bent and not silent:
-        return _Verdict(True, False, False, None)
-    by_motion = law_search.instrumented(found.rows)
-    if by_motion is not None and _known(found.rows, by_motion, floor.memory):
-        return _Verdict(False, False, bent, by_motion)
+    if explains and quiet and not bent and not silent and (other is None or other.ahead(best) < STEADY):
+        return _Verdict(True, False, False, None), found
+    if other is not None:
+        return _Verdict(False, False, bent, other), found
     near = left < NEAR and quiet and not bent and not silent
-    return _Verdict(False, near, bent, None, silent)
+    return _Verdict(False, near, bent, None, silent), found
 
 
-def _known(rows: LawRows, found: Instrumented, memory: float) -> bool:
-    """Return True if a cascade found with instruments is the law, which used other readings than those in the log.
+def _other(found: Search, limit: float | None) -> OtherReadings | None:
+    """Return the law for other readings than the log holds, or None if it is not known."""
+    # the slow rows have their own smoothed directions
+    signals = replace(found.rows.raw, smoothing=0.0)
+    other = law_other_readings.with_other_readings(signals, signals.free(limit))
+    return other if other is not None and _known(other, found.floor.memory) else None
 
-    Other readings are revealed by their noise, which becomes blue when differenced, or by the twist between motor and
-    load. A filter in the law may resemble a twist, but adds several samples of lag.
+
+def _known(other: OtherReadings, memory: float) -> bool:
+    """Return True if a cascade in the slow rows is the law, which used other readings than those in the log.
+
+    Other readings are revealed by their counts, which the force lacks, by those that the force has instead, which
+    become blue noise when differenced (`memory` of the free law), or by the twist between motor and load.
     """
-    values = found.fitted.values
-    covariance = law_search.covariance_by(rows, found.instruments, found.fitted)
-    errors, gains = regression.errors(covariance)[: values.size], found.fitted.structure.gains
-    sure = all(errors[gains.index(name)] < SURE * abs(values[gains.index(name)]) for name in ("Kp Kv", "Kp"))
-    twisted = found.fitted.structure.twist.compliance > 0.0 and found.gain > TWIST
-    return sure and (found.sound if twisted else found.ratio < law_search.RATIO and memory < -WHITE)
+    best = other.best
+    if other.misses:
+        return False
+    errors = regression.errors(law_other_readings.covariance_of(other, best))
+    fitted, gains = best.fitted, best.structure.gains
+    sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
+    assert other.counts is not None
+    # a law that follows the counts of the log has read them, and what looks like a twist is a filter
+    return sure and (_foreign(other, memory) or (not other.counts[0].heard and other.twist(TWIST) > TWIST))
+
+
+def _foreign(other: OtherReadings, memory: float) -> bool:
+    """Return True if the counts of the log are not in the force, or those of another reading are."""
+    assert other.counts is not None
+    reading, wanted = other.counts
+    return wanted.missing or reading.missing or (memory < -WHITE and not reading.heard)
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
@@ -308,22 +335,21 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     )
 
 
-def _by_instruments(log: MotionLog, found: Search, by_motion: Instrumented) -> ControlFit:
+def _with_other_readings(log: MotionLog, found: Search, other: OtherReadings) -> ControlFit:
     readings = list[LawReading]()
-    for one, price in by_motion.likely:
+    for one in other.likely:
         # fits that differ in samples or feedforward alone are one law; a far 1/Tn is another one
         known = any(
             reading.structure.integral == one.structure.integral and _near(reading, one) for reading in readings
         )
-        if known or price > by_motion.likely[0][1] + ALIKE or len(readings) == _SHOWN:
+        if known or one.criterion > other.best.criterion + ALIKE or len(readings) == _SHOWN:
             continue
-        covariance = _covariance_by_motion(found.rows, by_motion, one)
-        readings.append(_cascade_reading(log.frame, one, covariance, log.sample_time))
+        readings.append(_cascade_reading(log.frame, one.fitted, _covariance_of(other, one), log.sample_time))
     readings.sort(key=lambda one: _unusual(one))
     power = found.floor.power
     remark = Text(
-        "the log holds other readings than the law had (another encoder, or rounded values): its gains are found by "
-        "functions of the set motion, and the samples of the velocity and of the delay are not known"
+        "the log holds other readings than the law had (another encoder, or rounded values): its gains are those of "
+        "the slow part of the log, and the samples of the velocity and of the delay are not known"
     )
     return ControlFit(
         log.name,
@@ -349,24 +375,25 @@ def _near(reading: LawReading, one: Fitted | Scored) -> bool:
     return abs(math.log((one.rate or 1.0) / rate)) < _APART
 
 
-def _covariance_by_motion(rows: LawRows, by_motion: Instrumented, one: Fitted) -> np.ndarray:
-    """Return the covariance of a fit with instruments, including the scatter among likely fits with other n and d."""
-    covariance = law_search.covariance_by(rows, by_motion.instruments, one)
+def _covariance_of(other: OtherReadings, one: Scored) -> np.ndarray:
+    """Return the covariance of a fit to slow rows, including the scatter among likely fits with other parts."""
+    covariance = law_other_readings.covariance_of(other, one)
     near = [
-        (other, price)
-        for other, price in by_motion.likely
-        if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < _APART
+        fit
+        for fit in other.likely
+        if fit.structure.curved == one.structure.curved
+        and abs(math.log((fit.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
     ]
-    weights = np.exp(-0.5 * np.array([price for _, price in near]))
+    weights = np.exp(-0.5 * np.array([fit.criterion - one.criterion for fit in near]))
     weights /= np.sum(weights)
     names = [name for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains]
     places = [one.structure.gains.index(name) for name in names]
-    for weight, (other, _) in zip(weights, near, strict=True):
+    for weight, fit in zip(weights, (fit.fitted for fit in near), strict=True):
         off = np.zeros(covariance.shape[0])
         for place, name in zip(places, names, strict=True):
-            off[place] = (other[name] if name in other.structure.gains else other["Kp"]) - one[name]
-        if one.structure.curved and other.structure.curved:
-            off[one.values.size] = other.rate - one.rate
+            off[place] = (fit[name] if name in fit.structure.gains else fit["Kp"]) - one.fitted[name]
+        if one.structure.curved:
+            off[one.fitted.values.size] = fit.rate - one.fitted.rate
         covariance = covariance + weight * np.outer(off, off)
     return covariance
 

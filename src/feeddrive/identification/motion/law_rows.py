@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -18,6 +18,8 @@ _CHANGES = MOST_SAMPLES + MOST_DELAY + 2  # past changes of the reading that a c
 _SIGNS = range(-1, MOST_DELAY + 2)  # samples by which the direction of the set motion may be older than row k
 _SKIP = 0.2  # s at the start: the filters and models of the law hold a past there that the log does not show
 _SHORT = 40  # rows: a shorter stretch between two limits would be spent on its own constant
+_SETTLED = 0.05  # s: of a rest that still tell how motion ends
+_STARTING = 0.05  # s: of a rest that already tell how motion begins
 _HELD = 1e-3  # of the largest force, within which successive samples are at the limit: the rounding of a log
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
@@ -25,9 +27,9 @@ _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters
 _MEDIAN, _NOISE = 15, 4.0  # samples and standard deviations with which a noisy plateau of the command is found
 _WARM = 500  # samples that pass through the filters before the rows of a search that takes fewer
 _HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
-_LAGS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # s: of the low passes of the instruments
-_TURNS = 0.01  # of the largest set speed, at which the direction of the set motion turns in an instrument
-_DEPENDENT = 1e-6  # of the largest singular value, below which an instrument repeats the others
+_OVER = 2.5  # samples of the slow rows in a period of the highest frequency, which lets half of it pass
+_KERNEL = 6  # slow samples over which their low pass reaches
+_STOPPED = 7.0  # shape of its Kaiser window: a thousandth and less is left from 2.5 times the highest frequency on
 
 
 class Term(NamedTuple):
@@ -213,6 +215,8 @@ class LawRows:
     force    force without its mean over a stretch, shape (rows,)
     starts   first row of each stretch
     places   sample indices of the rows in the log, shape (rows,)
+    kernel   weights of a low pass without phase that all columns have passed; one weight for none
+    step     samples between two rows
 
     The constant of each stretch between two saturations absorbs the unknown initial value of an integral, a weight, and
     the effect of any anti-windup, which need not be modeled.
@@ -225,6 +229,8 @@ class LawRows:
     starts: np.ndarray
     places: np.ndarray
     raw: Signals
+    kernel: np.ndarray = field(default_factory=lambda: np.ones(1))
+    step: int = 1
 
     @classmethod
     def of(cls, signals: Signals, keep: np.ndarray) -> Self:
@@ -272,7 +278,7 @@ class LawRows:
         whole, columns = self.whole.copy(), self.columns.copy()
         signs = [k for k, name in enumerate(self.basis.names) if name.startswith(("sign", "moves"))]
         whole[:, signs] = np.stack([signals.direction(self.basis.names[k]) for k in signs], axis=1)
-        columns[:, signs] = self.centered(whole[self.places][:, signs])
+        columns[:, signs] = self.taken(whole[:, signs])
         return replace(self, whole=whole, columns=columns, raw=signals)
 
     def centered(self, values: np.ndarray) -> np.ndarray:
@@ -284,27 +290,47 @@ class LawRows:
         means = np.add.reduceat(values, self.starts, axis=0) / lengths.reshape(shape)
         return values - np.repeat(means, lengths, axis=0)
 
-    def instruments(self) -> np.ndarray:
-        """Return orthonormal functions of the set motion, which contain no reading errors, shape (rows, p).
+    def slow(self, highest: float) -> LawRows:
+        """Return the rows of the low-passed log: of all signals what is slower than about `highest` (Hz).
 
-        The motion of a loop depends on the set position, its derivatives, its direction (friction) and their past,
-        which is represented by low passes of first and second order from 2 to 200 ms, and by sums.
+        A law of the log is a law of these rows, too, as one filter is before all columns and the force. Counts and the
+        noise of differences are fast. Rows near the end of a stretch, which the filter reaches beyond, are left out.
         """
-        wanted, T = self.raw.wanted, self.raw.T
-        v = np.diff(wanted, prepend=wanted[0]) / T
-        v = 0.25 * (shifted(v, -1) + 2.0 * v + shifted(v, 1))
-        a = np.gradient(v, T)
-        sign = np.tanh(v / (_TURNS * np.max(np.abs(v))))
-        plain = np.stack([v, a, sign], axis=1)
-        parts = [wanted[:, None], plain, T * np.cumsum(sign)[:, None], T * np.cumsum(wanted - wanted[0])[:, None]]
-        for lag in _LAGS:
-            pole = float(np.exp(-T / lag))
-            once = _low_passed(pole, plain)
-            parts += [once, _low_passed(pole, once)]
-        Z = self.centered(np.hstack(parts)[self.places])
-        sizes = np.linalg.norm(Z, axis=0)
-        U, s, _ = np.linalg.svd(Z[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
-        return U[:, s > _DEPENDENT * s[0]]
+        from scipy.signal import firwin  # takes a second to import
+
+        step = int(1.0 / (_OVER * highest * self.raw.T))
+        if step < 2:
+            return self
+        half, samples = _KERNEL // 2 * step, self.whole.shape[0]
+        window: Any = ("kaiser", _STOPPED)
+        kernel = firwin(2 * half + 1, highest, window=window, fs=1.0 / self.raw.T)
+        kept = np.zeros(samples + 1)
+        kept[self.places + 1] = 1.0
+        inside = np.cumsum(kept)
+        centers = np.arange(half, samples - half, step)
+        centers = centers[inside[centers + half + 1] - inside[centers - half] == 2 * half + 1]
+        starts = np.flatnonzero(np.diff(centers, prepend=-samples) > step)
+        made = replace(self, places=centers, starts=starts, kernel=kernel, step=step)
+        return replace(made, columns=made.taken(self.whole), force=made.taken(self.raw.force))
+
+    def without(self, rows: np.ndarray) -> LawRows:
+        """Return slow rows but for some of them, (rows,) of bool: none needs its neighbours."""
+        starts = np.zeros(self.places.size, bool)
+        starts[self.starts] = True
+        of = np.cumsum(starts)[~rows]
+        made = replace(self, places=self.places[~rows], starts=np.flatnonzero(np.diff(of, prepend=0)))
+        return replace(made, columns=made.taken(self.whole), force=made.taken(self.raw.force))
+
+    def taken(self, whole: np.ndarray) -> np.ndarray:
+        """Return whole-log values, shape (samples,) or (samples, p), in the rows, without their means."""
+        if self.step == 1:
+            return self.centered(whole[self.places])
+        from scipy.signal import upfirdn  # takes a second to import
+
+        half = self.kernel.size // 2
+        # the filter begins at the first sample, half of its length before the row at which its first value counts
+        passed = upfirdn(self.kernel, whole - whole[0], down=self.step, axis=0)
+        return self.centered(np.asarray(passed)[(self.places + half) // self.step])
 
     def reduced(self, rows: slice = slice(None), more: np.ndarray | None = None) -> Reduced:
         """Return the problem of some rows reduced to its triangular factor; `more` are additional columns."""
@@ -399,6 +425,20 @@ class Signals:
         held = there & (np.roll(there, 1) | np.roll(there, -1)) if limit is None else there
         return ~widened(held)
 
+    def between_rests(self) -> np.ndarray:
+        """Return a mask of the samples that are not within a rest of the set motion.
+
+        A motor that stands is up to half a count from its reading, and the integral of a law sums that: it is another
+        constant before and after the rest.
+        """
+        v = np.diff(self.wanted, prepend=self.wanted[0])
+        still = np.abs(v) < _still(v)
+        after, before = round(_SETTLED / self.T), round(_STARTING / self.T)
+        moves = np.concatenate([[0], np.cumsum(~still)])
+        ends = np.arange(still.size)
+        first, last = np.maximum(ends - after, 0), np.minimum(ends + before + 1, still.size)
+        return moves[last] > moves[first]
+
     def below_plateau(self) -> np.ndarray:
         """Return a mask of the samples at which the command is below its highest plateau by more than the noise.
 
@@ -447,13 +487,7 @@ def filtered(rows: LawRows, coefficients: tuple[np.ndarray, np.ndarray], columns
     b, a = coefficients
     initial: Any = lfilter_zi(b, a)
     values, _ = lfilter(b, a, columns, axis=0, zi=initial[:, None] * columns[:1])
-    return rows.centered(np.asarray(values)[rows.places])
-
-
-def _low_passed(pole: float, columns: np.ndarray) -> np.ndarray:
-    from scipy.signal import lfilter  # takes a second to import
-
-    return np.asarray(lfilter([1.0 - pole], [1.0, -pole], columns, axis=0))
+    return rows.taken(np.asarray(values))
 
 
 def steadied(values: np.ndarray, count: float) -> np.ndarray:

@@ -17,19 +17,18 @@ from feeddrive.identification.motion.law_rows import (
     LawRows,
     Reduced,
     Signals,
-    Twist,
     reduced,
     triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
-from feeddrive.identification.regression import median_spread, robust_covariance
+from feeddrive.identification.regression import median_spread
 
 ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
 _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
-_STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
-_FEW = 0.03  # of the rows that may be left out so
+STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
+FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
 _STANDING = (0.02, 0.06, 0.15, 0.4)  # r that stand for any model while n and d are searched
 _MOST_DEAD = 3  # samples of dead time in a reference model
@@ -48,17 +47,11 @@ _FINE = 1e-4  # relative, to which the corner of a low pass and the rate of a mo
 _POLES = np.geomspace(0.02, 0.5, 9)  # 1 - pole of a low pass that are tried first
 _SMOOTH = np.geomspace(1e-3, 0.3, 7)  # of the largest set speed: smoothed signs of friction feedforward that are tried
 _SMOOTHED = 0.01  # relative change of the smoothing, from which on a search is repeated with it
-_DAMPINGS = np.geomspace(0.005, 0.15, 5)  # damping ratios of an axis that twists
-_USUAL_DAMPING = 0.03  # with which samples, delay and corner are scanned
-_BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
-_REFINED = 6  # fits by instruments whose twist is searched finely
-_TURNS = 2  # in which twist and corner are searched, each with the other one held
-RATIO = 2.0  # of what a law leaves in the space of the instruments over chance: right laws leave up to 1.3
+_TURNS = 2  # in which a low pass and a smoothed sign are searched, each with the other one held
 _ODD = 12.0  # difference of the criterion up to which such a fit counts when errors are estimated
 _BANDS = np.geomspace(1e-3, 5.0, 9)  # of the usual error: half widths of a dead band that are tried
 _SLOWER = (2, 4, 8)  # samples between two runs of a slower position loop that are tried
-_SLOW = 0.02  # s: blocks whose sums show the slow part of a residual
-_LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
+LEAST_ROWS = 100  # some two for each unknown of the free law: with fewer, nothing is left to judge by
 MOST_LAG = 1.5  # samples between motion and command; a law with a low pass looks like one with 2.5 and more
 # samples between motion and command from which on a low pass is tried, unless the samples of the velocity are told
 # from others by so much of n ln(ssr): a low pass is no further from them
@@ -111,10 +104,13 @@ class Floor:
         """The RMS residual, relative to the RMS of the force."""
         return math.sqrt(self.ssr / self.power)
 
-    def misses(self, scored: Scored) -> bool:
-        """Return True if the residual of a structure exceeds that of the free law by more than chance."""
+    def misses(self, scored: Scored, chance: float = _CHANCE) -> bool:
+        """Return True if the residual of a structure exceeds that of the free law by more than chance.
+
+        `chance`: standard deviations of a chi square.
+        """
         spare = self.unknowns - scored.structure.parameters
-        return self.criterion(scored.fitted.ssr, 0) > spare + _CHANCE * math.sqrt(2.0 * spare)
+        return self.criterion(scored.fitted.ssr, 0) > spare + chance * math.sqrt(2.0 * spare)
 
     def wants_more(self, scored: Scored) -> bool:
         """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
@@ -130,17 +126,24 @@ class Floor:
         return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
 
 
-def floor_of(rows: LawRows, part: Reduced) -> Floor:
-    """Return the fit of the free linear law to the rows."""
-    rest = rows.force - rows.columns @ _solution(part)
-    ssr, n = part.rest(), rows.force.size
-    rho = correlation(rest)
-    effective = max(20.0, n * (1.0 - max(0.0, rho)) / (1.0 + max(0.0, rho)))
-    return Floor(ssr, part.power, rho, effective, rows.basis.size, n)
+def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> Floor:
+    """Return the fit of the free linear law to the rows, with all basis columns or those at some places."""
+    places = np.arange(rows.basis.size) if places is None else places
+    own = part.factor[:, places]
+    gains = _solution(Reduced(own, part.right))
+    rest = rows.force - rows.columns[:, places] @ gains
+    left = part.right - own @ gains
+    return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size, rest.size)
+
+
+def independent(rest: np.ndarray) -> float:
+    """Return the number of independent rows of a residual."""
+    rho = max(0.0, correlation(rest))
+    return max(20.0, rest.size * (1.0 - rho) / (1.0 + rho))
 
 
 def _solution(part: Reduced) -> np.ndarray:
-    """Return the coefficients of all basis columns."""
+    """Return the coefficients of all columns."""
     sizes = np.linalg.norm(part.factor, axis=0)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
     return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
@@ -198,7 +201,7 @@ def _signals(rows: LawRows, found: Fitted) -> tuple[np.ndarray, np.ndarray]:
 
 def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Sequence[np.ndarray]]) -> float:
     """Return the largest criterion by which one kind of columns explains what a law leaves in rows of a search."""
-    more = rows.centered(np.stack([column for kind in kinds for column in kind], axis=1)[rows.places])
+    more = rows.taken(np.stack([column for kind in kinds for column in kind], axis=1))
     own = law_structures.regressors(found, rows)
     rest = rows.force - own[:, : found.values.size] @ found.values
     linear = np.hstack([own, rows.columns])
@@ -220,12 +223,16 @@ def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Seque
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """All structures fitted to a log, best first, and the free law with which they are compared."""
+    """All structures fitted to a log, best first, and the free law with which they are compared.
+
+    deep  False if the best one misses something, and neither models nor low passes were tried
+    """
 
     rows: LawRows
     floor: Floor
     tried: dict[tuple[int, int], float]
     scored: tuple[Scored, ...]
+    deep: bool = True
 
     @property
     def best(self) -> Scored:
@@ -248,8 +255,8 @@ class Search:
 def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     """Return the search for the structures that explain a log, or None if too few rows are below the limit.
 
-    `choices` are interpretations of the log, likeliest first. All of them are first searched without models and low
-    passes; only if no fit is good enough, these are tried on the interpretation with the smallest residual.
+    `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation with the
+    smallest residual is returned, on which models and low passes are still to be tried (`deeper`).
     """
     found = list[Search]()
     for signals in choices:
@@ -266,7 +273,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
             found += [] if one is None or one is first else [one]
     if not found:
         return None
-    return _deeper(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)))
+    return replace(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
@@ -275,8 +282,8 @@ def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.nd
     rest = first.residual(first.best)
     spread = median_spread(rest)
     noise = ROUNDING * math.sqrt(first.floor.power / rest.size)
-    far = np.abs(rest) > _STRAY * max(spread, noise)
-    if 0 < np.sum(far) <= _FEW * far.size:
+    far = np.abs(rest) > STRAY * max(spread, noise)
+    if 0 < np.sum(far) <= FEW * far.size:
         strays = np.zeros(keep.size, bool)
         strays[first.rows.places[far]] = True
         yield keep & ~strays
@@ -292,7 +299,7 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     It is repeated at most `again` times with the smoothed direction that it found.
     """
     rows = LawRows.of(signals, keep)
-    if rows.force.size < _LEAST_ROWS:
+    if rows.force.size < LEAST_ROWS:
         return None
     basis, part = rows.basis, rows.reduced()
     floor = floor_of(rows, part)
@@ -318,8 +325,9 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     return _with_more(found, (_shifted,))
 
 
-def _deeper(found: Search) -> Search:
+def deeper(found: Search) -> Search:
     """Return the search extended by reference models and low passes, the more likely ones first."""
+    found = replace(found, deep=True)
     steps = (_with_models, _with_low_passes)
     # no model has a friction feedforward here
     for step in steps if found.best.structure.friction is None else reversed(steps):
@@ -649,199 +657,9 @@ def _as_late(structure: Structure) -> Iterator[Structure]:
                 yield replace(structure, n=n, **{"eased" if structure.lag is None else "lag": other})
 
 
-@dataclass(frozen=True, eq=False)
-class Instrumented:
-    """A cascade fitted with instruments, for a log whose readings are not those used by the law.
-
-    ratio   residual sum of squares in the space of the instruments, relative to its expected value
-    gain    criterion of the best fit without a twist between motor and load, minus that of this fit
-    likely  this and other likely fits with their criteria, best first
-    instruments  orthonormal instruments, shape (rows, p)
-    """
-
-    fitted: Fitted
-    ratio: float
-    gain: float
-    likely: tuple[tuple[Fitted, float], ...]
-    instruments: np.ndarray
-
-    @property
-    def sound(self) -> bool:
-        """True if the residual is due to chance, and the delay of the law is too short to be caused by a low pass."""
-        return self.ratio < RATIO and self.fitted.structure.late <= MOST_LAG
-
-
-def instrumented(rows: LawRows) -> Instrumented | None:
-    """Return the likeliest cascade fitted with instruments, or None.
-
-    Reading errors in the columns bias least squares; functions of the set motion do not contain them.
-    """
-    problems = _ByMotion(rows)
-    plain = _instrumented(problems, problems.scan(None))
-    if plain is None or plain.sound:
-        return plain
-    passed = [one for share in _POLES for one in problems.scan(Lag(1.0 - float(share), 0.0))]
-    passed.sort(key=lambda one: one.ssr)
-    if not passed:
-        return plain
-    # the corner about the best one of the grid, whose twist moves with it
-    lagged = _instrumented(problems, passed)
-    return lagged if lagged is not None and lagged.ratio < plain.ratio else plain
-
-
-class _ByMotion:
-    """The least-squares problems of cascades, projected onto the instruments."""
-
-    def __init__(self, rows: LawRows) -> None:
-        self.rows, self.Z = rows, rows.instruments()
-        self._parts = dict[float | None, Reduced]()
-
-    def part(self, lag: Lag | None) -> Reduced:
-        """Return the reduced problem of all columns after a low pass, or unfiltered if `lag` is None."""
-        pole = None if lag is None else lag.pole
-        if pole not in self._parts:
-            on = self.Z.T @ np.column_stack([law_structures.with_drag(self.rows, lag), self.rows.force])
-            self._parts[pole] = Reduced(on[:, :-1], on[:, -1])
-        return self._parts[pole]
-
-    def minima(self, structures: Iterable[Structure]) -> list[Fitted]:
-        """Return all fits of structures with the same low pass."""
-        tried = list(structures)
-        return law_structures.minima(tried, self.rows.basis, self.part(tried[0].lag)) if tried else []
-
-    def scan(self, lag: Lag | None) -> list[Fitted]:
-        """Return fits of the most general cascade for several n, d and twists, the smallest residual first."""
-        bends = (0.0, *map(float, _BENDS if lag is None else _BENDS[::2]))
-        found = self.minima(
-            Structure(
-                CASCADE, True, n, d, fed="backward", friction=0, lag=lag, twist=_damped(h), drag=h > 0.0, shifted=True
-            )
-            for n in (1, 2, 4, 8)
-            for d in ((0, 1, 2) if lag is None else (0, 1))
-            for h in bends
-        )
-        return sorted(found, key=lambda one: one.ssr)
-
-    def twisted(self, one: Fitted) -> Fitted:
-        """Return a fit with the compliance that minimizes its residual."""
-        compliance = one.structure.twist.compliance
-        if compliance == 0.0:
-            return one
-        return _profile(self.rows, self._along(one, _twisted), compliance * _AROUND**2) or one
-
-    def refined(self, one: Fitted) -> Fitted:
-        """Return a fit with the residual minimized over compliance, loss and corner, one after the other."""
-        if one.structure.twist.compliance == 0.0:
-            return one
-        for _ in range(_TURNS):
-            one = self.twisted(one)
-            losses = 2.0 * _DAMPINGS * math.sqrt(one.structure.twist.compliance)
-            lossy = _profile(self.rows, self._along(one, _lossy), losses)
-            one = lossy if lossy is not None and lossy.ssr < one.ssr else one
-            if one.structure.lag is not None:
-                one = _profile(self.rows, self._along(one, _passed), (1.0 - one.structure.lag.pole) * _AROUND) or one
-        return one
-
-    def _along(self, one: Fitted, change: Callable[[Structure, float], Structure]) -> Callable[[float], Fitted | None]:
-        def at(value: float) -> Fitted | None:
-            fits = self.minima([change(one.structure, value)])
-            near = [other for other in fits if abs(math.log((other.rate or 1.0) / (one.rate or 1.0))) < 0.3]
-            return min(near, key=lambda other: other.ssr, default=None)
-
-        return at
-
-
-def _damped(compliance: float) -> Twist:
-    """Return a twist with a usual damping ratio ζ: d/k = 2 ζ / ω, ω = 1/√compliance."""
-    return Twist(compliance, 2.0 * _USUAL_DAMPING * math.sqrt(compliance))
-
-
-def _twisted(structure: Structure, compliance: float) -> Structure:
-    return replace(structure, twist=structure.twist._replace(compliance=compliance))
-
-
-def _lossy(structure: Structure, loss: float) -> Structure:
-    return replace(structure, twist=structure.twist._replace(loss=loss))
-
-
 def _passed(structure: Structure, share: float) -> Structure:
     assert structure.lag is not None
     return replace(structure, lag=structure.lag._replace(pole=1.0 - share))
-
-
-def _instrumented(problems: _ByMotion, scan: list[Fitted]) -> Instrumented | None:
-    """Return the likeliest cascade, given the twist and the low pass of the best fit in a scan."""
-    if not scan:
-        return None
-    rows, spare = problems.rows, problems.Z.shape[1]
-    widest = problems.refined(scan[0])
-    twist, lag = widest.structure.twist, widest.structure.lag
-    noise = _slow_noise(rows, widest)
-
-    def price(one: Fitted) -> float:
-        return one.ssr / noise + one.structure.parameters * math.log(spare)
-
-    def plain(n: int, d: int) -> Iterator[Structure]:
-        for forward in law_structures.FORWARD:
-            for fed in ("", "backward"):
-                for friction in (None, 0):
-                    for integral in (True, False):
-                        stiff = Structure(
-                            CASCADE,
-                            integral,
-                            n,
-                            d,
-                            forward=forward,
-                            fed=fed,
-                            friction=friction,
-                            lag=lag,
-                            shifted=integral,
-                        )
-                        yield stiff
-                        if twist.compliance > 0.0:
-                            yield replace(stiff, twist=twist)
-                            yield replace(stiff, twist=twist, drag=True)
-
-    pairs = list(dict.fromkeys((one.structure.n, one.structure.d) for one in scan))[:_KEPT]
-    found = problems.minima(one for pair in pairs for one in plain(*pair))
-    found.sort(key=price)
-    if not found:
-        return None
-    # the exact twist of the likeliest ones, each at its own minimum over 1/Tn
-    fine = [problems.twisted(one) for one in found[:_REFINED]]
-    fine.sort(key=price)
-    top = fine[0]
-    likely = [one for one in fine if price(one) < price(top) + _ODD]
-    ratio = top.ssr / noise / max(1, spare - top.structure.parameters)
-    stiff = min((price(one) for one in found if one.structure.twist.compliance == 0.0), default=math.inf)
-    return Instrumented(top, ratio, stiff - price(top), tuple((one, price(one)) for one in likely), problems.Z)
-
-
-def covariance_by(rows: LawRows, Z: np.ndarray, top: Fitted) -> np.ndarray:
-    """Return the covariance of the gains, 1/Tn, compliance and pole of a fit with instruments."""
-    columns, size = law_structures.regressors(top, rows), top.values.size
-    rest = rows.force - columns[:, :size] @ top.values
-    twist = top.structure.twist
-    if twist.compliance > 0.0:
-        step = 0.01 * twist.compliance
-        other = replace(top, structure=_twisted(top.structure, twist.compliance + step))
-        bend = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
-        columns = np.column_stack([columns, bend])
-    lag = top.structure.lag
-    if lag is not None:
-        step = 1e-3 * (1.0 - lag.pole)
-        other = replace(top, structure=_passed(top.structure, 1.0 - lag.pole - step))
-        later = (law_structures.regressors(other, rows)[:, :size] - columns[:, :size]) @ top.values / step
-        columns = np.column_stack([columns, later])
-    return robust_covariance(Z @ (Z.T @ columns), rest, smooth=64)
-
-
-def _slow_noise(rows: LawRows, top: Fitted) -> float:
-    """Return the variance per row of the low-frequency part of a structure's residual."""
-    rest = rows.force - law_structures.regressors(top, rows)[:, : top.values.size] @ top.values
-    length = max(1, round(_SLOW / rows.raw.T))
-    blocks = rest[: rest.size // length * length].reshape(-1, length).sum(axis=1)
-    return 1.4826**2 * float(np.median(np.abs(blocks - np.median(blocks)))) ** 2 / length
 
 
 def _along_lag(rows: LawRows, structure: Structure, about: np.ndarray) -> Fitted | None:

@@ -461,11 +461,15 @@ def regressors(found: Fitted, rows: LawRows) -> np.ndarray:
 
 def with_drag(rows: LawRows, lag: Lag | None) -> np.ndarray:
     """Return the basis columns in the rows after a low pass, followed by T Σ of the direction of motion."""
-    direction = rows.whole @ rows.basis.one("sign0").on
-    whole = np.column_stack([rows.whole, rows.basis.T * np.cumsum(direction)])
+    drag = rows.basis.T * np.cumsum(rows.whole @ rows.basis.one("sign0").on)[:, None]
     if lag is None:
-        return rows.centered(whole[rows.places])
-    return filtered(rows, Lag(lag.pole, 0.0).coefficients(), whole)
+        return np.hstack([rows.columns, rows.taken(drag)])
+    return passed(rows, lag, np.hstack([rows.whole, drag]))
+
+
+def passed(rows: LawRows, lag: Lag | None, whole: np.ndarray) -> np.ndarray:
+    """Return whole-log columns in the rows after a low pass, or as they are."""
+    return rows.taken(whole) if lag is None else filtered(rows, Lag(lag.pole, 0.0).coefficients(), whole)
 
 
 class ModelProblems:
@@ -561,7 +565,7 @@ class SignProblems:
         more = self._directions(signals, self.age)
         lag = self.structure.lag
         if lag is None:
-            more = self.rows.centered(more[self.rows.places])
+            more = self.rows.taken(more)
         else:
             more = self._passed((1.0 - lag.old) * more + lag.old * self._directions(signals, self.age + 1))
         on = self.Q.T @ more
