@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,17 @@ def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
     rooms = ("cli", "comparison", "evaluation", "study", "workflow")
     if request.path.parent.name in rooms and not request.node.get_closest_marker("pictures"):
         monkeypatch.setattr(no_pictures.DRAWN_BY, no_pictures.empty)
+
+
+@pytest.fixture(autouse=True)
+def _own_path() -> Iterator[None]:
+    """`cli.main` keeps its child processes from importing what lies beside the logs; foreign programs of later tests
+    are not its children, and may import their own modules.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    yield
+    if before is None:
+        os.environ.pop("PYTHONSAFEPATH", None)
 
 
 @pytest.fixture

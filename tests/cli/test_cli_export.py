@@ -82,7 +82,9 @@ def test_what_is_exported_verifies(words: list[str], tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "EQUAL, bit for bit" in result.output
     text = certificate.read_text(encoding="utf-8")
-    assert text.strip() in result.output
+    table, _, digest_of_text = text.rpartition("SHA-256 ")
+    assert table.strip() in result.output
+    assert hashlib.sha256(table.encode()).hexdigest() == digest_of_text.strip()
     digest = json.loads((out / "export.json").read_text(encoding="utf-8"))["machine"]["sha256"]
     assert digest[:16] in text
 

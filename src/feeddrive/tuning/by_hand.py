@@ -27,6 +27,7 @@ _LARGEST = 1e30
 _WIDE = 30.0  # the range of a parameter is 1/30 to 30 times its value
 # limits of the machine, which tuning must not change
 _SAFE = ("guard", "force_limit")
+_NOT_FINITE = "the loop has no finite response with these numbers: take values nearer to the previous ones"
 
 
 @dataclass(frozen=True)
@@ -190,11 +191,15 @@ class ByHand:
         self.control(values)
         limits = limits or self.limits
         row = np.array([values.get(knob.name, knob.value) for knob in self.knobs])
-        loops = tuple(figures(answer(point, self._response(point, row)), limits.reading_noise) for point in self.points)
+        responses = [self._response(point, row) for point in self.points]
+        if not all(np.all(np.isfinite(response.value)) for response in responses):
+            raise ParameterError(_NOT_FINITE)
+        loops = tuple(
+            figures(answer(point, response), limits.reading_noise)
+            for point, response in zip(self.points, responses, strict=True)
+        )
         if not all(_drawable(loop.loop_gain) and _drawable(loop.compliance) for loop in loops):
-            raise ParameterError(
-                "the loop has no finite response with these numbers: take values nearer to the previous ones"
-            )
+            raise ParameterError(_NOT_FINITE)
         verdicts = [_verdicts(limits, loop) for loop in loops]
         worst = (max(kinds, key=lambda verdict: verdict.used) for kinds in zip(*verdicts, strict=True))
         return Look(loops, tuple(sorted(worst, key=lambda verdict: -verdict.used)))
