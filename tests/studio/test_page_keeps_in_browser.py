@@ -31,7 +31,11 @@ def test_a_search_takes_no_words_and_no_focus_away(studio: Any) -> None:
     field.press("3")
     name = focus(page)
     words = page.inner_text("#job")
-    page.wait_for_function("words => document.querySelector('#job').innerText !== words", arg=words)
+    # a quick machine may have ended the search before its words were read
+    changed = (
+        "words => (job => job.innerText !== words || job.dataset.state !== 'running')(document.querySelector('#job'))"
+    )
+    page.wait_for_function(changed, arg=words, timeout=60_000)
     page.wait_for_timeout(1_000)  # of 5 messages a second
     assert (focus(page), field.input_value()) == (name, "1.23")
     page.focus("#tune-start")

@@ -161,7 +161,7 @@ _WATCH = """() => {
 
 
 def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> None:
-    """After the click only the step under way, and at most the one in which the work sees it, are reported."""
+    """Once the server has heard the click only the step under way, and the one in which the work sees it, are reported."""
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
@@ -177,8 +177,10 @@ def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> 
     assert page.get_attribute("#job", "data-state") == "running"
     page.evaluate(_WATCH)
     page.click("#cancel")
+    page.locator("html:not([data-asked])").wait_for(state="attached")
+    heard = page.evaluate("() => window.reports.length")
     page.wait_for_function("() => document.querySelector('#job').dataset.state === 'canceled'", timeout=60_000)
-    reports = page.evaluate("() => window.reports")
+    reports = page.evaluate("() => window.reports")[heard:]
     assert {state for state, _ in reports} <= {"running", "canceled"}
     assert len({re.sub(r" \(\d+ s\)$", "", text) for state, text in reports if state == "running"}) <= 2, reports
     assert page.locator("#proof-program").is_hidden()
