@@ -161,7 +161,7 @@ _WATCH = """() => {
 
 
 def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> None:
-    """Once the server has heard the click only the step under way, and the one in which the work sees it, are reported."""
+    """Once the server has heard the click, the step under way is reported, and that in which the work sees it."""
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
