@@ -163,6 +163,8 @@ force = 500
 following_error_mm = 1
 largest_mass = 90
 breakaway_force = 20
+acceleration = 8
+energy = 1.8
 """
 LIMITS = """[axis.x.limits]
 velocity_mm_per_s = 500
