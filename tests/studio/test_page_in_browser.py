@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -78,11 +79,15 @@ def test_a_reload_keeps_the_room_and_what_was_moved(studio: Any) -> None:
 
 def test_a_work_that_is_killed_leaves_the_page_usable(studio: Any) -> None:
     page = (opened := studio.open()).page
-    opened.go("goal")
-    page.click("#tune-start")
+    opened.go("compare")
+    page.fill("#compare-starts", "20")  # it does not end by itself meanwhile
+    page.click("#compare-start")
     page.wait_for_selector("#job[data-state=running]")
-    page.wait_for_timeout(300)
-    (child,) = _children(studio.server.pid)
+    begun = time.monotonic()
+    # on a busy machine the process takes a while to begin
+    while not (children := _children(studio.server.pid)) and time.monotonic() - begun < 20.0:
+        page.wait_for_timeout(100)
+    (child,) = children
     os.kill(child, signal.SIGKILL)
     assert opened.ended() == "failed"
     assert "it was killed, or memory ran out" in page.inner_text("#job")
@@ -118,6 +123,7 @@ def test_a_work_is_canceled(studio: Any) -> None:
 def test_a_page_that_is_loaded_again_amid_a_work_shows_it_and_can_cancel_it(studio: Any) -> None:
     page = (opened := studio.open()).page
     opened.go("compare")
+    page.fill("#compare-starts", "20")  # it does not end by itself meanwhile
     page.click("#compare-start")
     page.wait_for_selector("#job[data-state=running]")
     page.reload()
