@@ -12,29 +12,11 @@ import numpy as np
 import pytest
 
 from feeddrive.files.read_log import read_columns
+from small_study import small_study
 
 # modules that Python, numpy or feeddrive import in child processes
 NAMES = ("json", "numpy", "multiprocessing", "struct", "h5py", "feeddrive")
-STUDY = """
-title = "Small"
-machine = "ball_screw"
-count = 4
-chunk = 2
-seed = 3
-measure = ["sensitivity_peak"]
-
-[reference]
-kind = "snap_limited_move"
-distance_mm = 1
-velocity = 0.1
-acceleration = 5
-jerk = 800
-snap = 2e5
-
-[[vary]]
-parameter = "axis.x.plant.mass_load"
-tolerance_percent = 20
-"""
+STUDY = small_study(4, 2)
 
 
 @pytest.fixture

@@ -20,32 +20,14 @@ from feeddrive.language.progress import Progress
 from feeddrive.study.study import read_study
 from feeddrive.study.sweep import sweep
 from feeddrive.workflow.evaluated import EngineRequest
+from small_study import small_study
 
 if TYPE_CHECKING:
     from dask_cluster import DaskCluster
 
 PAGE = Path(__file__).parents[2] / "docs" / "security.md"
 WARNING = "is neither local nor reached by TLS: everyone who reaches its port can run code"
-STUDY = """
-title = "Small"
-machine = "ball_screw"
-count = 8
-chunk = 4
-seed = 3
-measure = ["sensitivity_peak"]
-
-[reference]
-kind = "snap_limited_move"
-distance_mm = 1
-velocity = 0.1
-acceleration = 5
-jerk = 800
-snap = 2e5
-
-[[vary]]
-parameter = "axis.x.plant.mass_load"
-tolerance_percent = 20
-"""
+STUDY = small_study(8, 4)
 
 
 @pytest.mark.parametrize(

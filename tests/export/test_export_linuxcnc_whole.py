@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,16 +183,7 @@ def test_every_servo_cycle_of_two_axes_under_cross_coupled_control_is_the_simula
     pins = [f"axes.{input_pin(v.path)}" for v in routine.inputs] + [f"axes.{pin}" for pin, _ in outputs]
     pins += ["axes.x.fault-code", "axes.y.fault-code"]
     kinds = "".join("s" if pin.endswith("code") else "b" if pin.endswith("enable") else "f" for pin in pins)
-    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
-    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
-    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
-    (folder / "record.hal").write_text("\n".join(record) + "\n")
-    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
-    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
-    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
-    assert "DONE, overruns: 0" in printed, printed
-    assert "SAID" not in printed, printed
-    rows = np.fromfile(folder / "out.bin").reshape(-1, len(pins))
+    rows = _recorded(folder, pins, kinds)
     width = len(routine.inputs)
     given = rows[:, :width].copy()
     lengths = [i for i, v in enumerate(routine.inputs) if quantity(v.path) != "enable"]
@@ -227,16 +219,7 @@ def test_both_drives_of_a_beam_follow_one_word_of_a_program(tmp_path):
     pins = [f"axes.{axis}.{name}" for axis in ("x", "y", "y2") for name in names]
     pins += [f"axes-plant.{axis}.load-position" for axis in ("y", "y2")]
     kinds = "".join({"fault-code": "s", "running": "b"}.get(pin.rpartition(".")[2], "f") for pin in pins)
-    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
-    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
-    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
-    (folder / "record.hal").write_text("\n".join(record) + "\n")
-    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
-    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
-    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
-    assert "DONE, overruns: 0" in printed, printed
-    assert "SAID" not in printed, printed
-    found = dict(zip(pins, np.fromfile(folder / "out.bin").reshape(-1, len(pins)).T, strict=True))
+    found = dict(zip(pins, _recorded(folder, pins, kinds).T, strict=True))
     assert all(np.all(found[f"axes.{axis}.fault-code"] == 0.0) for axis in ("x", "y", "y2"))
     on = found["axes.y.running"] > 0.5  # off, the command of a joint is where its drive stands
     assert np.sum(on) > 5000
@@ -267,3 +250,17 @@ def _nets(file: Path) -> dict[str, str]:
         if words[:1] == ["net"]:
             found |= dict.fromkeys(words[2:], words[1])
     return found
+
+
+def _recorded(folder: Path, pins: Sequence[str], kinds: str) -> np.ndarray:
+    """Run the program of a folder in a whole LinuxCNC; the pins in each servo cycle."""
+    record = [f"loadrt sampler depth=50000 cfg={kinds}", "addf sampler.0 servo-thread"]
+    nets = _nets(folder / "axes.hal") | _nets(folder / "desk.hal")
+    record += [f"net {nets.get(pin, f'record-{i}')} {pin} => sampler.0.pin.{i}" for i, pin in enumerate(pins)]
+    (folder / "record.hal").write_text("\n".join(record) + "\n")
+    ini = (folder / "desk.ini").read_text().replace("DISPLAY = axis", f"DISPLAY = {folder}/runner.py")
+    (folder / "desk.ini").write_text(ini.replace("HALFILE = desk.hal", "HALFILE = desk.hal\nHALFILE = record.hal"))
+    printed = session.session(folder, [folder / "axes.comp", folder / "axes_plant.comp"], "linuxcnc -r desk.ini", 120.0)
+    assert "DONE, overruns: 0" in printed, printed
+    assert "SAID" not in printed, printed
+    return np.fromfile(folder / "out.bin").reshape(-1, len(pins))

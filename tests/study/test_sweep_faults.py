@@ -17,27 +17,8 @@ from feeddrive.language.errors import WorkerError
 from feeddrive.language.progress import Progress
 from feeddrive.study.study import Study, read_study
 from feeddrive.study.sweep import sweep
+from small_study import small_study
 
-SMALL = """
-title = "Small"
-machine = "ball_screw"
-count = {count}
-chunk = {chunk}
-seed = 3
-measure = [{measure}]
-
-[reference]
-kind = "snap_limited_move"
-distance_mm = 1
-velocity = 0.1
-acceleration = 5
-jerk = 800
-snap = 2e5
-
-[[vary]]
-parameter = "axis.x.plant.mass_load"
-tolerance_percent = 20
-"""
 MODEL = '"sensitivity_peak", "stiffness_least_N_per_m"'
 DEADLY = """
 import os, signal
@@ -53,7 +34,7 @@ REASON = "each process takes a second to begin"
 
 def file(folder: Path, count: int, chunk: int, measure: str) -> Path:
     found = folder / "small.toml"
-    found.write_text(SMALL.format(count=count, chunk=chunk, measure=measure), encoding="utf-8")
+    found.write_text(small_study(count=count, chunk=chunk, measure=measure), encoding="utf-8")
     return found
 
 

@@ -8,6 +8,7 @@ managers of the slave controller; over CANopen as messages with SYNC.  Objects a
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 
 from feeddrive.bus.cia402 import Layout
 from feeddrive.bus.transport import RefusedError, holds_mapping, write_mapping
@@ -32,7 +33,7 @@ _WORKING = 3  # working counter of an LRW that a slave read and wrote
 _WATCH_UNIT = 1e-4  # s, of register 0x0420 with the default divider
 
 
-class _VirtualTransport:
+class _VirtualTransport(ABC):
     """What both buses share: objects, and the watchdog of the drive in cycles. See `Transport`."""
 
     where = "virtual bus"
@@ -46,8 +47,8 @@ class _VirtualTransport:
         self._limit = 0.0  # s without a frame after which the drive stops by itself
         self._silent = 0
 
-    def open(self) -> None:
-        """Find the drive; it is there."""
+    def open(self) -> None:  # noqa: B027  # a virtual drive is there; on EtherCAT it has states to go through
+        """Find the drive."""
 
     def read(self, index: int, subindex: int) -> bytes:
         """Read an object."""
@@ -79,9 +80,9 @@ class _VirtualTransport:
         """Set the time without frames after which the drive stops by itself, s."""
         self._limit = seconds
 
+    @abstractmethod
     def operate(self, content: bytes) -> None:
         """Start the exchange."""
-        raise NotImplementedError
 
     def put(self, content: bytes) -> None:
         """Set the outputs of the next cycle."""
@@ -96,11 +97,13 @@ class _VirtualTransport:
             self._expire()
         return self._exchange(passes)
 
+    @abstractmethod
     def _exchange(self, passes: bool) -> bytes | None:
-        raise NotImplementedError
+        """Exchange one frame."""
 
+    @abstractmethod
     def _expire(self) -> None:
-        raise NotImplementedError
+        """Let the watchdog of the drive expire."""
 
     def state(self) -> str:
         """Return whether the drive can be reached."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import hashlib
 import json
 import math
 import tempfile
@@ -24,6 +23,7 @@ import numpy as np
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.files.atomic_io import new_directory, read_whole, refusal
 from feeddrive.files.job import Job
+from feeddrive.files.origins import digest_of
 from feeddrive.files.run_files import file_names, versions, write_run_csv, write_run_parquet
 from feeddrive.language.errors import (
     DivergedError,
@@ -615,7 +615,7 @@ def cosimulate(
             f"{job.file.name}: runs several axes together, which an FMU of one plant cannot be: take a job without "
             f"[others] on a machine file without [[couplings]]"
         )
-    digest = hashlib.sha256(read_whole(fmu, MOST)).hexdigest()
+    digest = digest_of(read_whole(fmu, MOST))
     rows = []
     for name, loop in job.loops.items():
         if progress is not None:

@@ -1,6 +1,5 @@
 """A design to export: the checked controller or plant of a machine file, and random test inputs for it."""
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from feeddrive.export.c_code import CALLS, FUNCTIONS, INFIX
 from feeddrive.export.identifiers import check_name
 from feeddrive.export.layout import Field, Layout, LayoutRun, layout
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.origins import digest_of
 from feeddrive.language import tree
 from feeddrive.language.block import Number
 from feeddrive.language.errors import FeeddriveError, NoSlopeError, ParameterError, StructureError
@@ -90,7 +90,7 @@ class Design:
     @property
     def digest(self) -> str:
         """The SHA-256 digest of the machine file."""
-        return hashlib.sha256(self.machine.file.text.encode()).hexdigest()
+        return digest_of(self.machine.file.text)
 
     @property
     def made_by(self) -> str:

@@ -6,7 +6,6 @@ error.  Only `|` in a table cell is escaped, by the filter `cell`.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,7 @@ from feeddrive.export.c_code import rules
 from feeddrive.export.design import CONTROL, MACHINE_FILE, PLANT, Answers, Design, Trial, read_design
 from feeddrive.files.atomic_io import new_directory, read_whole
 from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.origins import digest_of
 from feeddrive.language.errors import FileError, NoSlopeError, ParameterError, nearest
 from feeddrive.loop.guard import TRIPS
 from feeddrive.version import __version__
@@ -384,7 +384,7 @@ def manifest_text(design: Design, target: str, files: Mapping[str, bytes | str],
         },
         "rules": {str(code): sentence for code, sentence in told.items()},
         "made_by": f"feeddrive {__version__}",
-        "files": {name: _digest(content) for name, content in sorted(files.items())},
+        "files": {name: digest_of(content) for name, content in sorted(files.items())},
     }
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
@@ -414,7 +414,7 @@ def _beside_edits(out: Path, files: Mapping[str, bytes | str]) -> dict[str, byte
         if not (out / name).is_file():
             continue
         edit = read_whole(out / name, MOST_BYTES)
-        if name in files and _digest(files[name]) != _digest(edit):
+        if name in files and digest_of(files[name]) != digest_of(edit):
             contents[f"{name}{NEW}"] = files[name]
         contents[name] = edit
     return contents
@@ -466,13 +466,9 @@ def changed_files(directory: Path, manifest: Manifest) -> list[str]:
         # an `export.json` may come from anybody: its names must not lead out of the directory
         if not Path(os.path.abspath(file)).is_relative_to(os.path.abspath(directory)):
             raise FileError(f"{directory / FILE}: names the file '{name}' outside the export: export again")
-        if file.is_symlink() or not file.is_file() or _digest(read_whole(file, MOST_BYTES)) != digest:
+        if file.is_symlink() or not file.is_file() or digest_of(read_whole(file, MOST_BYTES)) != digest:
             wrong.append(name)
     return wrong
-
-
-def _digest(content: bytes | str) -> str:
-    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def _text(value: Any) -> str:

@@ -8,7 +8,6 @@ A unit may be given in brackets or as a suffix of the name; the unit of a respon
 (`re_rad_per_A`).
 """
 
-import hashlib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ import numpy as np
 
 from feeddrive.files.atomic_io import read_whole, write_whole
 from feeddrive.files.columns import MOST_BYTES, Columns, is_time, unit_of
+from feeddrive.files.origins import digest_of
 from feeddrive.files.read_log import OpenedFile, refuse_others
 from feeddrive.files.readers import ast_xml, uff
 from feeddrive.language import units
@@ -587,4 +587,4 @@ def encoders(responses: Mapping[str, FRF]) -> dict[str, FRF]:
 
 def digest(path: str | Path) -> str:
     """Return the SHA-256 digest by which a report identifies an input file. Raises FileError."""
-    return hashlib.sha256(read_whole(path, MOST_BYTES)).hexdigest()
+    return digest_of(read_whole(path, MOST_BYTES))
