@@ -237,6 +237,16 @@ def test_a_certificate_without_velocity_is_of_five_hundredths(run: Run) -> None:
     assert run(words())[0] == 0
 
 
+def test_a_machine_with_another_sample_time_is_named(run: Run) -> None:
+    """Its filters cannot run at the sample time of the certificate, at which nothing can be computed again."""
+    code, said = run(["check", CERTIFICATE, "--machine", "ball_screw"])
+    assert (code, "These files do not belong together" in said, "cannot be computed again" in said) == (
+        1,
+        True,
+        True,
+    ), said
+
+
 def test_single_precision_needs_its_own_certificate(run: Run) -> None:
     shutil.rmtree(EXPORT)
     fd.workflow.export(MACHINE, target="c", precision="float", out=EXPORT)

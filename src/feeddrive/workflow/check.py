@@ -151,15 +151,15 @@ def _of_certificate(files: str, document: Mapping[str, Any], machine: MachineFil
     try:
         axis = machine.named(document["machine"].get("axis") or None)
         differing = [*_other_control(document, machine, axis)]
+        own, other = _plants(document, machine, axis)
     except FeeddriveError as error:
-        yield Link(f"{files}: control", False, f"cannot be computed again: {error}")
+        yield Link(f"{files}: control and plants", False, f"cannot be computed again: {error}")
         return
     finding = "; ".join(differing) or f"the matrices are those of axis {axis}, computed again"
     yield Link(f"{files}: control", not differing, finding)
     texts = [key for key, wanted in _TEXTS.items() if document.get(key) not in wanted]
     if texts:
         yield Link(f"{files}: texts", False, f"{', '.join(texts)}: not a text that certify writes")
-    own, other = _plants(document, machine, axis)
     if own:
         further = f"; of another machine, position or load, and not compared: {', '.join(other)}" if other else ""
         yield Link(f"{files}: plants", True, f"{', '.join(own)}: the model of axis {axis}, computed again{further}")
