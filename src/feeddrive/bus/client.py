@@ -372,7 +372,7 @@ class DriveClient:
             raw["statusword"],
             raw["position"] * scaling.metre,
             raw["velocity"] * scaling.metre,
-            raw["torque"] * scaling.newton,
+            scaling.force(raw["torque"]),
             None if error is None else error * scaling.metre,
             None if second is None else second * scaling.metre,
             raw.get("error_code", 0),

@@ -41,12 +41,15 @@ from feeddrive.files.log import Log
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import ENDINGS, Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text, joined
+from feeddrive.language.quantity import Quantity, Units
+from feeddrive.language.text import Text, joined, resolve
+from feeddrive.language.units import turning
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 _UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}
+# of an axis that turns, as the motion of a linear one
+_STRAIGHT = {turning(unit): unit for unit in ("N", "m", "m/s")}
 _NEGLIGIBLE = 0.02  # of the peak, at the ends of a profile
 _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost between the cycles
 
@@ -89,6 +92,8 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
     its limits.
     """
     log = read_log(path)
+    if drive.rotary:
+        log = replace(log, units={name: _STRAIGHT.get(unit, unit) for name, unit in log.units.items()})
     known = {"excitation", "set_position"} & set(log.channels)
     if not known:
         raise ParameterError(
@@ -156,11 +161,13 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
             + (f"is no drive for {', '.join(missing)}" if missing else f"is no axis {', '.join(strange)}")
             + ': give one drive file (--drive) for each axis, with its name as  axis = "x"'
         )
-    turning = [axis_name for axis_name in moving if log.units.get(f"{axis_name}.set_position") == "rad"]
-    if turning:
-        raise ParameterError(
-            f"{setpoints}: axis {turning[0]} turns, and drive files scale lengths only: take it out of the program"
-        )
+    for axis in moving:
+        turns = log.units.get(f"{axis}.set_position") == "rad"
+        if turns != drives[axis].rotary:
+            raise ParameterError(
+                f"{setpoints}: axis {axis} {'turns' if turns else 'does not turn'}, and its drive file says otherwise: "
+                f"{'write' if turns else 'leave out'} rotary = true"
+            )
     times = {drive.cycle_time for drive in drives.values()}
     modes = {drive.mode for drive in drives.values()}
     if len(times) > 1 or modes != {"csp"}:
@@ -432,7 +439,7 @@ def play_together(
                 # requested for all first: the next cycle carries every stop, while `_halt` waits drive by drive
                 client.prepare_stop(force_off=reaction == OFF)
         ends = [
-            Text(f"{aborted}{_halt(client, reaction)}" if aborted else "")
+            _shown(f"{aborted}{_halt(client, reaction)}" if aborted else "", client.drive)
             for client, reaction in zip(clients, reactions, strict=True)
         ]
         for client in () if aborted else clients:
@@ -442,7 +449,10 @@ def play_together(
         slips = _slips(first, clients) if rested else ""
         if slips:
             held_so = _hold(first, clients, slips, interrupted, progress)
-            ends = [Text(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}") for end in ends]
+            ends = [
+                _shown(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}", client.drive)
+                for end, client in zip(ends, clients, strict=True)
+            ]
     played: list[Played] = []
     for rows, profile, before, end, name in zip(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
@@ -458,6 +468,11 @@ def play_together(
         )
         played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
     return played
+
+
+def _shown(end: str, drive: BusDrive) -> str:
+    """Return the reason of an end in the units of the axis."""
+    return resolve(end, Units(rotary=True)) if drive.rotary else Text(end)
 
 
 def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
@@ -584,7 +599,10 @@ def _switch_on(
             client.hold()
         elif client not in torque:
             client.enable()
-    forces = _weigh(first, weighed) if weighed else {}
+    brakes = max(float(client.drive.brake_time) for client in clients)
+    forces = _weigh(first, weighed, brakes) if weighed else {}
+    for _ in range(0 if weighed else round(brakes / first.drive.cycle_time)):
+        first.cycle()
     for client in torque:
         if client not in weighed:
             client.remarks.append("The drive has no csp: the control began without the weight of the axis.")
@@ -610,9 +628,10 @@ def _switch_on(
     return [client.held for client in clients]
 
 
-def _weigh(first: DriveClient, clients: Sequence[DriveClient]) -> dict[int, float]:
+def _weigh(first: DriveClient, clients: Sequence[DriveClient], brakes: float) -> dict[int, float]:
     """Let drives hold their axes by themselves; return the mean force of each at the end, N. Raises BusError."""
-    cycles, last = (round(seconds / first.drive.cycle_time) for seconds in (_HOLDS, _WEIGHED))
+    seconds = max(_HOLDS, brakes + 2.0 * _WEIGHED)
+    cycles, last = (round(time / first.drive.cycle_time) for time in (seconds, _WEIGHED))
     watching: list[tuple[DriveClient, Monitor, MonitorState, Target]] = []
     for client in clients:
         told = client.told
@@ -878,7 +897,10 @@ class _Rows:
             channels["commanded"] = self.commanded[:rows]
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]
-        units = {"excitation": profile.unit, "velocity_load": "m/s", "lost": "", **dict.fromkeys(_FORCES, "N")}
+        known = {"excitation": profile.unit, "velocity_load": "m/s", "lost": "", **dict.fromkeys(_FORCES, "N")}
+        units = {key: known.get(key, "m") for key in channels}
+        if client.drive.rotary:
+            units = {key: turning(unit) for key, unit in units.items()}
         provenance: dict[str, object] = {
             "written_by": "feeddrive play",
             "bus": client.transport.where,
@@ -901,7 +923,7 @@ class _Rows:
             name=name,
             time=np.arange(rows) * T,
             channels={key: np.array(values) for key, values in channels.items()},
-            units={key: units.get(key, "m") for key in channels},
+            units=units,
             sample_time=T,
             constants=constants,
             provenance=provenance,
