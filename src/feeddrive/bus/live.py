@@ -14,7 +14,7 @@ from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.gains import gains_of, write_gains
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
 from feeddrive.bus.sampling import Sampler
 from feeddrive.bus.transport import Pace, RefusedError, Transport, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
@@ -72,6 +72,15 @@ class LiveAxis(Protocol):
         """True only for a drive that moves nothing real."""
         ...
 
+    @property
+    def rotary(self) -> bool:
+        """True for an axis that turns: its lengths are in rad, its forces in N m."""
+        ...
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for the sample time of the axis."""
+        ...
+
     def limited(self, limits: BusLimits) -> LiveAxis:
         """Return the same axis under tighter limits."""
         ...
@@ -96,8 +105,8 @@ class LiveAxis(Protocol):
         """Return what is in the drive now, by the address of its objects."""
         ...
 
-    def keep(self, machine_file: Path, export: Path) -> Text:
-        """Keep the control that was tried; return what is left to do."""
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
+        """Keep the control that was tried, and write back all else that was in the drive; return what is left to do."""
         ...
 
     def restore(self, inside: Mapping[str, str]) -> Text:
@@ -139,6 +148,11 @@ class BusAxis:
     def limits(self) -> BusLimits:
         """The limits of the motion."""
         return self.file.drive.limits
+
+    @property
+    def rotary(self) -> bool:
+        """True for an axis that turns: its lengths are in rad, its forces in N m."""
+        return self.file.drive.rotary
 
     @property
     def delay(self) -> float:
@@ -186,6 +200,10 @@ class BusAxis:
     def text(self) -> str:
         """Return the drive file, with the corrections of `scaled`; empty if it was not read from a file."""
         return self._text
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for the cycle time of the drive. Raises what `read_profile` does."""
+        return read_profile(path, self.file.drive)
 
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the drive as it is: its actual values are mapped, and nothing else is written. Raises BusError."""
@@ -306,8 +324,12 @@ class BusAxis:
         ends = f"; {', '.join(refused)} could not be written and stay" if refused else ""
         return Text(f"{self.where}: its objects are as they were, {len(inside) - len(refused)} read back{ends}.")
 
-    def keep(self, machine_file: Path, export: Path) -> Text:
-        """Return what is left to do: gains stay in the drive, a control in the master runs where the master runs."""
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
+        """Write back what `inside` gave but for the gains, which stay in the drive, and return what is left to do: a
+        control in the master runs where the master runs.
+        """
+        gains = {_place(*gain.place) for gain in self.file.gains.values()}
+        self.restore({place: value for place, value in inside.items() if place not in gains})
         if self.file.gains:
             listed = joined(", ", (Text(f"{gain.object} ({name})") for name, gain in self.file.gains.items()))
             return Text(
@@ -350,11 +372,18 @@ def _place(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex:02X}"
 
 
+_CYCLE = 250e-6  # s, of a virtual drive with a faster loop: what field buses do
+
+
 def virtual_bus_axis(loop: Loop) -> BusAxis:
-    """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time."""
-    scaling = scaling_of(loop)
-    firmware = Firmware(DrivenAxis(loop), scaling, float(loop.sample_time))
-    content = drive_text(loop, scaling, "ethercat", "virtual", 1, float(loop.sample_time))
+    """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time.
+
+    The bus cycle is one sample of the loop, or as many as make 0.25 ms.
+    """
+    scaling, T = scaling_of(loop), float(loop.sample_time)
+    cycle_time = T * max(1, round(_CYCLE / T))
+    firmware = Firmware(DrivenAxis(loop), scaling, cycle_time)
+    content = drive_text(loop, scaling, "ethercat", "virtual", 1, cycle_time)
     name = f"virtual drive of axis {loop.name}"
     file = drive_of(parse_toml(content, name))
     return BusAxis(file, lambda _: VirtualEtherCAT(firmware), paced=False)

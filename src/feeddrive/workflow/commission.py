@@ -28,7 +28,7 @@ from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.motions import Pace
-from feeddrive.commissioning.record import FILE, Commissioned, Step, digests, read_record, write_record
+from feeddrive.commissioning.record import FILE, Commissioned, Record, Step, digests, read_record, write_record
 from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
 from feeddrive.export.design import weight
 from feeddrive.figures.catalogue import goals, limitable
@@ -37,7 +37,7 @@ from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.machine import MachineLike, machine_toml, read_machine
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
-from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, ParameterError
+from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, NotCertifiedError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, Units
@@ -48,6 +48,7 @@ from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.tuning.start_law import start_law
+from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
 from feeddrive.workflow.excite import excitation_report, write_excitation
@@ -66,6 +67,7 @@ REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
+SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
 TOP, BAND = 1000.0, 0.45  # Hz, and share of the rate of the bus: highest line of the excitation
@@ -162,6 +164,8 @@ class _Chain:
     def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
         self.request, self.axis, self.folder, self.progress = request, axis, folder, progress
         self.stated = axis.text()
+        self.inside: dict[str, str] = {}
+        self.place = folder
         self.steps: list[Step] = []
         self.facts: dict[str, float] = {}
         self.trial: Trial | None = None
@@ -172,7 +176,13 @@ class _Chain:
         """Run all steps that are not done yet, and return the outcome; without `kept` no file of it is named."""
         _check_folder(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        before = {step.name: step for step in read_record(self.folder, self.stated)}
+        record = read_record(self.folder, self.stated)
+        self.inside = dict(self.axis.inside())
+        before: dict[str, Step] = {}
+        if record is not None and record.steps:
+            self._check_inside(record)
+            self.inside = dict(record.inside)
+            before = {step.name: step for step in record.steps}
         refusal = ""
         try:
             for number, (name, work) in enumerate(STEPS.items()):
@@ -192,6 +202,8 @@ class _Chain:
             if isinstance(error, AbortedError) and not self.steps:
                 raise
             refusal = str(error)
+        if not self.kept:
+            refusal = self._put_back(refusal)
         self._write(refusal)
         return self._outcome(refusal, kept=kept)
 
@@ -207,17 +219,31 @@ class _Chain:
         self.progress.remark(Text(f"{name.replace('_', ' ')}: {says}"))
         self._write("")
 
+    def _put_back(self, refusal: str) -> str:
+        """Write back what was in the drive; return the refusal, with what could not be put back."""
+        try:
+            self.axis.restore(self.inside)
+        except FeeddriveError as error:
+            return Text(f"{refusal}; what was in the drive could not be put back: {error}")
+        return refusal
+
+    def _check_inside(self, record: Record) -> None:
+        """Raise FileError unless the drive is as the last step left it or, after its power was lost, as at the start."""
+        now, last = dict(self.axis.inside()), record.steps[-1]
+        if now == last.inside:
+            return
+        if now == record.inside:
+            self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
+            return
+        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        raise FileError(
+            f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
+            f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "
+            f"{now.get(name, 'nothing')}: somebody changed it; put it back, or begin anew in another --out"
+        )
+
     def _resume(self, done: Step) -> None:
-        """Take over a step that was done before. Raise FileError if the drive is not as that step left it."""
-        inside = dict(self.axis.inside())
-        if done.inside != inside:
-            changed = [name for name in {*done.inside, *inside} if done.inside.get(name) != inside.get(name)]
-            name = sorted(changed)[0]
-            raise FileError(
-                f"{self.folder / FILE}: after the step '{done.name}' the drive held {name} = "
-                f"{done.inside.get(name, 'nothing')}, and now {inside.get(name, 'nothing')}: put it back, or begin "
-                "anew in another --out"
-            )
+        """Take over a step that was done before."""
         self.facts.update(done.figures)
         self.steps.append(done)
         if done.name == "small_move":
@@ -231,7 +257,7 @@ class _Chain:
             closing["measured"] = asdict(self.trial.measured)
             if self.trial.before is not None:
                 closing["before"] = asdict(self.trial.before)
-        write_record(self.folder, self.stated, self.steps, closing)
+        write_record(self.folder, self.stated, self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
         result = Commissioned(self.axis.where, tuple(self.steps), self.trial, self.kept, self.questions, refusal)
@@ -512,7 +538,8 @@ class _Chain:
         share, axis = SLOW, self._under_control()
         while True:
             slower = Pace(share * pace.speed, share * pace.acceleration)
-            played = self._play(axis, motions.strokes(travel, slower, self.T), control)
+            # a slow series is a short one, so that it takes no longer
+            played = self._play(axis, motions.strokes(max(share, SHORT) * travel, slower, self.T), control)
             error = float(np.max(np.abs(played.log["set_position"] - played.log["reading_load"])))
             # not all of it: what grows with the square of the speed is not told by a slow one
             grown = share * min(FASTER, 0.75 * USED * self.limits.following_error / error)
@@ -644,14 +671,26 @@ class _Chain:
         return Text(f"{outcome.verdict}"), {}
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
-        """Check the certificate of the tuned control against the machine file; nothing moves."""
-        outcome = check.run(
-            CheckRequest(self._in("tune", "certificate.json"), machine=self._in("tune", "machine.toml")),
-            self.progress.quiet(),
-        )
+        """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
+        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        try:
+            certify.run(
+                CertifyRequest(machine, axis=AXIS, measured=responses, out=self.place),
+                self.progress.quiet(),
+            )
+        except NotCertifiedError as error:
+            # the responses hold modes that the model lacks: they were certified with the tuning
+            outcome = check.run(CheckRequest(self._in("tune", "certificate.json")), self.progress.quiet())
+            told = Text(f"of the fitted responses (not of the model: {error})")
+        else:
+            outcome = check.run(
+                CheckRequest(self.place / "certificate.json", machine=machine, source=(responses,)),
+                self.progress.quiet(),
+            )
+            told = Text(f"{outcome.verdict}")
         if outcome.judgment.bad:
             raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{outcome.verdict}"), {}
+        return told, {}
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
@@ -742,7 +781,7 @@ class _Chain:
             self.progress.remark(self.trial.table())
             if not self.progress.confirm("Keep the new control?"):
                 raise _RefusedError("the new control was not kept; the control before stays")
-        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", "")))
+        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", ""), self.inside))
         self.kept = True
 
     def _in(self, name: str, file: str) -> Path:
