@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -65,7 +66,7 @@ class ControlInMaster:
 
     In a cycle it gets the setpoint and the readings of the last answer; what it commands goes out with the frame of
     that cycle.  From a reading to the force that answers it so pass `lag` + 1 cycles more than within the drive: the
-    dead time of the loop is larger by `delay`.
+    dead time of the loop is longer by as much.
 
     cst  the force of the control, with its guard; a control without one gets one without limits, as only a guard can
          switch it on.  Its force limit is that of the control, or limits.force where that is smaller
@@ -74,7 +75,8 @@ class ControlInMaster:
          and compensations, which act on a force
 
     A control starts at rest from the force that acts, which `begin` is given: its integral carries it.
-    Raises ParameterError for a loop whose sample time is not that of the drive.
+    Raises ParameterError for a loop whose sample time is not that of the drive.  It is made before the drive is opened:
+    compiling takes longer than the watchdog of a drive.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class ControlInMaster:
     ) -> None:
         """Trace and compile the step; `force` is the largest that the drive may get, N."""
         if isinstance(control, Loop):
-            if abs(float(control.sample_time) / sample_time - 1.0) > 1e-9:
+            if not math.isclose(float(control.sample_time), sample_time):
                 raise ParameterError(
                     f"the control of axis {control.name} runs every {Quantity(control.sample_time, 's'):6 us}, and the "
                     f"drive every {Quantity(sample_time, 's'):6 us} (cycle_time): design it for that sample time"
@@ -102,6 +104,7 @@ class ControlInMaster:
         self.mode = mode
         self.control = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
         # in csv the motor stands for the law, at whatever is given as its position
+        self.encoders = 1 if mode == "csv" else encoders
         encoders = 2 if mode == "csv" else encoders
         self.sample_time = sample_time
         self._system = InMaster(control=self.control, sample_time=sample_time, encoders=encoders)

@@ -12,11 +12,12 @@ import numpy as np
 
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
+from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.gains import gains_of, write_gains
 from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
 from feeddrive.bus.sampling import Sampler
-from feeddrive.bus.transport import Pace, RefusedError, Transport, read_object, write_object
+from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
 from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.log import Log
@@ -243,6 +244,12 @@ class BusAxis:
         drive = replace(self.file.drive, mode=mode)
         check_profile(profile, drive, follows=mode == "cst")
         told: list[str] = []
+        leading: ControlInMaster | None = None
+        if control is not None and not gains:
+            # compiled before the bus is opened for the motion: a drive does not wait for that
+            leading = ControlInMaster(
+                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._encoders()
+            )
         if gains and control is not None:
             wanted = gains_of(control.control if isinstance(control, Loop) else control)
             with self._opened() as transport:
@@ -256,7 +263,7 @@ class BusAxis:
                     profile,
                     name=Path(profile.name).stem,
                     progress=progress,
-                    control=None if gains else control,
+                    control=leading,
                 )
         except BusError as error:
             if played is None:
@@ -319,6 +326,11 @@ class BusAxis:
             f"{self.where}: the drive is as it was. The control that was tried runs in the master, in {mode} every "
             f"{Quantity(self.sample_time, 's'):6 us}: build {export.name} into it (made from {machine_file.name})."
         )
+
+    def _encoders(self) -> int:
+        """Return how many positions the drive gives."""
+        with self._opened() as transport:
+            return 2 if has_object(transport, "second_position") else 1
 
     def _with(self, drive: BusDrive) -> Self:
         """Return the same axis with another description of its drive."""
