@@ -18,6 +18,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
@@ -103,6 +104,13 @@ class ControlInMaster:
             )
         self.mode = mode
         self.control = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
+        self.remarks: list[str] = []
+        own = control.force_limit
+        if mode == "cst" and (own is None or float(own) > force):
+            said = "has no force limit" if own is None else Text(f"is limited to {Quantity(own, 'N')}")
+            self.remarks.append(
+                Text(f"The control {said}, and limits.force of the drive file to {Quantity(force, 'N')}: that acts.")
+            )
         # in csv the motor stands for the law, at whatever is given as its position
         self.encoders = 1 if mode == "csv" else encoders
         encoders = 2 if mode == "csv" else encoders

@@ -54,23 +54,31 @@ _COLUMNS = {
 
 
 class LiveAxis(Protocol):
-    """An axis with a drive: it can be listened to, moved, and given a control on trial.
+    """An axis with a drive: it can be listened to, moved, and given a control on trial."""
 
-    where        the drive in words: "EtherCAT eth1, station 1"
-    is_virtual   True only for a drive that moves nothing real
-    sample_time  s, of setpoints, and of a control in the master
-    increment    m, of one count at the table; 0 if it is not known
-    limits       as the user stated them
-    """
-
-    where: str
-    sample_time: float
-    increment: float
-    limits: BusLimits
+    @property
+    def where(self) -> str:
+        """The drive in words: "EtherCAT eth1, station 1"."""
+        ...
 
     @property
     def is_virtual(self) -> bool:
         """True only for a drive that moves nothing real."""
+        ...
+
+    @property
+    def sample_time(self) -> float:
+        """The time from setpoint to setpoint, also of a control in the master, s."""
+        ...
+
+    @property
+    def increment(self) -> float:
+        """The travel of one count at the table, m; 0 if it is not known."""
+        ...
+
+    @property
+    def limits(self) -> BusLimits:
+        """The limits of a motion, as the user stated them."""
         ...
 
     def limited(self, limits: BusLimits) -> LiveAxis:
@@ -124,7 +132,13 @@ class BusAxis:
         self._transport = transport or (lambda drive: transport_of(drive, file.interface, file.bitrate))
         self._made, self._text = transport, "" if file.read_from is None else file.read_from.file.text
         self._virtual: bool | None = None
-        self.where = self._transport(file.drive).where
+        self._encoders: int | None = None
+        self._where = self._transport(file.drive).where
+
+    @property
+    def where(self) -> str:
+        """The bus, the interface and the station."""
+        return self._where
 
     @property
     def sample_time(self) -> float:
@@ -248,7 +262,7 @@ class BusAxis:
         if control is not None and not gains:
             # compiled before the bus is opened for the motion: a drive does not wait for that
             leading = ControlInMaster(
-                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._encoders()
+                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._positions()
             )
         if gains and control is not None:
             wanted = gains_of(control.control if isinstance(control, Loop) else control)
@@ -327,10 +341,12 @@ class BusAxis:
             f"{Quantity(self.sample_time, 's'):6 us}: build {export.name} into it (made from {machine_file.name})."
         )
 
-    def _encoders(self) -> int:
-        """Return how many positions the drive gives."""
-        with self._opened() as transport:
-            return 2 if has_object(transport, "second_position") else 1
+    def _positions(self) -> int:
+        """Return how many positions the drive gives; it is asked once."""
+        if self._encoders is None:
+            with self._opened() as transport:
+                self._encoders = 2 if has_object(transport, "second_position") else 1
+        return self._encoders
 
     def _with(self, drive: BusDrive) -> Self:
         """Return the same axis with another description of its drive."""
@@ -338,7 +354,7 @@ class BusAxis:
         # not a field: messages go on to name the file
         object.__setattr__(file, "read_from", self.file.read_from)
         made = type(self)(file, self._made, self._paced)
-        made._text, made._virtual = self._text, self._virtual
+        made._text, made._virtual, made._encoders = self._text, self._virtual, self._encoders
         return made
 
     @contextlib.contextmanager

@@ -459,7 +459,8 @@ def play_together(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
     ):
         lost = rows.client.lost - before
-        remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
+        led = [] if rows.leading is None else rows.leading.control.remarks
+        remarks = [*rows.client.remarks, *led, *_remarks(rows.client, lost, permitted, lateness)]
         log = rows.log(
             profile,
             name or profile.name,
@@ -805,7 +806,7 @@ class _Rows:
         self.lost: list[float] = []
         self.commanded: list[float] = []  # N, of a control in the master
         self._last, self._heard = client.told, True
-        self._leading, self._held = leading, held
+        self.leading, self._held = leading, held
         if leading is not None:
             leading.control.rest(client.told.position, client.told.second, held)
         self._monitor = Monitor(client.drive, follows=leading is not None and client.drive.mode == "cst")
@@ -818,14 +819,14 @@ class _Rows:
     @property
     def complete(self) -> int:
         """The number of cycles whose row is complete."""
-        return len(self.sent) if self._leading is not None else max(0, len(self.told) - self.client.drive.lag)
+        return len(self.sent) if self.leading is not None else max(0, len(self.told) - self.client.drive.lag)
 
     def target(self, profile: Profile, k: int) -> _Sent:
         """Command the setpoints of cycle k, or hold the last position, and return them."""
         last = profile.excitation.size
-        if self._leading is None:
+        if self.leading is None:
             return _target(self.client, profile, min(k, last - 1), self.start, rest=k >= last)
-        return self._led(self._leading, profile, k)
+        return self._led(self.leading, profile, k)
 
     def _led(self, leading: _Leading, profile: Profile, k: int) -> _Sent:
         """Command what a control in the master makes of the setpoint and the last readings."""
@@ -850,7 +851,7 @@ class _Rows:
 
     def watched(self, sent: _Sent, elapsed: float, stop: str) -> Fault | None:
         """Add the completed cycle; return the fault for which the monitor ends the motion."""
-        if self._leading is None:
+        if self.leading is None:
             self.add(sent.set_position, sent.excitation, self.client.answer)
         else:
             self._last, self._heard = self.client.answer or self._last, self.client.answer is not None
@@ -899,7 +900,7 @@ class _Rows:
         """Return the log of the first `rows` cycles, each with the answer received `lag` cycles later, or with the one
         that a control in the master used.
         """
-        client, lag = self.client, 0 if self._leading is not None else self.client.drive.lag
+        client, lag = self.client, 0 if self.leading is not None else self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {
             "set_position": [position for position, _ in self.sent[:rows]],
@@ -911,7 +912,7 @@ class _Rows:
             values = [getattr(actual, field) for actual in told]
             if None not in values:
                 channels[column] = values
-        if self._leading is not None:
+        if self.leading is not None:
             channels["commanded"] = self.commanded[:rows]
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]
