@@ -223,6 +223,7 @@ class DriveClient:
         self._mode = 0
         self._heard = 0.0  # time of the last answer, on the monotonic clock
         self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
+        self.supported_modes: int | None = None  # 0x6502; None if the drive has no such object
         self.held = 0.0  # N, of cst while no motion is played: the weight of a vertical axis
         self.together = [self]  # all that are driven in the same cycles, this one among them
 
@@ -294,6 +295,8 @@ class DriveClient:
         # before anything is written: a real drive must not be driven as fast as the bus allows
         if self.pace.cycle_time is None and not self.is_virtual:
             raise BusError(f"{transport.where}: only a virtual drive may be run without a clock; leave --unpaced out")
+        if has_object(transport, "supported_modes"):
+            self.supported_modes = read_object(transport, "supported_modes")
         self.remarks += check_scaling(transport, self.scaling)
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
@@ -487,9 +490,9 @@ class DriveClient:
 
     def can(self, mode: int) -> bool:
         """Return True if the drive has the mode, as far as it tells (0x6502)."""
-        if not has_object(self.transport, "supported_modes"):
-            return _TARGETS.get(mode, "target_velocity") in self._sent.names
-        return bool(read_object(self.transport, "supported_modes") >> (mode - 1) & 1)
+        told = self.supported_modes
+        has_target = _TARGETS.get(mode, "target_velocity") in self._sent.names
+        return has_target and (told is None or bool(told >> (mode - 1) & 1))
 
     def ask_torque(self, force: float) -> None:
         """Ask with the next cycle for cst and a target force, N; `shows` tells when the drive runs it."""

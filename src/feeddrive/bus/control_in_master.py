@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.ring import Ring
+from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
@@ -65,7 +67,7 @@ class ControlInMaster:
 
     In a cycle it gets the setpoint and the readings of the last answer; what it commands goes out with the frame of
     that cycle.  From a reading to the force that answers it so pass `lag` + 1 cycles more than within the drive: the
-    dead time of the loop is larger by `delay`.
+    dead time of the loop is longer by as much.
 
     cst  the force of the control, with its guard; a control without one gets one without limits, as only a guard can
          switch it on.  Its force limit is that of the control, or limits.force where that is smaller
@@ -74,7 +76,8 @@ class ControlInMaster:
          and compensations, which act on a force
 
     A control starts at rest from the force that acts, which `begin` is given: its integral carries it.
-    Raises ParameterError for a loop whose sample time is not that of the drive.
+    Raises ParameterError for a loop whose sample time is not that of the drive.  It is made before the drive is opened:
+    compiling takes longer than the watchdog of a drive.
     """
 
     def __init__(
@@ -82,7 +85,7 @@ class ControlInMaster:
     ) -> None:
         """Trace and compile the step; `force` is the largest that the drive may get, N."""
         if isinstance(control, Loop):
-            if abs(float(control.sample_time) / sample_time - 1.0) > 1e-9:
+            if not math.isclose(float(control.sample_time), sample_time):
                 raise ParameterError(
                     f"the control of axis {control.name} runs every {Quantity(control.sample_time, 's'):6 us}, and the "
                     f"drive every {Quantity(sample_time, 's'):6 us} (cycle_time): design it for that sample time"
@@ -101,7 +104,15 @@ class ControlInMaster:
             )
         self.mode = mode
         self.control = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
+        self.remarks: list[str] = []
+        own = control.force_limit
+        if mode == "cst" and (own is None or float(own) > force):
+            said = "has no force limit" if own is None else Text(f"is limited to {Quantity(own, 'N')}")
+            self.remarks.append(
+                Text(f"The control {said}, and limits.force of the drive file to {Quantity(force, 'N')}: that acts.")
+            )
         # in csv the motor stands for the law, at whatever is given as its position
+        self.encoders = 1 if mode == "csv" else encoders
         encoders = 2 if mode == "csv" else encoders
         self.sample_time = sample_time
         self._system = InMaster(control=self.control, sample_time=sample_time, encoders=encoders)

@@ -12,11 +12,12 @@ import numpy as np
 
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
+from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.gains import gains_of, write_gains
 from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
 from feeddrive.bus.sampling import Sampler
-from feeddrive.bus.transport import Pace, RefusedError, Transport, read_object, write_object
+from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
 from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.log import Log
@@ -53,23 +54,31 @@ _COLUMNS = {
 
 
 class LiveAxis(Protocol):
-    """An axis with a drive: it can be listened to, moved, and given a control on trial.
+    """An axis with a drive: it can be listened to, moved, and given a control on trial."""
 
-    where        the drive in words: "EtherCAT eth1, station 1"
-    is_virtual   True only for a drive that moves nothing real
-    sample_time  s, of setpoints, and of a control in the master
-    increment    m, of one count at the table; 0 if it is not known
-    limits       as the user stated them
-    """
-
-    where: str
-    sample_time: float
-    increment: float
-    limits: BusLimits
+    @property
+    def where(self) -> str:
+        """The drive in words: "EtherCAT eth1, station 1"."""
+        ...
 
     @property
     def is_virtual(self) -> bool:
         """True only for a drive that moves nothing real."""
+        ...
+
+    @property
+    def sample_time(self) -> float:
+        """The time from setpoint to setpoint, also of a control in the master, s."""
+        ...
+
+    @property
+    def increment(self) -> float:
+        """The travel of one count at the table, m; 0 if it is not known."""
+        ...
+
+    @property
+    def limits(self) -> BusLimits:
+        """The limits of a motion, as the user stated them."""
         ...
 
     @property
@@ -132,7 +141,13 @@ class BusAxis:
         self._transport = transport or (lambda drive: transport_of(drive, file.interface, file.bitrate))
         self._made, self._text = transport, "" if file.read_from is None else file.read_from.file.text
         self._virtual: bool | None = None
-        self.where = self._transport(file.drive).where
+        self._encoders: int | None = None
+        self._where = self._transport(file.drive).where
+
+    @property
+    def where(self) -> str:
+        """The bus, the interface and the station."""
+        return self._where
 
     @property
     def sample_time(self) -> float:
@@ -153,6 +168,10 @@ class BusAxis:
     def rotary(self) -> bool:
         """True for an axis that turns: its lengths are in rad, its forces in N m."""
         return self.file.drive.rotary
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for the cycle time of the drive. Raises what `read_profile` does."""
+        return read_profile(path, self.file.drive)
 
     @property
     def delay(self) -> float:
@@ -200,10 +219,6 @@ class BusAxis:
     def text(self) -> str:
         """Return the drive file, with the corrections of `scaled`; empty if it was not read from a file."""
         return self._text
-
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile for the cycle time of the drive. Raises what `read_profile` does."""
-        return read_profile(path, self.file.drive)
 
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the drive as it is: its actual values are mapped, and nothing else is written. Raises BusError."""
@@ -261,6 +276,12 @@ class BusAxis:
         drive = replace(self.file.drive, mode=mode)
         check_profile(profile, drive, follows=mode == "cst")
         told: list[str] = []
+        leading: ControlInMaster | None = None
+        if control is not None and not gains:
+            # compiled before the bus is opened for the motion: a drive does not wait for that
+            leading = ControlInMaster(
+                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._positions()
+            )
         if gains and control is not None:
             wanted = gains_of(control.control if isinstance(control, Loop) else control)
             with self._opened() as transport:
@@ -274,7 +295,7 @@ class BusAxis:
                     profile,
                     name=Path(profile.name).stem,
                     progress=progress,
-                    control=None if gains else control,
+                    control=leading,
                 )
         except BusError as error:
             if played is None:
@@ -342,13 +363,20 @@ class BusAxis:
             f"{Quantity(self.sample_time, 's'):6 us}: build {export.name} into it (made from {machine_file.name})."
         )
 
+    def _positions(self) -> int:
+        """Return how many positions the drive gives; it is asked once."""
+        if self._encoders is None:
+            with self._opened() as transport:
+                self._encoders = 2 if has_object(transport, "second_position") else 1
+        return self._encoders
+
     def _with(self, drive: BusDrive) -> Self:
         """Return the same axis with another description of its drive."""
         file = replace(self.file, drive=drive)
         # not a field: messages go on to name the file
         object.__setattr__(file, "read_from", self.file.read_from)
         made = type(self)(file, self._made, self._paced)
-        made._text, made._virtual = self._text, self._virtual
+        made._text, made._virtual, made._encoders = self._text, self._virtual, self._encoders
         return made
 
     @contextlib.contextmanager

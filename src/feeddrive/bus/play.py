@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -44,8 +45,6 @@ from feeddrive.language.progress import ENDINGS, Progress
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, joined, resolve
 from feeddrive.language.units import turning
-from feeddrive.loop.control import Control
-from feeddrive.loop.loop import Loop
 
 _UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}
 # of an axis that turns, as the motion of a linear one
@@ -355,7 +354,7 @@ def play_profile(
     *,
     name: str = "",
     progress: Progress | None = None,
-    control: Control | Loop | None = None,
+    control: ControlInMaster | None = None,
 ) -> Played:
     """Switch a drive on, play a profile, hold the last position, and switch off; see `play_together`."""
     return play_together([client], [profile], names=[name], progress=progress, controls=[control])[0]
@@ -367,44 +366,46 @@ def play_together(
     *,
     names: Sequence[str] = (),
     progress: Progress | None = None,
-    controls: Sequence[Control | Loop | None] = (),
+    controls: Sequence[ControlInMaster | None] = (),
 ) -> list[Played]:
     """Switch the drives on, play a profile on each in lockstep, hold the last position, and switch them off.
 
-    A drive with one of `controls` is led by it in the master (`ControlInMaster`), in the mode of its drive file: `cst`
-    or `csv`.  In `cst` the drive first holds the axis by its own control, where it has `csp`: the force that this takes
-    is what the control begins with.  The excitation is added to the force of the control, and the sum stays within
-    limits.force.  Row k of such a log holds the readings that the control used in cycle k, and what it commanded there:
-    the lag of the bus, `lag` + 1 cycles, lies between a row's command and the readings that show it.
+    A drive with one of `controls` is led by it in the master, in the mode of its drive file: `cst` or `csv`.  In `cst`
+    the drive first holds the axis by its own control, where it has `csp`: the force that this takes is what the control
+    begins with.  The excitation is added to the force of the control, and the sum stays within limits.force.  Row k of
+    such a log holds the readings that the control used in cycle k, and what it commanded there (`commanded`, N): from a
+    row's command to the readings that show it pass `lag` + 1 cycles.
 
     The motions are relative to the positions at the start.  Row k of a log holds the setpoints sent in cycle k and the
     drive's response to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the
     motion like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same
     cycle.
     Raises BusError if a drive cannot be switched on; the reason for any later abort is in `Played.aborted`.
-    ParameterError and StructureError are raised for a control that does not suit its drive.
+    ParameterError is raised for a control that does not suit its drive.
     """
     first, drive = clients[0], clients[0].drive
     for client, profile in zip(clients, profiles, strict=True):
         # for every drive, before the first one is switched on
         if np.any(profile.excitation):
             client.excites(profile.unit)
-    # compiled and started before that as well: it takes longer than a cycle
+    # before that as well: it takes longer than a cycle
     leading = [
         None if control is None else _led_by(control, client, profile)
         for control, client, profile in zip(controls or [None] * len(clients), clients, profiles, strict=True)
     ]
-    held = _switch_on(first, clients, leading)
-    kept = [
-        _Rows(client, control, force, profile)
-        for client, control, force, profile in zip(clients, leading, held, profiles, strict=True)
-    ]
     lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
     report_every = max(1, round(0.1 / drive.cycle_time))
     aborted, reactions = "", [BRAKE] * len(clients)
-    first.pace.begin()
-    lost_before = [client.lost for client in clients]
     with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
+        held = _switch_on(
+            first,
+            clients,
+            leading,
+            lambda: interrupted() > 0 or (progress is not None and progress.cancelled),
+        )
+        kept = [_Rows(client, led, force) for client, led, force in zip(clients, leading, held, strict=True)]
+        first.pace.begin()
+        lost_before = [client.lost for client in clients]
         for k in range(count + max(lag, round(_SETTLING / drive.cycle_time))):
             sent: list[_Sent] = []
             try:
@@ -458,7 +459,8 @@ def play_together(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
     ):
         lost = rows.client.lost - before
-        remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
+        led = [] if rows.leading is None else rows.leading.control.remarks
+        remarks = [*rows.client.remarks, *led, *_remarks(rows.client, lost, permitted, lateness)]
         log = rows.log(
             profile,
             name or profile.name,
@@ -567,50 +569,67 @@ _WEIGHED = 0.1  # s at the end of it, over which the force is averaged
 _CHANGES = 20  # cycles within which a drive changes its mode
 
 
-def _led_by(control: Control | Loop, client: DriveClient, profile: Profile) -> ControlInMaster:
-    """Return a control as it runs for a drive that is still switched off. Raises what `ControlInMaster` does."""
+class _Leading(NamedTuple):
+    """A control in the master, and the setpoints of its motion, relative to where it begins."""
+
+    control: ControlInMaster
+    setpoints: Sequence[Sequence[float]]
+
+
+def _led_by(control: ControlInMaster, client: DriveClient, profile: Profile) -> _Leading:
+    """Return a control that is started for a drive that is still switched off. Raises ParameterError."""
     drive, told = client.drive, client.told
     assert told is not None
-    if abs(profile.sample_time / drive.cycle_time - 1.0) > 1e-9:
+    T = drive.cycle_time
+    for what, time in ((profile.name, profile.sample_time), ("the control", control.sample_time)):
+        if not math.isclose(time, T):
+            raise ParameterError(
+                f"{what}: runs every {Quantity(time, 's'):6 us}, and the drive every {Quantity(T, 's'):6 us} "
+                "(cycle_time): a control in the master runs with the drive"
+            )
+    if control.mode != drive.mode:
+        raise ParameterError(f"{client.transport.where}: runs in {drive.mode}, and its control in {control.mode}")
+    if control.encoders == 2 and told.second is None:
         raise ParameterError(
-            f"{profile.name}: has a row every {Quantity(profile.sample_time, 's'):6 us}, and a control of ours runs "
-            f"every {Quantity(drive.cycle_time, 's'):6 us} (cycle_time)"
+            f"{client.transport.where}: has no second position (0x60E4), and the control reads two encoders"
         )
-    encoders = 1 if told.second is None else 2
-    made = ControlInMaster(control, drive.cycle_time, mode=drive.mode, force=drive.limits.force, encoders=encoders)
-    if made.needs_torque_offset:
+    if control.needs_torque_offset:
         client.excites("N")
-    made.begin(told.position, told.second)
-    return made
+    control.begin(told.position, told.second)
+    rows = profile.reference().at(np.arange(profile.set_position.size) * profile.sample_time)
+    return _Leading(control, list(zip(*(row.tolist() for row in rows), strict=True)))
 
 
 def _switch_on(
-    first: DriveClient, clients: Sequence[DriveClient], leading: Sequence[ControlInMaster | None]
+    first: DriveClient,
+    clients: Sequence[DriveClient],
+    leading: Sequence[_Leading | None],
+    stopped: Callable[[], bool],
 ) -> list[float]:
     """Switch the drives on, those that a control leads in cst in the end; return the forces that hold the axes, N.
 
     Such a drive holds its axis in csp first, with its brake open, and then changes to cst under the force that this
     took: in operation or, if it does not do that, by switching off and on again with that force as the first target.
     """
-    torque = [client for client, control in zip(clients, leading, strict=True) if control and control.mode == "cst"]
+    torque = [c for c, led in zip(clients, leading, strict=True) if led is not None and led.control.mode == "cst"]
     weighed = [client for client in torque if client.can(CSP)]
     for client in clients:
         if client in weighed:
             client.hold()
-        elif client not in torque:
+        elif client in torque:
+            client.remarks.append("The drive has no csp: the control begins without the force that holds the axis.")
+            client.ask_torque(0.0)
+            client.enable()
+        else:
             client.enable()
     brakes = max(float(client.drive.brake_time) for client in clients)
-    forces = _weigh(first, weighed, brakes) if weighed else {}
-    for _ in range(0 if weighed else round(brakes / first.drive.cycle_time)):
-        first.cycle()
-    for client in torque:
-        if client not in weighed:
-            client.remarks.append("The drive has no csp: the control began without the weight of the axis.")
-            client.held = 0.0
-            client.enable()
-    for client in weighed:
-        client.ask_torque(forces[id(client)])
-    for _ in range(_CHANGES if weighed else 0):
+    if not weighed:
+        for _ in range(round(brakes / first.drive.cycle_time)):
+            first.cycle()
+        return [client.held for client in clients]
+    for client, force in zip(weighed, _weigh(first, weighed, brakes, stopped), strict=True):
+        client.ask_torque(force)
+    for _ in range(_CHANGES):
         first.cycle()
         if all(client.shows for client in weighed):
             break
@@ -623,36 +642,39 @@ def _switch_on(
                 "wait for it: play it alone"
             )
         client.disable()
-        client.ask_torque(forces[id(client)])
         client.enable()
     return [client.held for client in clients]
 
 
-def _weigh(first: DriveClient, clients: Sequence[DriveClient], brakes: float) -> dict[int, float]:
+def _weigh(
+    first: DriveClient, clients: Sequence[DriveClient], brakes: float, stopped: Callable[[], bool]
+) -> list[float]:
     """Let drives hold their axes by themselves; return the mean force of each at the end, N. Raises BusError."""
-    seconds = max(_HOLDS, brakes + 2.0 * _WEIGHED)
-    cycles, last = (round(time / first.drive.cycle_time) for time in (seconds, _WEIGHED))
-    watching: list[tuple[DriveClient, Monitor, MonitorState, Target]] = []
+    cycles, last = (round(time / first.drive.cycle_time) for time in (max(_HOLDS, brakes + 2.0 * _WEIGHED), _WEIGHED))
+    watching: list[tuple[Monitor, MonitorState, Target]] = []
     for client in clients:
         told = client.told
         assert told is not None
         monitor = Monitor(replace(client.drive, mode="csp"))
-        watching.append((client, monitor, monitor.begin(answer_of(client, told)), Target(told.position, 0.0, 0.0)))
-    sums = dict.fromkeys(map(id, clients), 0.0)
-    for k in range(cycles):
+        watching.append((monitor, monitor.begin(answer_of(client, told)), Target(told.position, 0.0, 0.0)))
+    forces: list[list[float]] = [[] for _ in clients]
+    for _ in range(cycles):
         first.cycle()
-        for i, (client, monitor, state, target) in enumerate(watching):
+        for i, (client, (monitor, state, target)) in enumerate(zip(clients, watching, strict=True)):
             answer = None if client.answer is None else answer_of(client, client.answer)
             cycle = Cycle(target, answer, client.statusword, client.mode_shown, first.pace.elapsed)
             after, fault = monitor.step(state, cycle)
-            watching[i] = client, monitor, after, target
+            watching[i] = monitor, after, target
             if fault is not None:
                 raise BusError(
                     Text(f"{client.transport.where}: while the drive held its axis by itself, {fault.message}")
                 )
             assert client.told is not None
-            sums[id(client)] += client.told.force if k >= cycles - last else 0.0
-    return {key: total / last for key, total in sums.items()}
+            forces[i].append(client.told.force)
+        # the motion then ends in its first cycle
+        if stopped():
+            break
+    return [sum(row[-last:]) / len(row[-last:]) for row in forces]
 
 
 def answer_of(client: DriveClient, told: ActualValues) -> Answer:
@@ -774,9 +796,8 @@ class _Rows:
     def __init__(
         self,
         client: DriveClient,
-        control: ControlInMaster | None = None,
+        leading: _Leading | None = None,
         held: float = 0.0,
-        profile: Profile | None = None,
     ) -> None:
         assert client.told is not None
         self.client, self.start = client, client.told.position
@@ -785,14 +806,10 @@ class _Rows:
         self.lost: list[float] = []
         self.commanded: list[float] = []  # N, of a control in the master
         self._last, self._heard = client.told, True
-        self._control, self._held = control, held
-        self._setpoints: list[Setpoint] = []
-        if control is not None and profile is not None:
-            times = np.arange(profile.set_position.size) * profile.sample_time
-            rows = profile.reference(self.start).at(times)
-            self._setpoints = [Setpoint(*row) for row in zip(*(row.tolist() for row in rows), strict=True)]
-            control.rest(client.told.position, client.told.second, held)
-        self._monitor = Monitor(client.drive, follows=control is not None and control.mode == "cst")
+        self.leading, self._held = leading, held
+        if leading is not None:
+            leading.control.rest(client.told.position, client.told.second, held)
+        self._monitor = Monitor(client.drive, follows=leading is not None and client.drive.mode == "cst")
         self._state = self._monitor.begin(self._answer(client.told))
         rest = Target(self.start, 0.0, 0.0)
         self._targets = (rest, rest)  # the last two
@@ -802,23 +819,25 @@ class _Rows:
     @property
     def complete(self) -> int:
         """The number of cycles whose row is complete."""
-        return len(self.sent) if self._control is not None else max(0, len(self.told) - self.client.drive.lag)
+        return len(self.sent) if self.leading is not None else max(0, len(self.told) - self.client.drive.lag)
 
     def target(self, profile: Profile, k: int) -> _Sent:
         """Command the setpoints of cycle k, or hold the last position, and return them."""
         last = profile.excitation.size
-        if self._control is None:
+        if self.leading is None:
             return _target(self.client, profile, min(k, last - 1), self.start, rest=k >= last)
-        return self._led(self._control, profile, k)
+        return self._led(self.leading, profile, k)
 
-    def _led(self, control: ControlInMaster, profile: Profile, k: int) -> _Sent:
+    def _led(self, leading: _Leading, profile: Profile, k: int) -> _Sent:
         """Command what a control in the master makes of the setpoint and the last readings."""
-        limits, last = self.client.drive.limits, len(self._setpoints) - 1
-        rest = Setpoint(self._setpoints[last].position)
+        limits, last = self.client.drive.limits, len(leading.setpoints) - 1
+        position, *derivatives = leading.setpoints[min(k, last)]
+        if k > last:
+            derivatives = [0.0] * len(derivatives)
         excitation = float(profile.excitation[k]) if k <= last else 0.0
-        setpoint = self._setpoints[k] if k <= last else rest
+        setpoint = Setpoint(self.start + position, *derivatives)
         told = self._last
-        found = control.step(setpoint, told.position, told.second)
+        found = leading.control.step(setpoint, told.position, told.second)
         force = max(-limits.force, min(limits.force, found.force + excitation))
         velocity = max(-limits.velocity, min(limits.velocity, found.velocity))
         self.client.command(velocity=velocity, force=force)
@@ -827,12 +846,12 @@ class _Rows:
         self.sent.append((setpoint.position, excitation))
         self.commanded.append(force)
         # what the answer to this target is compared with is the setpoint of the sample that reads it
-        ahead = self._setpoints[min(k + self.client.drive.lag + 1, last)]
-        return _Sent(Target(ahead.position, velocity, force), excitation, setpoint.position, found.trip)
+        ahead = self.start + leading.setpoints[min(k + self.client.drive.lag + 1, last)][0]
+        return _Sent(Target(ahead, velocity, force), excitation, setpoint.position, found.trip)
 
     def watched(self, sent: _Sent, elapsed: float, stop: str) -> Fault | None:
         """Add the completed cycle; return the fault for which the monitor ends the motion."""
-        if self._control is None:
+        if self.leading is None:
             self.add(sent.set_position, sent.excitation, self.client.answer)
         else:
             self._last, self._heard = self.client.answer or self._last, self.client.answer is not None
@@ -881,7 +900,7 @@ class _Rows:
         """Return the log of the first `rows` cycles, each with the answer received `lag` cycles later, or with the one
         that a control in the master used.
         """
-        client, lag = self.client, 0 if self._control is not None else self.client.drive.lag
+        client, lag = self.client, 0 if self.leading is not None else self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {
             "set_position": [position for position, _ in self.sent[:rows]],
@@ -893,7 +912,7 @@ class _Rows:
             values = [getattr(actual, field) for actual in told]
             if None not in values:
                 channels[column] = values
-        if self._control is not None:
+        if self.leading is not None:
             channels["commanded"] = self.commanded[:rows]
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]

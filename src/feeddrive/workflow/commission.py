@@ -22,6 +22,7 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
@@ -35,8 +36,9 @@ from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.machine import MachineLike, machine_toml, read_machine
+from feeddrive.files.machine import MachineLike, machine_of_text, machine_toml, read_machine
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
+from feeddrive.language import tree
 from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, NotCertifiedError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
@@ -44,6 +46,7 @@ from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, resolve
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -158,6 +161,16 @@ def _carried(told: SmallMove, force: float) -> float:
     return (abs(told.holding) + 3.0 * abs(told.friction)) / force
 
 
+def _with_viscous_plant(axis: Axis) -> Axis:
+    """Return a rigid axis with its viscous friction in the plant, to which responses are fitted, and not beside it."""
+    plant, friction = axis.plant, axis.friction_load
+    if not isinstance(plant, Rigid) or friction is None:
+        return axis
+    viscous = float(plant.viscous) + float(friction.linear())
+    dry = tree.vary(axis, {"friction_load.viscous": 0.0}).friction_load
+    return replace(axis, plant=replace(plant, viscous=max(0.0, viscous)), friction_load=dry)
+
+
 class _Chain:
     """The steps of one commissioning, in order, with what they told so far."""
 
@@ -228,7 +241,7 @@ class _Chain:
         return refusal
 
     def _check_inside(self, record: Record) -> None:
-        """Raise FileError unless the drive is as the last step left it or, after its power was lost, as at the start."""
+        """Raise FileError unless the drive is as the last step left it or, after its power was lost, as before it."""
         now, last = dict(self.axis.inside()), record.steps[-1]
         if now == last.inside:
             return
@@ -569,8 +582,8 @@ class _Chain:
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
-        axis = read_machine(self._in("friction_and_mass", "identified/machine.toml")).loop(AXIS).axis
-        loop = self._started(axis, SPREAD)
+        identified = read_machine(self._in("friction_and_mass", "identified/machine.toml")).loop(AXIS).axis
+        loop = self._started(_with_viscous_plant(identified), SPREAD)
         made = self._designed(loop)
         machine = self._machine(loop, "start law for the identified axis")
         write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
@@ -634,23 +647,50 @@ class _Chain:
 
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
-        responses, machine = self._in("responses", "responses/frf.csv"), self._in("excitation", "machine.toml")
-        frequency = next(iter(read_frfs(responses).values())).frequency
-        low, high = float(frequency[0]), float(frequency[-1])
-        for narrower in NARROWER:
-            outcome = identify.run(
-                IdentifyRequest(
-                    (responses,),
-                    machine=read_machine(machine),
-                    axis=AXIS,
-                    band=f"{low:.6g}..{narrower * high:.6g}",
-                    out=self.place,
-                ),
-                self.progress.quiet(),
-            )
-            if not outcome.judgment.bad and "Machine" in outcome.files:
-                return Text(f"{outcome.verdict}"), {"model_band": narrower * high}
-        raise _RefusedError(Text(f"model: {outcome.verdict} {' '.join(outcome.notes)}"))
+        frequency = next(iter(self._responses().values())).frequency
+        for share in NARROWER:
+            tried = [self._fitted(place, float(frequency[0]), share * float(frequency[-1])) for place in self._places()]
+            good = [outcome for outcome in tried if not outcome.judgment.bad and "Machine" in outcome.files]
+            if good:
+                best = min(good, key=lambda outcome: outcome.result.fit.agreement.unused)
+                # the files of the step are those of the last fit
+                if best is not tried[-1]:
+                    place = self._places()[tried.index(best)]
+                    best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
+                return Text(f"{best.verdict}"), {"model_band": share * float(frequency[-1])}
+        raise _RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+
+    def _responses(self) -> dict[str, FRF]:
+        return read_frfs(self._in("responses", "responses/frf.csv"))
+
+    def _places(self) -> tuple[str, ...]:
+        """Return where the only encoder may be; of a drive with two encoders both places are known."""
+        return ("both",) if len(self._responses()) > 1 else ("motor", "load")
+
+    def _fitted(self, place: str, low: float, high: float) -> Outcome[Any]:
+        """Fit the responses with the encoder at a place, and write the files of the step."""
+        loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
+        encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
+        axis = replace(
+            loop.axis,
+            encoder_motor=None if place == "load" else encoder,
+            encoder_load=None if place == "motor" else encoder,
+        )
+        law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
+        loop = replace(loop, axis=axis, control=replace(loop.control, law=law))
+        one = {} if place == "both" else {place: next(iter(self._responses()))}
+        text = self._machine(loop, "start law for the identified axis")
+        return identify.run(
+            IdentifyRequest(
+                (self._in("responses", "responses/frf.csv"),),
+                machine=machine_of_text(text, "machine.toml"),
+                axis=AXIS,
+                band=f"{low:.6g}..{high:.6g}",
+                out=self.place,
+                **one,
+            ),
+            self.progress.quiet(),
+        )
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune within the limits of the request on the measured responses; nothing moves."""
