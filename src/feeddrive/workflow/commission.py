@@ -38,6 +38,7 @@ from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, write_log
 from feeddrive.files.machine import MachineLike, machine_of_text, machine_toml, read_machine
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
+from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language import tree
 from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, NotCertifiedError, ParameterError
 from feeddrive.language.judgment import Judgment
@@ -166,9 +167,11 @@ def _with_viscous_plant(axis: Axis) -> Axis:
     plant, friction = axis.plant, axis.friction_load
     if not isinstance(plant, Rigid) or friction is None:
         return axis
-    viscous = float(plant.viscous) + float(friction.linear())
-    dry = tree.vary(axis, {"friction_load.viscous": 0.0}).friction_load
-    return replace(axis, plant=replace(plant, viscous=max(0.0, viscous)), friction_load=dry)
+    # of both directions what they have in common
+    shares = {name: float(value) for name, value in tree.leaves(friction) if name.startswith("viscous")}
+    common = min(shares.values(), default=0.0)
+    dry = replace(friction, **{name: value - common for name, value in shares.items()})
+    return replace(axis, plant=replace(plant, viscous=float(plant.viscous) + common), friction_load=dry)
 
 
 class _Chain:
@@ -500,7 +503,7 @@ class _Chain:
         # what the axis needs for the set motion is fed forward, so that a slow law follows within its limits
         friction = axis.friction_load
         level = FED * max(0.0, float(friction.steady(CREEP))) if friction is not None else 0.0
-        viscous = float(friction.linear()) if friction is not None else 0.0
+        viscous = own_viscous(axis) + (float(friction.linear()) if friction is not None else 0.0)
         fed = (
             Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
@@ -677,7 +680,8 @@ class _Chain:
             encoder_load=None if place == "motor" else encoder,
         )
         law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
-        loop = replace(loop, axis=axis, control=replace(loop.control, law=law))
+        # without what is fed forward: the trial then shows the feedback loop, which is what is proven
+        loop = replace(loop, axis=axis, control=replace(loop.control, law=law, feedforward=()))
         one = {} if place == "both" else {place: next(iter(self._responses()))}
         text = self._machine(loop, "start law for the identified axis")
         return identify.run(
