@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
-from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
+from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of, read_drive
 from feeddrive.bus.gains import gains_of, write_gains
 from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
 from feeddrive.bus.sampling import Sampler
@@ -44,6 +45,7 @@ _WRITTEN = (
     "position_most",
     "connection_option",
 )
+_SHORTEST = 0.25e-3  # s, of a bus that masters of today are run with
 # columns of a log by the channels of a sampler
 _COLUMNS = {
     "force": ("force", "N"),
@@ -81,6 +83,11 @@ class LiveAxis(Protocol):
         """The limits of a motion, as the user stated them."""
         ...
 
+    @property
+    def rotary(self) -> bool:
+        """True for an axis that turns: lengths are angles in rad, forces torques in N m."""
+        ...
+
     def limited(self, limits: BusLimits) -> LiveAxis:
         """Return the same axis under tighter limits."""
         ...
@@ -105,8 +112,8 @@ class LiveAxis(Protocol):
         """Return what is in the drive now, by the address of its objects."""
         ...
 
-    def keep(self, machine_file: Path, export: Path) -> Text:
-        """Keep the control that was tried; return what is left to do."""
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
+        """Keep the control that was tried, and write back all else that was `inside`; return what is left to do."""
         ...
 
     def restore(self, inside: Mapping[str, str]) -> Text:
@@ -135,6 +142,11 @@ class BusAxis:
         self._encoders: int | None = None
         self._where = self._transport(file.drive).where
 
+    @classmethod
+    def read(cls, path: str | Path, *, paced: bool = True) -> Self:
+        """Return the axis of a drive file. Raises FileError and ParameterError with file and line."""
+        return cls(read_drive(path), paced=paced)
+
     @property
     def where(self) -> str:
         """The bus, the interface and the station."""
@@ -154,6 +166,11 @@ class BusAxis:
     def limits(self) -> BusLimits:
         """The limits of the motion."""
         return self.file.drive.limits
+
+    @property
+    def rotary(self) -> bool:
+        """True for an axis that turns."""
+        return self.file.drive.rotary
 
     @property
     def delay(self) -> float:
@@ -299,6 +316,9 @@ class BusAxis:
 
     def restore(self, inside: Mapping[str, str]) -> Text:
         """Write back what `inside` gave. Raises BusError, after all others, for what does not read back so."""
+        return self._written(inside, gains=True)
+
+    def _written(self, inside: Mapping[str, str], *, gains: bool) -> Text:
         refused: list[str] = []
         wrong: list[str] = []
         with self._opened() as transport:
@@ -313,7 +333,7 @@ class BusAxis:
                         wrong.append(f"{place} ({name})")
                 except RefusedError:
                     refused.append(f"{place} ({name})")
-            for name, gain in self.file.gains.items():
+            for name, gain in self.file.gains.items() if gains else ():
                 place = _place(*gain.place)
                 if place not in inside:
                     continue
@@ -325,10 +345,15 @@ class BusAxis:
                 f"{self.where}: {', '.join(wrong)} do not read back as they were: restore them by the tool of the maker"
             )
         ends = f"; {', '.join(refused)} could not be written and stay" if refused else ""
-        return Text(f"{self.where}: its objects are as they were, {len(inside) - len(refused)} read back{ends}.")
+        which = "its objects" if gains or not self.file.gains else "all objects but those of gains"
+        return Text(f"{self.where}: {which} are as they were before, and read back so{ends}.")
 
-    def keep(self, machine_file: Path, export: Path) -> Text:
-        """Return what is left to do: gains stay in the drive, a control in the master runs where the master runs."""
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
+        """Write back all but the gains; return what is left to do.
+
+        Gains stay in the drive, and a control in the master runs where the master runs.  Raises BusError.
+        """
+        self._written(inside, gains=False)
         if self.file.gains:
             listed = joined(", ", (Text(f"{gain.object} ({name})") for name, gain in self.file.gains.items()))
             return Text(
@@ -379,10 +404,14 @@ def _place(index: int, subindex: int) -> str:
 
 
 def virtual_bus_axis(loop: Loop) -> BusAxis:
-    """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time."""
-    scaling = scaling_of(loop)
-    firmware = Firmware(DrivenAxis(loop), scaling, float(loop.sample_time))
-    content = drive_text(loop, scaling, "ethercat", "virtual", 1, float(loop.sample_time))
+    """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time.
+
+    A cycle of its bus has as many samples of the loop as make it no shorter than 0.25 ms.
+    """
+    scaling, T = scaling_of(loop), float(loop.sample_time)
+    cycle_time = T * max(1, math.ceil(_SHORTEST / T - 1e-9))
+    firmware = Firmware(DrivenAxis(loop), scaling, cycle_time)
+    content = drive_text(loop, scaling, "ethercat", "virtual", 1, cycle_time)
     name = f"virtual drive of axis {loop.name}"
     file = drive_of(parse_toml(content, name))
     return BusAxis(file, lambda _: VirtualEtherCAT(firmware), paced=False)
