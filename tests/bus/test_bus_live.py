@@ -117,13 +117,8 @@ def test_a_control_in_the_master_gives_the_bits_of_the_simulation(control: Contr
     made = ControlInMaster(loop, T, force=2000.0, encoders=2)
     made.begin(0.0, 0.0)
     made.rest(0.0, 0.0, 0.0)
-    rows = profile.reference().at(np.arange(600) * T)
-    forces = [
-        made.step(Setpoint(*row), load, motor).force
-        for *row, load, motor in zip(
-            *(each.tolist() for each in rows), run["reading_load"].tolist(), run["reading_motor"].tolist(), strict=True
-        )
-    ]
+    rows = np.column_stack([*profile.reference().at(np.arange(600) * T), run["reading_load"], run["reading_motor"]])
+    forces = [made.step(Setpoint(*row[:5]), *row[5:]).force for row in rows.tolist()]
     assert np.ptp(run["force"]) > 100.0
     np.testing.assert_array_equal(forces, run["force"])
 
@@ -398,6 +393,10 @@ def drive_file(extra: str = "", scaling: str = "increment_nm = 10\nrated_force =
     )
 
 
+GAINS = (
+    '[gains.Kv]\nobject = "0x60FB:1"\nfactor = 0.01\n[gains.Kp]\nobject = "0x60FB:2"\nfactor = 0.1\n'
+    '[gains.Tn]\nobject = "0x60FB:3"\nunit = "us"\n'
+)
 SPINDLE = "counts_per_turn = 1e6\nlead_mm = 10\nrated_torque = 1"
 
 
@@ -425,8 +424,23 @@ def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
     assert axis.play(move()).aborted is None
     assert axis.play(move(), None, with_control(bench_loop())).aborted is None
     assert dict(axis.inside()) != inside
-    assert "are as they were" in axis.restore(inside)
+    assert "its objects are as they were" in axis.restore(inside)
     assert dict(axis.inside()) == inside
+
+
+def test_a_control_that_is_kept_leaves_all_but_gains_as_it_was() -> None:
+    axis = axis_of(Bench(bench_loop()), drive_file(scaling=SPINDLE) + GAINS)
+    inside = dict(axis.inside())
+    assert axis.play(move(), None, with_control(bench_loop())).aborted is None
+    said = axis.keep(Path("x.toml"), Path("export"), inside)
+    assert "0x60FB:1 (Kv), 0x60FB:2 (Kp), 0x60FB:3 (Tn)" in said
+    differs = {place for place, value in axis.inside().items() if value != inside[place]}
+    assert differs == {"0x60FB:01", "0x60FB:02", "0x60FB:03"}
+
+
+def test_the_bus_of_a_virtual_drive_is_no_faster_than_buses_are() -> None:
+    times = [virtual_bus_axis(replace(bench_loop(), sample_time=T)).sample_time for T in (5e-5, 1e-4, 2.5e-4, 5e-4)]
+    np.testing.assert_allclose(times, [2.5e-4, 3e-4, 2.5e-4, 5e-4])
 
 
 def test_a_wrong_gear_and_a_wrong_sign_are_corrected_in_the_drive_file(tmp_path: Path) -> None:
@@ -459,12 +473,6 @@ def test_a_real_drive_is_not_run_without_a_clock() -> None:
     bench.firmware.read, read = lambda *at: b"drive" if at == (0x1008, 0) else read(*at), bench.firmware.read  # type: ignore[method-assign]
     with pytest.raises(BusError, match="only a virtual drive"):
         axis_of(bench).listen(0.1)
-
-
-GAINS = (
-    '[gains.Kv]\nobject = "0x60FB:1"\nfactor = 0.01\n[gains.Kp]\nobject = "0x60FB:2"\nfactor = 0.1\n'
-    '[gains.Tn]\nobject = "0x60FB:3"\nunit = "us"\n'
-)
 
 
 def test_gains_are_written_into_a_drive_and_read_back() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +14,9 @@ import numpy as np
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
-from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
+from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of, read_drive
 from feeddrive.bus.gains import gains_of, write_gains
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
 from feeddrive.bus.sampling import Sampler
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
@@ -44,6 +45,7 @@ _WRITTEN = (
     "position_most",
     "connection_option",
 )
+_SHORTEST = 0.25e-3  # s, of a bus that masters of today are run with
 # columns of a log by the channels of a sampler
 _COLUMNS = {
     "force": ("force", "N"),
@@ -83,11 +85,7 @@ class LiveAxis(Protocol):
 
     @property
     def rotary(self) -> bool:
-        """True for an axis that turns: its lengths are in rad, its forces in N m."""
-        ...
-
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile for the sample time of the axis."""
+        """True for an axis that turns: lengths are angles in rad, forces torques in N m."""
         ...
 
     def limited(self, limits: BusLimits) -> LiveAxis:
@@ -115,7 +113,7 @@ class LiveAxis(Protocol):
         ...
 
     def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
-        """Keep the control that was tried, and write back all else that was in the drive; return what is left to do."""
+        """Keep the control that was tried, and write back all else that was `inside`; return what is left to do."""
         ...
 
     def restore(self, inside: Mapping[str, str]) -> Text:
@@ -144,6 +142,11 @@ class BusAxis:
         self._encoders: int | None = None
         self._where = self._transport(file.drive).where
 
+    @classmethod
+    def read(cls, path: str | Path, *, paced: bool = True) -> Self:
+        """Return the axis of a drive file. Raises FileError and ParameterError with file and line."""
+        return cls(read_drive(path), paced=paced)
+
     @property
     def where(self) -> str:
         """The bus, the interface and the station."""
@@ -166,12 +169,8 @@ class BusAxis:
 
     @property
     def rotary(self) -> bool:
-        """True for an axis that turns: its lengths are in rad, its forces in N m."""
+        """True for an axis that turns."""
         return self.file.drive.rotary
-
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile for the cycle time of the drive. Raises what `read_profile` does."""
-        return read_profile(path, self.file.drive)
 
     @property
     def delay(self) -> float:
@@ -317,6 +316,9 @@ class BusAxis:
 
     def restore(self, inside: Mapping[str, str]) -> Text:
         """Write back what `inside` gave. Raises BusError, after all others, for what does not read back so."""
+        return self._written(inside, gains=True)
+
+    def _written(self, inside: Mapping[str, str], *, gains: bool) -> Text:
         refused: list[str] = []
         wrong: list[str] = []
         with self._opened() as transport:
@@ -331,7 +333,7 @@ class BusAxis:
                         wrong.append(f"{place} ({name})")
                 except RefusedError:
                     refused.append(f"{place} ({name})")
-            for name, gain in self.file.gains.items():
+            for name, gain in self.file.gains.items() if gains else ():
                 place = _place(*gain.place)
                 if place not in inside:
                     continue
@@ -343,14 +345,15 @@ class BusAxis:
                 f"{self.where}: {', '.join(wrong)} do not read back as they were: restore them by the tool of the maker"
             )
         ends = f"; {', '.join(refused)} could not be written and stay" if refused else ""
-        return Text(f"{self.where}: its objects are as they were, {len(inside) - len(refused)} read back{ends}.")
+        which = "its objects" if gains or not self.file.gains else "all objects but those of gains"
+        return Text(f"{self.where}: {which} are as they were before, and read back so{ends}.")
 
     def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> Text:
-        """Write back what `inside` gave but for the gains, which stay in the drive, and return what is left to do: a
-        control in the master runs where the master runs.
+        """Write back all but the gains; return what is left to do.
+
+        Gains stay in the drive, and a control in the master runs where the master runs.  Raises BusError.
         """
-        gains = {_place(*gain.place) for gain in self.file.gains.values()}
-        self.restore({place: value for place, value in inside.items() if place not in gains})
+        self._written(inside, gains=False)
         if self.file.gains:
             listed = joined(", ", (Text(f"{gain.object} ({name})") for name, gain in self.file.gains.items()))
             return Text(
@@ -400,16 +403,13 @@ def _place(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex:02X}"
 
 
-_CYCLE = 250e-6  # s, of a virtual drive with a faster loop: what field buses do
-
-
 def virtual_bus_axis(loop: Loop) -> BusAxis:
     """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time.
 
-    The bus cycle is one sample of the loop, or as many as make 0.25 ms.
+    A cycle of its bus has as many samples of the loop as make it no shorter than 0.25 ms.
     """
     scaling, T = scaling_of(loop), float(loop.sample_time)
-    cycle_time = T * max(1, round(_CYCLE / T))
+    cycle_time = T * max(1, math.ceil(_SHORTEST / T - 1e-9))
     firmware = Firmware(DrivenAxis(loop), scaling, cycle_time)
     content = drive_text(loop, scaling, "ethercat", "virtual", 1, cycle_time)
     name = f"virtual drive of axis {loop.name}"

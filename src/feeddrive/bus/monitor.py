@@ -29,7 +29,8 @@ Checks, in this order; the first that fails is the fault:
                    target, in csv x + the following error.  The axis must be able to stop within the limit.
                    limits.position_least and _most likewise
     velocity       |v| > limits.velocity; without 0x606C the difference of the positions
-    force, energy  |F| > limits.force; M v²/2 > limits.energy, if both are stated
+    force, energy  |F| > limits.force + NOISE thousandths of the rated torque; M v²/2 > limits.energy, if both are
+                   stated
     following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE.  cst under a
                    control in the master: |r - x| > E
     acceleration   (U - U_R)/(R T) > limits.acceleration plus rounding and noise of the positions, JUMP c/(R T)², if
@@ -55,6 +56,8 @@ from feeddrive.language.text import Text
 
 # two counts of noise at either end, rounding, and as much again in the velocity that continues the motion
 JUMP = 10  # counts by which a position may differ from where its motion leads
+# noise of a torque that the drive itself keeps at its limit, 0x6072
+NOISE = 10  # thousandths of the rated torque by which 0x6077 may exceed limits.force
 AWAY = 2  # cycles in a row in which the error grows: one may be noise
 # a reported velocity may be some ms older than the positions
 LIKE = 1.5  # ratio of the mean reported velocity and that of the positions up to which both are believed
@@ -360,7 +363,7 @@ class Monitor:
                 return _exceeded("travel", far + ahead, limits.travel, "m", number, _to_brake(ahead))
         if not abs(speed) <= limits.velocity:
             return _exceeded("velocity", abs(speed), limits.velocity, "m/s", number)
-        if not abs(answer.force) <= limits.force:
+        if not abs(answer.force) <= limits.force + NOISE * self.drive.scaling.newton:
             return _exceeded("force", abs(answer.force), limits.force, "N", number)
         if limits.energy is not None and limits.largest_mass is not None:
             energy = 0.5 * limits.largest_mass * speed * speed

@@ -597,7 +597,7 @@ def _led_by(control: ControlInMaster, client: DriveClient, profile: Profile) -> 
         client.excites("N")
     control.begin(told.position, told.second)
     rows = profile.reference().at(np.arange(profile.set_position.size) * profile.sample_time)
-    return _Leading(control, list(zip(*(row.tolist() for row in rows), strict=True)))
+    return _Leading(control, np.column_stack([*rows]).tolist())
 
 
 def _switch_on(
