@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -154,17 +154,18 @@ class Build:
 
 @dataclass
 class Move:
-    """True positions of a time in operation: start, end, and where the table stood, m; anchor: place and cycles."""
+    """True positions of a time in operation, m: start, end, farthest from the start, and where the table stood."""
 
     start: float
     end: float
-    stands: list[float]
-    anchor: tuple[float, int]
+    anchor: tuple[float, int]  # where it may stand, and for how many cycles
+    farthest: float = 0.0
+    stands: list[float] = field(default_factory=list)
 
     def goes_on(self, true: float, cycle_time: float) -> None:
         """Add a cycle."""
         place, cycles = self.anchor
-        self.end = true
+        self.end, self.farthest = true, max(self.farthest, abs(true - self.start))
         self.anchor = (true, 0) if abs(true - place) > SEEN else (place, cycles + 1)
         if cycles == round(STOOD / cycle_time):
             self.stands.append(true)
@@ -391,7 +392,7 @@ class Firmware:
         self._opening = 0
         if wanted is PowerState.ENABLED and self.state is not wanted:
             true = self.servo.s[um.X2]
-            self.moves.append(Move(true, true, [], (true, 0)))
+            self.moves.append(Move(true, true, (true, 0)))
         if self.state is PowerState.FAULT and wanted is not self.state:
             self.values["error_code"] = 0
         self.state = wanted
@@ -564,9 +565,9 @@ class Person(Progress):
         if not moves:
             return 0.0
         last = moves[-1]
-        away = max((abs(place - last.start) for place in last.stands), default=0.0)
-        whole = abs(last.end - last.start)
-        return whole if whole > 0.2 * away else away
+        places = [abs(place - last.start) for place in (last.end, *last.stands)]
+        # a table that stands nowhere out there is seen at its turn
+        return next((place for place in (places[0], max(places)) if place > 0.2 * last.farthest), last.farthest)
 
     def show_step(self, what: str, done: int | None, of: int | None, part: str) -> None:
         self.heard.append(str(what))
@@ -758,7 +759,7 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
     # the sluggish control of the drive, slower where it is not quiet enough
     for _ in range(6):
         gains = {um.KP: bandwidth * mass, um.RATE: bandwidth / 6.0, um.KV: bandwidth / 4.0}
-        build = _with_parameters(build, gains)
+        build = replace(build, parameters={**parameters, **gains})
         peak, swing = rehearse(build, velocity, braking, travel)
         if swing < 0.05 * peak + 30.0 * metre:
             break
@@ -807,15 +808,10 @@ def _factor(rng: np.random.Generator) -> float:
     return near if abs(math.log(near)) > 0.05 else 1.25
 
 
-def _with_parameters(build: Build, more: Mapping[int, float]) -> Build:
-    from dataclasses import replace
-
-    return replace(build, parameters={**build.parameters, **more})
-
-
 def _file(bus: str, cycle_time: float, scaling: str, limits: Limits) -> str:
     return (
-        f'# as the user wrote it\nbus = "{bus}"\ninterface = "eth1"\nstation = 1\ncycle_time_us = {1e6 * cycle_time:g}\n'
+        f'# as the user wrote it\nbus = "{bus}"\n'
+        f'interface = "eth1"\nstation = 1\ncycle_time_us = {1e6 * cycle_time:g}\n'
         f'mode = "csp"\n\n[scaling]\n{scaling}\n\n[limits]\ntravel_mm = {1e3 * limits.travel:.6g}\n'
         f"velocity = {limits.velocity!r}   # m/s\nforce = {limits.force!r}   # N\n"
         f"following_error_mm = {1e3 * limits.following_error:.6g}\n"
