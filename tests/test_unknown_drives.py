@@ -268,8 +268,13 @@ def test_in_cst_the_target_torque_must_hold_the_axis() -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("mode", [cia402.CSP, cia402.CST])
 def test_the_objects_of_torque_have_the_drawn_sign(sign: int, mode: int) -> None:
+    braked = plain(sign=sign, opens=0.01, parameters={um.BRAKE: 1e4})
+    firmware = switched_on(braked, mode, target_torque=50 * (mode == cia402.CST))
+    # as soon as the brake opens the force is there
+    assert firmware.servo.s[um.FORCE] == pytest.approx(50.0 * sign * (mode == cia402.CST), abs=1.0)
     firmware = switched_on(plain(sign=sign), mode)
-    firmware.values["torque_offset"] = 100
+    torques = {"torque_offset": 60, "target_torque": 40} if mode == cia402.CST else {"torque_offset": 100}
+    firmware.values |= torques
     for _ in range(20):
         firmware.cycle()
     assert firmware.true[-1] * sign > 1e-5
@@ -403,12 +408,46 @@ def test_a_drawn_drive_plays_a_move_and_its_person_measures_it(seed: int, tmp_pa
     assert 0.5 * scale * weight == pytest.approx(-unknown.truth.gravity, abs=0.05 * unknown.truth.current_limit)
 
 
-def test_excursions_are_those_of_the_real_axis() -> None:
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_excursions_are_those_of_the_real_axis(way: float) -> None:
     firmware = switched_on(plain())
     unknown = ud.draw(0)
     unknown.firmware, unknown.limits = firmware, replace(unknown.limits, travel=1e-3, velocity=1.0, force=1e4)
     for k in range(300):
-        firmware.values["target_position"] = round(1.5e-3 * min(1.0, k / 200) / 1e-8)
+        firmware.values["target_position"] = round(way * 1.5e-3 * min(1.0, k / 200) / 1e-8)
         firmware.cycle()
     assert set(unknown.excursions()) == {"travel"}
-    assert unknown.excursions()["travel"] == pytest.approx(max(firmware.true) / 1e-3, rel=1e-3)
+    farthest = max(way * x for x in firmware.true)
+    assert unknown.excursions()["travel"] == pytest.approx(farthest / 1e-3, rel=1e-3)
+    unknown.limits = replace(unknown.limits, travel=1.01 * farthest, velocity=1e-3, force=1.0)
+    assert set(unknown.excursions()) == {"velocity", "force"}
+
+
+def test_a_drive_with_a_delay_is_switched_on_where_it_stands() -> None:
+    """The setpoints that are on their way in the first milliseconds are those of the axis, not of long ago."""
+    firmware = ud.Firmware(plain(parameters={um.DELAY: 8.0}, position=0.123))
+    ud.switch_on(firmware)
+    for _ in range(50):
+        firmware.cycle()
+    assert np.ptp(firmware.true) < 1e-6
+
+
+def test_the_file_is_right_but_for_gear(tmp_path: Path) -> None:
+    """Length, and force with its reciprocal; 8 that are wrong by lead or by gear, 3 that are right."""
+    kinds = Counter[str]()
+    for seed in range(60):
+        traits = ud.draw_traits(np.random.default_rng([seed, 402]))
+        kind = "gear" if "gear" in traits else "right"
+        if kinds[kind] >= (8 if kind == "gear" else 3):
+            continue
+        kinds[kind] += 1
+        unknown = ud.draw(seed)
+        scaling, truth = read_drive(unknown.write(tmp_path)).drive.scaling, unknown.truth
+        assert scaling.metre * truth.length_factor == pytest.approx(truth.metre, rel=1e-8)
+        assert scaling.newton / truth.length_factor == pytest.approx(truth.newton, rel=1e-8)
+        assert (truth.length_factor == 1.0) == (kind == "right")
+        if unknown.build.turns is not None:
+            counts, lead, gear, _ = unknown.build.turns
+            assert truth.metre == lead / gear / counts
+            kinds["lead" if scaling.lead != pytest.approx(lead) else "as it is"] += 1
+    assert kinds["lead"] in range(1, 8)
