@@ -382,20 +382,26 @@ def move(unknown: ud.Unknown, distance: float, force: float) -> Profile:
     return Profile("move", "", T, "N", pulse, path, np.gradient(path, T))
 
 
-@pytest.mark.parametrize("seed", [8, 12, 19, 33])
+@pytest.mark.parametrize("seed", [8, 9, 12, 33])
 def test_a_drawn_drive_plays_a_move_and_its_person_measures_it(seed: int, tmp_path: Path) -> None:
-    """Wrong gear; wrong sign with lost frames; CANopen with lost frames; vertical."""
+    """Wrong gear; a table that turns on CANopen with lost frames; wrong sign with lost frames; vertical."""
     unknown = ud.draw(seed)
+    assert unknown.build.turning == (seed == 9)
+    rim = unknown.build.radius
     described = read_drive(unknown.write(tmp_path)).drive
     with DriveClient(unknown.transport(), described, paced=False) as client:
-        played = play_profile(client, move(unknown, 0.005, 0.05 * unknown.truth.current_limit))
+        played = play_profile(client, move(unknown, 0.005 / rim, 0.05 * unknown.truth.current_limit))
     assert played.aborted is None
     assert unknown.firmware.state is PowerState.SWITCH_ON_DISABLED
     assert (played.lost > 0) == ("lost" in unknown.traits)
-    reached = 1e-3 * (unknown.person().measured("how far?", 5.0, "mm") or 0.0)
+    in_degrees = unknown.build.turning
+    told = unknown.person().measured("how far?", 5.0, "deg" if in_degrees else "mm")
+    assert told is not None
+    reached = math.radians(told) if in_degrees else 1e-3 * told
     log = played.log["reading_load"]
-    assert reached == pytest.approx(0.005, abs=6e-4)  # the old control is sluggish
-    assert reached == pytest.approx(unknown.truth.length_factor * float(np.max(np.abs(log - log[0]))), abs=4e-4)
+    assert reached == pytest.approx(0.005 / rim, abs=1e-3 / rim)  # the old control is sluggish
+    true = unknown.truth.length_factor * float(np.max(np.abs(log - log[0])))
+    assert reached == pytest.approx(true, abs=4e-4 / rim)
     assert unknown.excursions() == {}
     # a force against a move is positive friction; with the wrong sign it reads as negative
     speed = np.gradient(log, unknown.build.cycle_time)

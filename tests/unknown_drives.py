@@ -22,7 +22,8 @@ What the traits are
     cogging     a force of the motor that repeats along the travel
     vertical    weight, and a holding brake
     lost        frames are lost, one or two in a row
-    rotary      a rotary motor on a screw; all others have linear motors, but those with a gear
+    rotary      a rotary motor on a screw or, as often, with a table that turns: all m below are rad then, all N are
+                N m, all kg are kg m²; all others have linear motors, but those with a gear, which is of a screw
 
 A drive with a brake: on `enable operation` it powers up and holds the axis (in cst: applies the target torque), opens
 the brake, and then says `operation enabled`.  Switched off at rest it holds the axis until the brake has closed; in
@@ -131,6 +132,7 @@ class Build:
     opens, closes  of the brake, s; None: there is no brake
     fixed_mode     True if a change of mode is taken only while the drive is off
     lost           share of the frames that are lost
+    turning        True for a table that turns, whose lengths are rad; radius: m in a rad of it, 1 of a linear axis
     """
 
     parameters: Mapping[int, float]
@@ -149,6 +151,8 @@ class Build:
     fixed_mode: bool = False
     lost: float = 0.0
     torque_noise: float = 0.0
+    turning: bool = False
+    radius: float = 1.0
     seed: int = 0
 
 
@@ -162,11 +166,11 @@ class Move:
     farthest: float = 0.0
     stands: list[float] = field(default_factory=list)
 
-    def goes_on(self, true: float, cycle_time: float) -> None:
-        """Add a cycle."""
+    def goes_on(self, true: float, cycle_time: float, seen: float) -> None:
+        """Add a cycle; a table that moves by less than `seen` stands."""
         place, cycles = self.anchor
         self.end, self.farthest = true, max(self.farthest, abs(true - self.start))
-        self.anchor = (true, 0) if abs(true - place) > SEEN else (place, cycles + 1)
+        self.anchor = (true, 0) if abs(true - place) > seen else (place, cycles + 1)
         if cycles == round(STOOD / cycle_time):
             self.stands.append(true)
 
@@ -405,7 +409,7 @@ class Firmware:
         servo = self.servo
         if self.build.opens is None:
             return
-        stands = abs(servo.s[um.SPEED]) < STANDS
+        stands = abs(servo.s[um.SPEED]) < STANDS / self.build.radius
         self._is_held = stands and self.state is not PowerState.FAULT
         self._held, self._closing = servo.reading, self._cycles_to_close()
         if self._is_held and servo.u[um.LOOP] == um.POSITION:
@@ -466,8 +470,6 @@ class Firmware:
         self._loop(um.POSITION)
         target = counts * build.metre
         begin = target if fresh or self._target is None else self._target
-        if fresh or self._target is None:
-            servo.hold(target, 0.0)
         speed = build.metre * values["velocity_offset"]
         if "velocity_offset" in build.absent:
             speed = build.feedforward * (target - begin) / self.cycle_time
@@ -502,7 +504,7 @@ class Firmware:
         worst["velocity"] = max(worst["velocity"], s[um.FASTEST])
         worst["force"] = max(worst["force"], s[um.STRONGEST])
         if self.moves and self.state in _POWERED:
-            self.moves[-1].goes_on(s[um.X2], self.cycle_time)
+            self.moves[-1].goes_on(s[um.X2], self.cycle_time, SEEN / self.build.radius)
 
     def _show(self) -> None:
         build, s = self.build, self.servo.s
@@ -533,7 +535,8 @@ class Person(Progress):
     """A person who confirms everything, and measures with a ruler how far the axis went.
 
     The ruler lies at the table while the axis moves, and is read where the table stands: at the end of the move or, if
-    it went and came back, at the farthest stand; to 0.1 mm or 0.5 %, whichever is more.  `questions` counts both kinds.
+    it went and came back, at the farthest stand; to 0.1 mm (at the rim of a table) or 0.5 %, whichever is more.
+    `questions` counts both kinds.
     """
 
     def __init__(self, firmware: Callable[[], Firmware]) -> None:
@@ -552,9 +555,10 @@ class Person(Progress):
 
     def measured(self, text: str, expected: float, unit: str) -> float | None:
         """The distance of the last move in the unit asked for, with the sign of the expected one."""
-        scale = {"m": 1.0, "mm": 1e3, "um": 1e6}[unit]
-        true = self.last_move()
-        step = max(1e-4, 5e-3 * true)
+        build = self._firmware().build
+        scales = {"rad": 1.0, "deg": 180.0 / math.pi} if build.turning else {"m": 1.0, "mm": 1e3, "um": 1e6}
+        scale, true = scales[unit], self.last_move()
+        step = max(1e-4 / build.radius, 5e-3 * true)
         answer = math.copysign(round(scale * step * round(true / step), 9), expected)
         self.asked.append(f"{text} [{expected:g} {unit} expected; answered {answer:g}]")
         return answer
@@ -646,6 +650,9 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
     own = draw_traits(rng)
     traits = own if traits is None else traits
     screw = "rotary" in traits or "gear" in traits
+    turning = "rotary" in traits and bool(rng.random() < 0.5)
+    # drawn as a linear axis at the rim of the table, and turned into angles and torques at the end
+    radius = float(rng.uniform(0.1, 0.3)) if turning else 1.0
     vertical, braked = "vertical" in traits, bool({"vertical", "brake"} & set(traits))
     # ---- what moves
     mass = _log(rng, 15.0, 300.0)
@@ -674,6 +681,8 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
     strongest = dynamic + coulomb * ratio + abs(gravity)
     lead = float(rng.choice([5e-3, 10e-3, 16e-3, 20e-3, 25e-3]))
     gear = float(rng.choice([1.0, 1.0, 1.0, 1.5, 2.0]))
+    if turning:
+        lead, gear = 2.0 * math.pi * radius, float(rng.choice([36.0, 90.0, 180.0]))
     counts = float(rng.choice([40_000, 2**17, 2**20]))
     increment = float(rng.choice([5e-9, 10e-9, 50e-9, 100e-9, 500e-9]))
     rated = strongest / float(rng.uniform(1.5, 2.8))
@@ -728,11 +737,19 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
         um.SPEED_SHARE: SAMPLE / (SAMPLE + float(rng.uniform(0.1e-3, 0.6e-3))),
     }
     # ---- what the user states
-    stated = _rounded(strongest / float(rng.uniform(0.3, 0.6)) if "saturation" in traits else strongest, 2)
-    current_limit = strongest if "saturation" in traits else stated * float(rng.uniform(1.05, 1.6))
-    parameters[um.CURRENT_LIMIT] = current_limit
-    braking = min(5.0, _rounded(0.4 * capability, 1))
-    travel = _rounded(max(_log(rng, 0.03, 0.25), velocity * velocity / braking + 0.02), 2)
+    stated = strongest / float(rng.uniform(0.3, 0.6)) if "saturation" in traits else strongest
+    parameters[um.CURRENT_LIMIT] = strongest if "saturation" in traits else stated * float(rng.uniform(1.05, 1.6))
+    braking = min(5.0, 0.4 * capability)
+    travel = max(_log(rng, 0.03, 0.25), velocity * velocity / braking + 0.02)
+    # ---- angles and torques
+    parameters = {index: value * radius ** um.POWERS.get(index, 0) for index, value in parameters.items()}
+    mass, metre, newton, lead = mass * radius**2, metre / radius, newton * radius, lead / radius
+    coulomb, gravity, cogging, viscous = coulomb * radius, gravity * radius, cogging * radius, viscous * radius**2
+    gap, stribeck_velocity = gap / radius, stribeck_velocity / radius
+    velocity, braking = (_rounded(value / radius, 2) for value in (velocity, braking))
+    per_length = 180.0 / math.pi if turning else 1e3  # degrees or mm, in which a person states lengths
+    travel = _rounded(per_length * travel / radius, 2) / per_length
+    stated, current_limit = _rounded(stated * radius, 2), parameters[um.CURRENT_LIMIT]
     sign = -1 if "sign" in traits else 1
     factor = _factor(rng) if "gear" in traits else 1.0
     wrong_lead = bool(rng.random() < 0.5)
@@ -754,6 +771,8 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
         fixed_mode=bool(rng.random() < 0.25),
         lost=float(rng.uniform(0.002, 0.02)) if "lost" in traits else 0.0,
         torque_noise=float(rng.uniform(0.0, 1.5)),
+        turning=turning,
+        radius=radius,
         seed=seed,
     )
     # the sluggish control of the drive, slower where it is not quiet enough
@@ -766,13 +785,13 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
         bandwidth *= 0.7
     else:
         raise AssertionError(f"seed {seed}: no stable control of its own: {peak} m, swings by {swing} m at rest")
-    following = max(2e-4, _rounded(2.2 * peak, 1))
+    following = _rounded(per_length * max(2e-4 / radius, 2.2 * peak), 1) / per_length
     limits = Limits(travel, velocity, stated, following, braking)
     if screw:
         file_lead, file_gear = (lead * factor, gear) if wrong_lead else (lead, gear / factor)
+        written = f"lead_deg = {math.degrees(file_lead):.10g}" if turning else f"lead_mm = {1e3 * file_lead:.10g}"
         scaling = (
-            f"counts_per_turn = {counts:.0f}\nlead_mm = {1e3 * file_lead:.10g}\ngear = {file_gear:.10g}\n"
-            f"rated_torque = {torque!r}   # N m"
+            f"counts_per_turn = {counts:.0f}\n{written}\ngear = {file_gear:.10g}\nrated_torque = {torque!r}   # N m"
         )
     else:
         scaling = f"increment = {metre!r}   # m\nrated_force = {1e-3 * rated_milli!r}   # N"
@@ -795,9 +814,8 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
         length_factor=1.0 / factor,
     )
     drawn = SimpleNamespace(two_encoders=two, screw=screw, bandwidth=bandwidth, rehearsed=(peak, swing))
-    return Unknown(
-        seed, traits, bus, _file(bus, cycle_time, scaling, limits), limits, truth, build, Firmware(build), drawn
-    )
+    text = _file(bus, cycle_time, scaling, limits, turning)
+    return Unknown(seed, traits, bus, text, limits, truth, build, Firmware(build), drawn)
 
 
 def _factor(rng: np.random.Generator) -> float:
@@ -808,14 +826,15 @@ def _factor(rng: np.random.Generator) -> float:
     return near if abs(math.log(near)) > 0.05 else 1.25
 
 
-def _file(bus: str, cycle_time: float, scaling: str, limits: Limits) -> str:
+def _file(bus: str, cycle_time: float, scaling: str, limits: Limits, turning: bool) -> str:
+    per_length, unit, force = (180.0 / math.pi, "deg", "N m") if turning else (1e3, "mm", "N")
     return (
-        f'# as the user wrote it\nbus = "{bus}"\n'
-        f'interface = "eth1"\nstation = 1\ncycle_time_us = {1e6 * cycle_time:g}\n'
-        f'mode = "csp"\n\n[scaling]\n{scaling}\n\n[limits]\ntravel_mm = {1e3 * limits.travel:.6g}\n'
-        f"velocity = {limits.velocity!r}   # m/s\nforce = {limits.force!r}   # N\n"
-        f"following_error_mm = {1e3 * limits.following_error:.6g}\n"
-        f"quick_stop_deceleration = {limits.quick_stop_deceleration!r}   # m/s2\n"
+        f'# as the user wrote it\nbus = "{bus}"\ninterface = "eth1"\nstation = 1\n'
+        f'cycle_time_us = {1e6 * cycle_time:g}\nmode = "csp"\n{"rotary = true" if turning else ""}\n\n'
+        f"[scaling]\n{scaling}\n\n[limits]\ntravel_{unit} = {per_length * limits.travel:.10g}\n"
+        f"velocity = {limits.velocity!r}   # {'rad/s' if turning else 'm/s'}\nforce = {limits.force!r}   # {force}\n"
+        f"following_error_{unit} = {per_length * limits.following_error:.10g}\n"
+        f"quick_stop_deceleration = {limits.quick_stop_deceleration!r}\n"
     )
 
 

@@ -46,6 +46,13 @@ OFF, POSITION, VELOCITY, FORCE_ONLY = 0.0, 1.0, 2.0, 3.0  # what of the drive's 
     NOISE, LOAD_ENCODER, SPEED_SHARE, KV, KP, RATE,
 ) = range(34)  # fmt: skip
 PARAMETERS = 34
+# of a radius: what a parameter is multiplied by where the same axis is seen as one that turns
+POWERS = {
+    **dict.fromkeys((GAP, STRIBECK_VELOCITY, COGGING_PERIOD, COUNT_MOTOR, COUNT_LOAD), -1),
+    **dict.fromkeys((COULOMB_MOTOR, COULOMB_LOAD, GRAVITY, COGGING, BRAKE, CURRENT_LIMIT), 1),
+    **dict.fromkeys((MASS_MOTOR, MASS_LOAD, MASS_TAIL, STIFFNESS, DAMPING, TAIL_STIFFNESS, TAIL_DAMPING), 2),
+    **dict.fromkeys((VISCOUS_MOTOR, VISCOUS_LOAD), 2),
+}
 # inputs of a cycle
 LOOP, BEGIN, END, SET_VELOCITY, ADDED, MOST, BRAKED = range(7)
 INPUTS = 7
