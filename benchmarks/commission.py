@@ -74,6 +74,7 @@ def one(seed: int, out: Path) -> dict[str, Any]:
         "steps": [step.get("name", "") for step in record.get("steps", [])],
         "certified": sorted(str(p.relative_to(out)) for p in out.rglob("*") if "certificate" in p.name),
         "excursions": unknown.excursions(),
+        "when": {name: firmware.when[name] for name in unknown.excursions()},
         "changed": {name: [str(before[name]), str(after[name])] for name in before if before[name] != after[name]},
         "off": firmware.state.words,
         "questions": person.questions,
@@ -126,7 +127,7 @@ def line(row: Mapping[str, Any]) -> str:
             return "-"
         return f"{factor * predicted:{form}} / {factor * measured:{form}} ({found[name]:.3f})"
 
-    beyond = ", ".join(f"{name} {share:.2f}" for name, share in row["excursions"].items())
+    beyond = ", ".join(f"{name} {share:.2f} ({row['when'][name]})" for name, share in row["excursions"].items())
     if is_proven(row):
         end = "proven"
     elif row["kept"]:

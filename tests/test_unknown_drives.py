@@ -457,3 +457,12 @@ def test_the_file_is_right_but_for_gear(tmp_path: Path) -> None:
             assert truth.metre == lead / gear / counts
             kinds["lead" if scaling.lead != pytest.approx(lead) else "as it is"] += 1
     assert kinds["lead"] in range(1, 8)
+
+
+def test_an_axis_stands_where_it_is_found() -> None:
+    """Seed 11: its cogging exceeds its friction in places, and it has no brake."""
+    unknown = ud.draw(11)
+    assert unknown.truth.cogging > unknown.truth.coulomb
+    for _ in range(2000):
+        unknown.firmware.cycle()
+    assert np.ptp(unknown.firmware.true) < 1e-9

@@ -228,6 +228,7 @@ class Firmware:
         self.true, self.true_motor = array("d"), array("d")  # m, after each cycle
         self.start = build.position
         self.worst = {"travel": 0.0, "velocity": 0.0, "force": 0.0, "following_error": 0.0}
+        self.when = dict.fromkeys(self.worst, "")  # in what time in operation, mode and state
         self.moves: list[Move] = []  # of each time in operation
         self._noise = np.random.default_rng([build.seed, 8])
         self._control_before = 0
@@ -500,9 +501,15 @@ class Firmware:
         s, worst = self.servo.s, self.worst
         self.true.append(s[um.X2])
         self.true_motor.append(s[um.X1])
-        worst["travel"] = max(worst["travel"], s[um.HIGH] - self.start, self.start - s[um.LOW])
-        worst["velocity"] = max(worst["velocity"], s[um.FASTEST])
-        worst["force"] = max(worst["force"], s[um.STRONGEST])
+        now = {
+            "travel": max(s[um.HIGH] - self.start, self.start - s[um.LOW]),
+            "velocity": s[um.FASTEST],
+            "force": s[um.STRONGEST],
+        }
+        for name, value in now.items():
+            if value > worst[name]:
+                worst[name] = value
+                self.when[name] = f"operation {len(self.moves)}, cycle {self.cycles}, {self.state.words}"
         if self.moves and self.state in _POWERED:
             self.moves[-1].goes_on(s[um.X2], self.cycle_time, SEEN / self.build.radius)
 
@@ -775,6 +782,7 @@ def draw(seed: int, traits: tuple[str, ...] | None = None) -> Unknown:
         radius=radius,
         seed=seed,
     )
+    build = replace(build, position=settled(build))
     # the sluggish control of the drive, slower where it is not quiet enough
     for _ in range(6):
         gains = {um.KP: bandwidth * mass, um.RATE: bandwidth / 6.0, um.KV: bandwidth / 4.0}
@@ -842,6 +850,16 @@ def smooth(rows: int) -> np.ndarray:
     """From 0 to 1 within so many rows, with a jerk that is bounded."""
     s = np.arange(1, rows + 1) / rows
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def settled(build: Build) -> float:
+    """Where the axis stands with its drive off: cogging may have pulled it from where it was put, m."""
+    firmware = Firmware(replace(build, lost=0.0))
+    still = 0
+    while still < round(0.2 / build.cycle_time) and firmware.cycles * build.cycle_time < 60.0:
+        firmware.cycle()
+        still = still + 1 if firmware.servo.s[um.FASTEST] < 1e-9 else 0
+    return build.metre * round(firmware.servo.s[um.X1] / build.metre)
 
 
 def switch_on(firmware: Firmware, mode: int = cia402.CSP) -> None:
