@@ -19,7 +19,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus.cia402 import PowerState
-from feeddrive.bus.client import DriveClient
+from feeddrive.bus.client import DriveClient, set_watchdog
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import drive_of, read_drive
 from feeddrive.bus.faults import InjectedFault
@@ -34,7 +34,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
-from injected_faults import BUSES
+from injected_faults import BUSES, KINDS, SIZES, virtual_time
 
 WEIGHT = 400.0  # N
 MASS = 100.0  # kg
@@ -332,6 +332,55 @@ def test_a_force_with_the_wrong_sign_is_switched_off() -> None:
     assert "runs away" in played.aborted
     assert "switched off at once" in played.aborted
     assert max(map(abs, bench.true)) < 0.1
+
+
+def test_a_dead_encoder_is_noticed_before_the_control_has_driven_the_axis_off() -> None:
+    bench = Bench(bench_loop(), faults=[InjectedFault("encoder_loss", 760, 0.0)])
+    played = bench.play(move(), OURS, limits=replace(WIDE, following_error=2e-3))
+    assert played.aborted is not None
+    assert "still stands within 2 increments" in played.aborted
+    assert max(bench.true) < 0.02
+
+
+KINDS_UNDER_A_CONTROL = [kind for kind in KINDS if kind not in ("travel", "brake_slip", "person")]
+
+
+def fault_under_a_control(kind: str, seed: int, *, vertical: bool) -> tuple[Played, float, Bench]:
+    """A motion with a fault, drawn by seed, and how far the axis went beyond the ends of the motion, m."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), vertical])
+    loop = hanging() if vertical else bench_loop()
+    size = SIZES[kind](rng) if kind in SIZES else 0.0
+    if kind == "second_master" and size == 1.0:
+        size = 0.0  # half the force in every other cycle: nothing of it can be told from friction
+    at = 500 + int(rng.integers(150, 400))  # cycles in operation: held for 500 before
+    bench = Bench(loop, brake=Brake(0.05, 0.05), faults=[InjectedFault(kind, at, size)])
+    distance = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.008, 0.04))
+    sent = move(distance=distance, peak=float(rng.choice([0.0, 80.0])))
+    made = ControlInMaster(with_control(loop), T, force=2000.0, encoders=2)
+    described = drive("ethercat", mode="cst", limits=replace(WIDE, following_error=2e-3, acceleration=20.0))
+    transport = bench.transport()
+    with virtual_time(transport), DriveClient(transport, described, paced=False) as client:
+        set_watchdog(transport, described)
+        played = play_profile(client, sent, control=made)
+    for _ in range(1500):
+        bench.firmware.cycle()
+        bench.true.append(bench.firmware.axis.last.position)
+    ends = sorted((bench.true[500], bench.true[500] + distance))
+    return played, max(max(bench.true[500:]) - ends[1], ends[0] - min(bench.true[500:])), bench
+
+
+@pytest.mark.slow(reason="120 motions with faults")
+@pytest.mark.parametrize("vertical", [False, True])
+def test_faults_under_a_control_end_the_motion_with_the_drive_off(vertical: bool) -> None:
+    for kind in KINDS_UNDER_A_CONTROL:
+        for seed in range(5):
+            played, beyond, bench = fault_under_a_control(kind, seed, vertical=vertical)
+            where = f"{kind}, seed {seed}: {played.aborted}"
+            # a reading that slips shows in the velocity only where it slips by enough
+            assert played.aborted is not None or kind == "gear", where
+            assert bench.firmware.state is not PowerState.ENABLED, where
+            # it coasts where its force is off, as in every mode (docs/safety.md)
+            assert beyond < (0.06 if kind == "sign" else 0.015), where
 
 
 # what is refused
