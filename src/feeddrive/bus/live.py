@@ -279,7 +279,12 @@ class BusAxis:
         if control is not None and not gains:
             # compiled before the bus is opened for the motion: a drive does not wait for that
             leading = ControlInMaster(
-                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._positions()
+                control,
+                self.sample_time,
+                mode=mode,
+                force=float(drive.limits.force),
+                encoders=self._positions(),
+                lost_frames=drive.lost_frames,
             )
         if gains and control is not None:
             wanted = gains_of(control.control if isinstance(control, Loop) else control)
