@@ -15,7 +15,9 @@ from feeddrive.blocks.controller.linear_adrc import LinearADRC
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus.cia402 import PowerState
@@ -383,6 +385,58 @@ def test_faults_under_a_control_end_the_motion_with_the_drive_off(vertical: bool
             assert bench.firmware.state is not PowerState.ENABLED, where
             # it coasts where its force is off, as in every mode (docs/safety.md)
             assert beyond < (0.06 if kind == "sign" else 0.015), where
+
+
+def healthy_under_a_control(seed: int) -> str:
+    """Why a drawn healthy drive was stopped under a control, with a following error as tight as is stated; or ""."""
+    rng = np.random.default_rng([seed, 5])
+    mass, coulomb = rng.uniform(50.0, 115.0), rng.uniform(5.0, 150.0) * (rng.random() < 0.7)
+    plant = TwoMass(
+        mass_motor=0.6 * mass,
+        mass_load=0.4 * mass,
+        stiffness=10 ** rng.uniform(6.8, 7.6),
+        damping=2e3,
+        viscous_motor=rng.uniform(50.0, 600.0),
+    )
+    weight = rng.uniform(100.0, 500.0) * (rng.random() < 0.4)
+    axis = replace(
+        bench_loop().axis,
+        plant=plant,
+        friction_motor=Coulomb(coulomb=coulomb) if coulomb else None,
+        forces=(Gravity(force=-weight),) if weight else (),
+    )
+    loop = replace(bench_loop(), axis=axis)
+    law = CascadePPI(
+        Kv=rng.uniform(10.0, 22.0),
+        Kp=mass * rng.uniform(50.0, 90.0),
+        Tn=rng.uniform(0.03, 0.1),
+        velocity_feedforward=float(rng.choice([0.0, 1.0])),
+    )
+    sent = move(
+        rows=int(rng.integers(400, 800)),
+        distance=float(rng.choice([-1.0, 1.0]) * rng.uniform(0.008, 0.04)),
+        peak=float(rng.choice([0.0, 1.0]) * rng.uniform(20.0, 150.0)),
+    )
+    lost = set(rng.choice(np.arange(550, 1300), 14, replace=False).tolist())
+
+    def played(most: float) -> Played:
+        bench = Bench(loop, brake=Brake(0.05, 0.05))
+        bench.lost = {k for k in lost if k - 1 not in lost}
+        still = 1.2 * (coulomb + weight) + 5.0
+        limits = replace(WIDE, following_error=most, acceleration=20.0, breakaway_force=still)
+        return bench.play(sent, with_control(loop, replace(OURS, law=law)), limits=limits)
+
+    wide = played(0.05)
+    largest = float(np.max(np.abs(wide.log["set_position"] - wide.log["reading_load"])))
+    # the control of the drive lets a weight sag by less than a millimetre when the brake opens
+    least = 1e-3 if weight else 2e-5
+    return wide.aborted or played(max(4.0 / 3.0 * largest + 2.0 * SCALING.metre, least)).aborted or ""
+
+
+@pytest.mark.slow(reason="120 motions of 60 drawn drives")
+def test_healthy_drives_are_not_stopped_under_a_control() -> None:
+    stopped = {seed: why for seed in range(60) if (why := healthy_under_a_control(seed))}
+    assert not stopped
 
 
 # what is refused
