@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.commissioning.trial import Trial
-from feeddrive.files.atomic_io import read_whole, write_whole
+from feeddrive.files.atomic_io import MARKER, read_whole, write_whole
 from feeddrive.files.origins import digest_of
 from feeddrive.files.read_log import MOST_BYTES
 from feeddrive.language.errors import FileError
@@ -67,11 +67,25 @@ def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
     return {name: digest_of(read_whole(folder / name, MOST_BYTES)) for name in files}
 
 
-def write_record(folder: Path, drive: str, steps: Sequence[Step], closing: Mapping[str, Any]) -> None:
-    """Write `commission.json`: the digest of the drive file, the steps, and how the commissioning ended."""
+@dataclass(frozen=True)
+class Record:
+    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, and the
+    names of the files of all others, which are done again.
+    """
+
+    inside: Mapping[str, str]
+    steps: tuple[Step, ...]
+    stale: tuple[str, ...]
+
+
+def write_record(
+    folder: Path, drive: str, inside: Mapping[str, str], steps: Sequence[Step], closing: Mapping[str, Any]
+) -> None:
+    """Write `commission.json`: digest of the drive file, what was in the drive, the steps, and how it all ended."""
     document = {
         "format": FORMAT,
         "drive_sha256": digest_of(drive),
+        "inside": dict(inside),
         "steps": [
             {
                 "name": step.name,
@@ -87,20 +101,21 @@ def write_record(folder: Path, drive: str, steps: Sequence[Step], closing: Mappi
     write_whole(folder / FILE, json.dumps(document, indent=1) + "\n")
 
 
-def read_record(folder: Path, drive: str) -> list[Step]:
-    """Return the steps from which a commissioning goes on: those before the first whose files are not as they were.
+def read_record(folder: Path, drive: str) -> Record | None:
+    """Return the record from which a commissioning goes on, with the steps before the first whose files have changed.
 
     drive  the text of the drive file, which must be the one that the record names
     Raises FileError for a record that is none, and for one of another drive.
     """
     path = folder / FILE
     if not path.is_file():
-        return []
+        return None
     try:
         document = json.loads(read_whole(path, MOST_BYTES))
         if document["format"] != FORMAT:
             raise ValueError
         stated = str(document["drive_sha256"])
+        inside = {str(name): str(value) for name, value in document["inside"].items()}
         steps = [
             Step(
                 str(entry["name"]),
@@ -123,7 +138,24 @@ def read_record(folder: Path, drive: str) -> list[Step]:
         if any(not _is_same(folder / name, digest) for name, digest in step.files.items()):
             break
         whole.append(step)
-    return whole
+    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files))
+
+
+def remove_stale(folder: Path, names: Sequence[str]) -> None:
+    """Remove files of steps that are done again, and the folders that are empty then; all others stay."""
+    root = folder.resolve()
+    for name in names:
+        path = root / name
+        if not path.resolve().is_relative_to(root):
+            continue
+        path.unlink(missing_ok=True)
+        for parent in path.parents:
+            if parent == root or not parent.is_dir():
+                break
+            (parent / MARKER).unlink(missing_ok=True)
+            if any(parent.iterdir()):
+                break
+            parent.rmdir()
 
 
 def _is_same(path: Path, digest: str) -> bool:

@@ -8,6 +8,7 @@ Each step leaves the files that the command of its name leaves, so that one can 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -22,32 +23,57 @@ from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
+from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
-from feeddrive.commissioning.record import FILE, Commissioned, Step, digests, read_record, write_record
+from feeddrive.commissioning.record import (
+    FILE,
+    Commissioned,
+    Record,
+    Step,
+    digests,
+    read_record,
+    remove_stale,
+    write_record,
+)
 from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
 from feeddrive.export.design import weight
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.machine import MachineLike, machine_toml, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, machine_of_text, machine_toml, read_machine
+from feeddrive.files.origins import with_origins
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
-from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, ParameterError
+from feeddrive.identification.motion.identify import own_viscous
+from feeddrive.language.errors import (
+    AbortedError,
+    FeeddriveError,
+    FileError,
+    LogError,
+    NotCertifiedError,
+    NotIdentifiableError,
+    ParameterError,
+)
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, resolve
+from feeddrive.language.units import turning
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.tuning.start_law import start_law
+from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
 from feeddrive.workflow.excite import excitation_report, write_excitation
@@ -64,8 +90,10 @@ USED = 0.4  # of limits.following_error that a motion may use: the monitor acts 
 WORK = 0.5  # of limits.force beyond holding force and friction, that a motion may use
 REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
+SURE = 0.1  # error of a mass by strokes, above which the rough one stays
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
+SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
 TOP, BAND = 1000.0, 0.45  # Hz, and share of the rate of the bus: highest line of the excitation
@@ -122,7 +150,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if request.virtual is not None:
         return virtual_axis(request.virtual)
     if isinstance(request.drive, str | Path):
-        return BusAxis(read_drive(request.drive))
+        return BusAxis.read(request.drive)
     if isinstance(request.drive, DriveFile):
         return BusAxis(request.drive)
     assert request.drive is not None
@@ -144,6 +172,12 @@ class _RefusedError(Exception):
         self.why = why
 
 
+def _excited(path: Path) -> Profile:
+    """Return the profile of a file that `write_excitation` wrote."""
+    log = read_log(path)
+    return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
+
+
 class _Gentle(NamedTuple):
     """The log of the first move, and the share of the force limit under which it moved."""
 
@@ -162,6 +196,8 @@ class _Chain:
     def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
         self.request, self.axis, self.folder, self.progress = request, axis, folder, progress
         self.stated = axis.text()
+        self.inside: dict[str, str] = {}
+        self.place = folder
         self.steps: list[Step] = []
         self.facts: dict[str, float] = {}
         self.trial: Trial | None = None
@@ -172,7 +208,15 @@ class _Chain:
         """Run all steps that are not done yet, and return the outcome; without `kept` no file of it is named."""
         _check_folder(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        before = {step.name: step for step in read_record(self.folder, self.stated)}
+        record = read_record(self.folder, self.stated)
+        self.inside = dict(self.axis.inside())
+        before: dict[str, Step] = {}
+        if record is not None and record.steps:
+            self._check_inside(record)
+            self.inside = dict(record.inside)
+            before = {step.name: step for step in record.steps}
+        if record is not None:
+            remove_stale(self.folder, record.stale)
         refusal = ""
         try:
             for number, (name, work) in enumerate(STEPS.items()):
@@ -192,6 +236,8 @@ class _Chain:
             if isinstance(error, AbortedError) and not self.steps:
                 raise
             refusal = str(error)
+        if not self.kept:
+            refusal = self._put_back(refusal)
         self._write(refusal)
         return self._outcome(refusal, kept=kept)
 
@@ -207,17 +253,31 @@ class _Chain:
         self.progress.remark(Text(f"{name.replace('_', ' ')}: {says}"))
         self._write("")
 
+    def _put_back(self, refusal: str) -> str:
+        """Write back what was in the drive; return the refusal, with what could not be put back."""
+        try:
+            self.axis.restore(self.inside)
+        except FeeddriveError as error:
+            return Text(f"{refusal}; what was in the drive could not be put back: {error}")
+        return refusal
+
+    def _check_inside(self, record: Record) -> None:
+        """Raise FileError unless the drive is as the last step left it or, after its power was lost, as before it."""
+        now, last = dict(self.axis.inside()), record.steps[-1]
+        if now == last.inside:
+            return
+        if now == record.inside:
+            self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
+            return
+        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        raise FileError(
+            f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
+            f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "
+            f"{now.get(name, 'nothing')}: somebody changed it; put it back, or begin anew in another --out"
+        )
+
     def _resume(self, done: Step) -> None:
-        """Take over a step that was done before. Raise FileError if the drive is not as that step left it."""
-        inside = dict(self.axis.inside())
-        if done.inside != inside:
-            changed = [name for name in {*done.inside, *inside} if done.inside.get(name) != inside.get(name)]
-            name = sorted(changed)[0]
-            raise FileError(
-                f"{self.folder / FILE}: after the step '{done.name}' the drive held {name} = "
-                f"{done.inside.get(name, 'nothing')}, and now {inside.get(name, 'nothing')}: put it back, or begin "
-                "anew in another --out"
-            )
+        """Take over a step that was done before."""
         self.facts.update(done.figures)
         self.steps.append(done)
         if done.name == "small_move":
@@ -231,7 +291,7 @@ class _Chain:
             closing["measured"] = asdict(self.trial.measured)
             if self.trial.before is not None:
                 closing["before"] = asdict(self.trial.before)
-        write_record(self.folder, self.stated, self.steps, closing)
+        write_record(self.folder, self.stated, self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
         result = Commissioned(self.axis.where, tuple(self.steps), self.trial, self.kept, self.questions, refusal)
@@ -384,7 +444,7 @@ class _Chain:
         question = Text(
             f"The drive counts a move of {Quantity(counted, 'm'):4 mm}. Measure it: by how much did the axis move?"
         )
-        measured = self.progress.measured(question, counted, "m")
+        measured = self.progress.measured(question, counted, turning("m") if self.axis.rotary else "m")
         if measured is None:
             return 1.0
         factor = ratio_by_ruler(measured, counted)
@@ -427,12 +487,7 @@ class _Chain:
     def start_law(self) -> tuple[str, Mapping[str, float]]:
         """Compute a safe start law from the rough mass; nothing moves."""
         facts = self.facts
-        axis = Axis(
-            plant=Rigid(mass=facts["rough_mass"]),
-            actuator=Actuator(dead_time=UNKNOWN_DELAY + 2.0 * self.T),
-            friction_load=Coulomb(coulomb=facts["friction"]),
-            forces=(Gravity(force=-facts["holding"]),) if abs(facts["holding"]) > 0.2 * facts["friction"] else (),
-        )
+        axis = self._rigid(facts["rough_mass"], facts["friction"], 0.0, UNKNOWN_DELAY + 2.0 * self.T)
         loop = self._started(axis, ROUGH)
         with new_directory(self.place) as folder:
             write_whole(folder / "machine.toml", self._machine(loop, "safe start law of feeddrive commission"))
@@ -441,6 +496,17 @@ class _Chain:
             f"P-PI with Kv {Quantity(float(law.Kv), '1/s'):3}, Kp {Quantity(float(law.Kp), 'N s/m'):3}, which bears a "
             f"mass that is {Quantity(ROUGH, 'share'):2} off {Quantity(facts['rough_mass'], 'kg'):2}"
         ), {}
+
+    def _rigid(self, mass: float, coulomb: float, viscous: float, dead_time: float) -> Axis:
+        """Return a rigid axis; its viscous friction is in the plant, to which responses are fitted."""
+        held = self.facts["holding"]
+        return Axis(
+            plant=Rigid(mass=mass, viscous=viscous),
+            actuator=Actuator(dead_time=dead_time),
+            friction_load=Coulomb(coulomb=coulomb),
+            forces=(Gravity(force=-held),) if abs(held) > 0.2 * coulomb else (),
+            rotary=self.axis.rotary,
+        )
 
     def _machine(self, loop: Loop, source: str) -> str:
         return machine_toml(Machine.of({AXIS: loop}), self.axis.where, source)
@@ -461,7 +527,7 @@ class _Chain:
         # what the axis needs for the set motion is fed forward, so that a slow law follows within its limits
         friction = axis.friction_load
         level = FED * max(0.0, float(friction.steady(CREEP))) if friction is not None else 0.0
-        viscous = float(friction.linear()) if friction is not None else 0.0
+        viscous = own_viscous(axis) + (float(friction.linear()) if friction is not None else 0.0)
         fed = (
             Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
@@ -484,35 +550,54 @@ class _Chain:
         )
         played = self._strokes(loop.control, pace, travel)
         self._kept(strokes=played.log)
-        outcome = identify.run(
-            IdentifyRequest(
-                (self.place / "strokes.parquet",),
-                machine=machine,
-                axis=AXIS,
-                force="commanded",
-                out=self.place / "identified",
-            ),
-            self.progress.quiet(),
-        )
-        found = outcome.result
-        if outcome.judgment.bad or "Machine" not in outcome.files:
-            raise _RefusedError(Text(f"mass and friction: {outcome.verdict} {' '.join(outcome.notes)}"))
-        facts = {
-            "mass": found.mass.value,
-            "mass_error": found.mass.error,
-            "dead_time": max(0.0, found.delay.dead_time) * self.T,
-        }
+        facts, told = self._identified(machine)
+        if facts["mass_error"] > SURE * facts["mass"]:
+            # the responses will tell it: until then the law for the rough mass has moved the axis safely
+            facts |= {"mass": self.facts["rough_mass"], "mass_error": ROUGH * self.facts["rough_mass"]}
         return Text(
-            f"mass {Quantity(found.mass.value, 'kg', found.mass.error)}, dead time "
-            f"{Quantity(facts['dead_time'], 's'):2}. {outcome.verdict}"
+            f"mass {Quantity(facts['mass'], 'kg', facts['mass_error'])}, friction "
+            f"{Quantity(facts['coulomb'], 'N'):3}, viscous {Quantity(facts['viscous'], 'N s/m'):3}, dead time "
+            f"{Quantity(facts['dead_time'], 's'):2}. {told}"
         ), facts
+
+    def _identified(self, machine: MachineFile) -> tuple[dict[str, float], str]:
+        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model."""
+        facts = {
+            "mass": self.facts["rough_mass"],
+            "mass_error": math.inf,
+            "coulomb": self.facts["friction"],
+            "viscous": 0.0,
+            "dead_time": UNKNOWN_DELAY,
+        }
+        try:
+            outcome = identify.run(
+                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, force="commanded"),
+                self.progress.quiet(),
+            )
+        except LogError as error:
+            return facts, f"{error}"
+        found = outcome.result
+        values = {estimate.name: float(estimate.value) for estimate in found.rigid.estimates}
+
+        def mean(name: str) -> float:
+            sides = [value for key, value in values.items() if key.startswith(name)]
+            return max(0.0, sum(sides) / len(sides)) if sides else 0.0
+
+        return {
+            "mass": float(found.mass.value),
+            "mass_error": float(found.mass.error),
+            "coulomb": mean("coulomb"),
+            "viscous": mean("viscous"),
+            "dead_time": max(0.0, float(found.delay.dead_time)) * self.T,
+        }, f"{outcome.verdict}"
 
     def _strokes(self, control: Control, pace: Pace, travel: float) -> Played:
         """Play strokes at growing paces, as far as the following error of the last ones allows; return the fastest."""
         share, axis = SLOW, self._under_control()
         while True:
             slower = Pace(share * pace.speed, share * pace.acceleration)
-            played = self._play(axis, motions.strokes(travel, slower, self.T), control)
+            # a slow series is a short one, so that it takes no longer
+            played = self._play(axis, motions.strokes(max(share, SHORT) * travel, slower, self.T), control)
             error = float(np.max(np.abs(played.log["set_position"] - played.log["reading_load"])))
             # not all of it: what grows with the square of the speed is not told by a slow one
             grown = share * min(FASTER, 0.75 * USED * self.limits.following_error / error)
@@ -542,8 +627,11 @@ class _Chain:
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
-        axis = read_machine(self._in("friction_and_mass", "identified/machine.toml")).loop(AXIS).axis
-        loop = self._started(axis, SPREAD)
+        facts = self.facts
+        loop = self._started(
+            self._rigid(facts["mass"], facts["coulomb"], facts["viscous"], UNKNOWN_DELAY + 2.0 * self.T),
+            max(SPREAD, 2.0 * facts["mass_error"] / facts["mass"]),
+        )
         made = self._designed(loop)
         machine = self._machine(loop, "start law for the identified axis")
         write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
@@ -583,7 +671,7 @@ class _Chain:
         """Play the excitation under the start law, and estimate the frequency responses."""
         control = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
-        profiles = [self.axis.read(path) for path in files]
+        profiles = [_excited(path) for path in files]
         self._ask(
             Text(
                 f"Responses: the axis moves slowly by up to "
@@ -607,23 +695,69 @@ class _Chain:
 
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
-        responses, machine = self._in("responses", "responses/frf.csv"), self._in("excitation", "machine.toml")
-        frequency = next(iter(read_frfs(responses).values())).frequency
-        low, high = float(frequency[0]), float(frequency[-1])
-        for narrower in NARROWER:
-            outcome = identify.run(
-                IdentifyRequest(
-                    (responses,),
-                    machine=read_machine(machine),
-                    axis=AXIS,
-                    band=f"{low:.6g}..{narrower * high:.6g}",
-                    out=self.place,
-                ),
-                self.progress.quiet(),
-            )
-            if not outcome.judgment.bad and "Machine" in outcome.files:
-                return Text(f"{outcome.verdict}"), {"model_band": narrower * high}
-        raise _RefusedError(Text(f"model: {outcome.verdict} {' '.join(outcome.notes)}"))
+        frequency = next(iter(self._responses().values())).frequency
+        for share in NARROWER:
+            tried = [self._fitted(place, float(frequency[0]), share * float(frequency[-1])) for place in self._places()]
+            good = [outcome for outcome in tried if not outcome.judgment.bad and "Machine" in outcome.files]
+            if good:
+                best = min(good, key=lambda outcome: outcome.result.fit.agreement.unused)
+                # the files of the step are those of the last fit
+                if best is not tried[-1]:
+                    place = self._places()[tried.index(best)]
+                    best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
+                return Text(f"{best.verdict} {self._with_friction()}"), {"model_band": share * float(frequency[-1])}
+        raise _RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+
+    def _with_friction(self) -> str:
+        """Fit the friction of the model to the strokes, write it into the machine file, and return a sentence on it."""
+        model = read_machine(self.place / "machine.toml").loop(AXIS)
+        control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
+        strokes = self._in("friction_and_mass", "strokes.parquet")
+        control = replace(control, law=replace(control.law, velocity_encoder=model.control.law.velocity_encoder))
+        try:
+            fit = fit_friction(replace(model, control=control), read_log(strokes), self.facts["coulomb"])
+        except NotIdentifiableError as error:
+            return f"Its friction is that of the strokes alone: {error}."
+        text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
+        inputs = (self._in("responses", "responses/frf.csv"), strokes)
+        write_whole(self.place / "machine.toml", with_origins(text, inputs))
+        return Text(
+            f"Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves {Quantity(fit.left, 'm'):3} "
+            "RMS of the strokes."
+        )
+
+    def _responses(self) -> dict[str, FRF]:
+        return read_frfs(self._in("responses", "responses/frf.csv"))
+
+    def _places(self) -> tuple[str, ...]:
+        """Return where the only encoder may be; of a drive with two encoders both places are known."""
+        return ("both",) if len(self._responses()) > 1 else ("motor", "load")
+
+    def _fitted(self, place: str, low: float, high: float) -> Outcome[Any]:
+        """Fit the responses with the encoder at a place, and write the files of the step."""
+        loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
+        encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
+        axis = replace(
+            loop.axis,
+            encoder_motor=None if place == "load" else encoder,
+            encoder_load=None if place == "motor" else encoder,
+        )
+        law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
+        # without what is fed forward: the trial then shows the feedback loop, which is what is proven
+        loop = replace(loop, axis=axis, control=replace(loop.control, law=law, feedforward=()))
+        one = {} if place == "both" else {place: next(iter(self._responses()))}
+        text = self._machine(loop, "start law for the identified axis")
+        return identify.run(
+            IdentifyRequest(
+                (self._in("responses", "responses/frf.csv"),),
+                machine=machine_of_text(text, "machine.toml"),
+                axis=AXIS,
+                band=f"{low:.6g}..{high:.6g}",
+                out=self.place,
+                **one,
+            ),
+            self.progress.quiet(),
+        )
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune within the limits of the request on the measured responses; nothing moves."""
@@ -639,19 +773,32 @@ class _Chain:
             ),
             self.progress.quiet(),
         )
-        if outcome.judgment.bad or "Certificate" not in outcome.files:
+        if outcome.judgment.bad or "Machine" not in outcome.files:
             raise _RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
         return Text(f"{outcome.verdict}"), {}
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
-        """Check the certificate of the tuned control against the machine file; nothing moves."""
-        outcome = check.run(
-            CheckRequest(self._in("tune", "certificate.json"), machine=self._in("tune", "machine.toml")),
-            self.progress.quiet(),
-        )
+        """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
+        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        whys = list[str]()
+        for fit in (False, True):
+            try:
+                certify.run(
+                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
+                    self.progress.quiet(),
+                )
+                break
+            except NotCertifiedError as error:
+                whys.append(str(error))
+        else:
+            raise _RefusedError(Text(f"certificate: {'; '.join(whys)}"))
+        # a fit of the responses alone is not the model of the machine file, to which it is not compared then
+        compared = {} if whys else {"machine": machine, "source": (responses,)}
+        outcome = check.run(CheckRequest(self.place / "certificate.json", **compared), self.progress.quiet())
+        told = Text(f"of a fit of the responses (not of the model: {whys[0]})" if whys else f"{outcome.verdict}")
         if outcome.judgment.bad:
             raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{outcome.verdict}"), {}
+        return told, {}
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
@@ -742,7 +889,7 @@ class _Chain:
             self.progress.remark(self.trial.table())
             if not self.progress.confirm("Keep the new control?"):
                 raise _RefusedError("the new control was not kept; the control before stays")
-        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", "")))
+        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", ""), self.inside))
         self.kept = True
 
     def _in(self, name: str, file: str) -> Path:
