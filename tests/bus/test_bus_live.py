@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.bus.cia402 import PowerState
-from feeddrive.bus.client import DriveClient, set_watchdog
+from feeddrive.bus.client import DriveClient, driven_together, set_watchdog
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import drive_of, read_drive
 from feeddrive.bus.faults import InjectedFault
+from feeddrive.bus.gains import write_gains
 from feeddrive.bus.live import BusAxis, virtual_bus_axis
-from feeddrive.bus.play import Played, Profile, play_profile
+from feeddrive.bus.play import Played, Profile, play_profile, play_together
 from feeddrive.bus.virtual_drive import OVERCURRENT, Brake, DrivenAxis, Firmware
 from feeddrive.files.machine import read_machine
 from feeddrive.files.toml_file import parse_toml
@@ -439,6 +441,18 @@ def test_healthy_drives_are_not_stopped_under_a_control() -> None:
     assert not stopped
 
 
+def test_two_drives_of_one_beam_are_taken_over_and_move_together() -> None:
+    benches = Bench(bench_loop()), Bench(hanging(), brake=Brake(0.1, 0.05))
+    described = drive("ethercat", mode="cst", limits=WIDE)
+    clients = [DriveClient(bench.transport(), described, paced=False) for bench in benches]
+    made = [ControlInMaster(OURS, T, force=2000.0, encoders=2) for _ in benches]
+    with driven_together(clients):
+        found = play_together(clients, [move(), move()], controls=made)
+    assert [each.aborted for each in found] == [None, None]
+    one, other = (each.log["reading_load"] - each.log["reading_load"][0] for each in found)
+    assert np.max(np.abs(one - other)) < SCALING.newton / STIFF
+
+
 # what is refused
 
 
@@ -618,6 +632,36 @@ def test_gains_that_a_drive_takes_otherwise_are_refused_and_the_old_ones_restore
         axis.play(move(), None, with_control(bench_loop()))
     assert bench.firmware.axis.gains == pytest.approx({"Kv": 30.0, "Kp": 2e4, "Tn": 0.02}, rel=1e-6)
     assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+
+
+class Shelf:
+    """Objects without a drive."""
+
+    where = "shelf"
+
+    def __init__(self) -> None:
+        self.objects = {(0x30C0, 1): b"\0" * 4, (0x3140, 1): b"\0" * 4}
+
+    def read(self, index: int, subindex: int) -> bytes:
+        return self.objects[index, subindex]
+
+    def write(self, index: int, subindex: int, content: bytes) -> None:
+        self.objects[index, subindex] = content
+
+
+def test_gains_of_a_rotary_motor_are_those_of_its_shaft() -> None:
+    text = (
+        '[gains.Kv]\nobject = "0x30C0:01"\ntype = "f32"\n[gains.Kp]\nobject = "0x3140:01"\ntype = "f32"\n'
+        'unit = "N m s/rad"\n'
+    )
+    file = drive_of(parse_toml(drive_file(scaling=SPINDLE) + text, "drive.toml"))
+    shelf: Any = Shelf()
+    told = write_gains(shelf, file.gains, {"Kv": 20.0, "Kp": 8e3}, file.drive.scaling, rotary=False)
+    (kv,), (kp,) = (struct.unpack("<f", shelf.objects[place]) for place in ((0x30C0, 1), (0x3140, 1)))
+    assert kv == 20.0
+    # force = torque 2π / lead, and the speed of the shaft that of the table times 2π / lead
+    assert kp == pytest.approx(8e3 * (0.01 / (2.0 * np.pi)) ** 2, rel=1e-6)
+    assert "0x3140:01: Kp = 8000 N s/m" in told[1]
 
 
 @pytest.mark.parametrize(
