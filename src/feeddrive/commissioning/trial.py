@@ -65,6 +65,22 @@ def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
     )
 
 
+def filled(log: Log) -> Log:
+    """Return a log whose readings of lost frames lie on straight lines between their neighbors, not at the last one."""
+    if "lost" not in log.channels:
+        return log
+    there = log["lost"] == 0.0
+    rows = np.arange(len(log))
+    channels = {
+        name: np.interp(rows, rows[there], values[there]) if name in _READ and np.any(there) else values
+        for name, values in log.channels.items()
+    }
+    return replace(log, channels=channels)
+
+
+_READ = ("reading_load", "reading_motor", "velocity_load", "force")  # columns that a frame carries back
+
+
 def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
     """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
     axis = loop.axis
@@ -126,6 +142,12 @@ class Trial(Result):
     def agrees(self) -> bool:
         """True if following error (RMS) and stiffness lie within 10 % of their predictions."""
         return all(abs(self.ratio(name) - 1.0) <= AGREED for name in ("following_rms", "stiffness"))
+
+    @property
+    def is_worse(self) -> bool:
+        """True if the control before has both the smaller following error and the larger stiffness."""
+        before, now = self.before, self.measured
+        return before is not None and (before.following_rms < now.following_rms and before.stiffness > now.stiffness)
 
     def table(self) -> Table:
         """Return a table of the figures: predicted, measured, their ratio, and before."""

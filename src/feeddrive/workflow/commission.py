@@ -41,7 +41,7 @@ from feeddrive.commissioning.record import (
     remove_stale,
     write_record,
 )
-from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
+from feeddrive.commissioning.trial import Figures, Trial, figures, filled, predicted
 from feeddrive.export.design import weight
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
@@ -101,7 +101,7 @@ BAND, DELAYS = 0.45, 0.4
 SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
 PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 FAST = 0.7  # of limits.velocity: the rest is for overshoot, and for a pulse of force
-DRAWN = 4  # realisations, every other one the other way, so that they need no more travel
+DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 8), (1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
@@ -341,7 +341,7 @@ class _Chain:
         played = axis.play(profile, self.progress, control)
         if played.aborted:
             raise _RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
-        return played
+        return replace(played, log=filled(played.log))
 
     @property
     def limits(self) -> BusLimits:
@@ -994,6 +994,11 @@ class _Chain:
                     f"and stiffness {Quantity(self.trial.ratio('stiffness')):3} times the prediction, where 0.9 to 1.1 "
                     "is asked for; the control before stays"
                 )
+            )
+        if self.trial.is_worse:
+            raise _RefusedError(
+                "the new control runs as predicted, but the control before has the smaller following error and the "
+                "larger stiffness: it stays"
             )
         if not self.request.yes:
             self.questions += 1
