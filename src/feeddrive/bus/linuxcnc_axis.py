@@ -1,9 +1,9 @@
 """An axis of LinuxCNC: motions with excitation in HAL, with the control that it has or with one on trial.
 
-The component `feeddrive_excite` takes the place of planner and joint.  It gives the set motion to the user's own control
-(one `pid` or two, as his HAL file wires them) and to the control on trial, a component made from the law as `feeddrive
-export --target linuxcnc` makes it, switches between both without a bump, adds the excitation, and ends the motion at
-limits of its own.  A streamer feeds it, a sampler records, both at full precision.
+The component `feeddrive_excite` takes the place of planner and joint.  It gives the set motion to the user's own
+control (one `pid` or two, as his HAL file wires them) and to the control on trial, a component made from the law as
+`feeddrive export --target linuxcnc` makes it, switches between both without a bump, adds the excitation, and ends the
+motion at limits of its own.  A streamer feeds it, a sampler records, both at full precision.
 
 A row of the thread:  card read -> streamer -> set -> controls -> act -> sampler -> card write
 
@@ -20,15 +20,16 @@ cleared, and it cannot wind up.  A `pid` has no input for the force that acts an
 from __future__ import annotations
 
 import atexit
+import contextlib
 import hashlib
-import math
 import re
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
-from feeddrive.bus.play import Played, Profile, check_profile, interruption
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, read_profile
 from feeddrive.export.c_code import texts
 from feeddrive.export.design import require_guard
 from feeddrive.export.drive_quantities import read_cascade
@@ -46,13 +47,14 @@ from feeddrive.export.linuxcnc import controller_comp, core, hal, input_pin, par
 from feeddrive.export.linuxcnc import text as template
 from feeddrive.export.linuxcnc_pid import GAINS, hal_fragment, ini_fragment, stock_law
 from feeddrive.export.linuxcnc_session import MODULES, HalError, LiveSession
+from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.section import Section, read_section, text
-from feeddrive.files.toml_file import read_toml
+from feeddrive.files.toml_file import TomlEdit, read_toml
 from feeddrive.language.block import Number, choice, declarations, part
 from feeddrive.language.block import parameter as number
-from feeddrive.language.errors import BusError, ParameterError
+from feeddrive.language.errors import BusError, ParameterError, StructureError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -64,19 +66,28 @@ from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 HANDOVER = 0.1  # s in which the difference of two controls fades away: slower than the loops, which follow it
 SETTLING = 0.1  # s of rest before and after a motion, and after a switch
 AHEAD = 0.5  # s of rows that are fed ahead: a program that fails lets the axis go on for so long before it brakes
-DEPTH = 65_536  # rows that streamer and sampler hold
-EXCITE, TRIAL = "feeddrive_excite", "feeddrive_trial"
+DEPTH = 65_536  # rows that streamer and sampler hold: a second at the fastest thread, and more
+LONGEST = 524_288  # rows of virtual time, which all stand in the queue when they are played
+NO_END = 1e30  # a position that no axis reaches
+EXCITE, TRIAL, SIMULATED = "feeddrive_excite", "feeddrive_trial", "feeddrive_axis"
 
 # streamer: number of the row, set motion, excitation, and what the row does
 _FED, _KINDS = ("row", "position", "velocity", "acceleration", "excitation", "new", "log", "last"), "uffffbbb"
+# pins of the component that are written, and those of them that are recorded by the place in the sampler
+_WRITTEN = (
+    *("set-position", "set-velocity", "set-acceleration", "old-enable", "new-enable", "drive-enable", "brake-open"),
+    *("off", "command", "force", "control-force", "excitation", "handover", "active", "logging", "streaming"),
+)
+_RECORDED = {0: "set-position", 1: "excitation", 2: "force", 3: "control-force", 4: "handover", 7: "active"}
 _TAKEN = "fffffffu"
 
 
 class LinuxcncFile(Section):
     """An axis of a LinuxCNC: its HAL file, the names of its pins, the thread, and the limits of a motion.
 
-    The HAL file loads the driver of the card, the control and a thread, and does not start it.  Pins that are written
-    by others are taken from them, so that the planner's are without effect.
+    The HAL file loads the driver of the card, the control and a thread, and does not start it.  Where several pins may
+    be named they stand in one text, with blanks between.  The pins that are named as inputs are taken from whatever
+    writes them.
     """
 
     axis: str = text("name of the axis", default="x")
@@ -92,77 +103,109 @@ class LinuxcncFile(Section):
     position: str = text("pin of the position", shortest=1, example='"hm2_7i92.0.encoder.00.position"')
     motor_position: str = text("pin of the position of the motor's encoder; empty if there is one encoder", default="")
     output: str = text("pin of the control's output", shortest=1, example='"pid.x.output"')
-    command: str = text("pins that take the command to the drive", shortest=1, example='"hm2_7i92.0.pwmgen.00.value"')
+    command: str = text("pins that take the command to the drive; empty for none", default="")
+    force: str = text("pins that take the force in N, of a simulated axis; empty for none", default="")
     control_enable: str = text("pins that enable the control", shortest=1, example='"pid.x.enable"')
     drive_enable: str = text("pins that enable the drive; empty for none", default="")
     drive_fault: str = text("pin of the drive's fault; empty for none", default="")
+    brake: str = text("pins that open the brake; empty for none", default="")
+    brake_time: Number = number("s", "time in which the brake closes, for which the axis is held", least=0, default=0)
+    held: str = text("pins that hold the axis while it is off, of a simulated axis; empty for none", default="")
     first: str = text("function of the control that the thread calls first", shortest=1, example='"pid.x.do-pid-calcs"')
     write: str = text("function that passes the command on to the drive", shortest=1, example='"hm2_7i92.0.write"')
     position_pid: str = text("the pid on the position, whose gains may be tried; empty for none", default="")
     velocity_pid: str = text("the pid on the velocity, likewise", default="")
     forward: str = text("the sum2 of the feedforward at its bias, likewise", default="")
-    alone: bool = choice(
-        "whether HAL runs in namespaces of its own, without hardware", options=(True, False), default=False
+    simulated: bool = choice(
+        "whether HAL runs in namespaces of its own, which reach no hardware, in virtual time",
+        options=(True, False),
+        default=False,
     )
+    components: str = text("of a simulated axis: .comp files beside this one that its HAL file loads", default="")
     limits: BusLimits = part("where a motion is ended")
 
     def check(self) -> None:
-        """Raise ParameterError for a force per output of 0."""
+        """Raise ParameterError for a force per output of 0, no pin of the command, and parts of a simulation."""
         if self.force_per_output == 0.0:
             raise ParameterError("force_per_output = 0: state the force at the table in N per unit of the command")
+        if not self.command and not self.force:
+            raise ParameterError(
+                'command is missing: name the pin that takes the command to the drive, as "pwmgen.0.value"'
+            )
+        for name in ("force", "held", "components"):
+            if getattr(self, name) and not self.simulated:
+                raise ParameterError(f"{name} is of a simulated axis: leave it out, or write  simulated = true")
 
 
 def read_linuxcnc_axis(path: str | Path) -> LinuxcncFile:
     """Read the file of an axis of LinuxCNC. Raises FileError and ParameterError with file and line."""
-    return read_section(LinuxcncFile, read_toml(path, "a file of an axis of LinuxCNC").root())
+    return read_section(LinuxcncFile, read_toml(path, "an axis of LinuxCNC").root())
 
 
 class LinuxcncAxis:
     """An axis of LinuxCNC that motions are played on; HAL is loaded by the first call and stays until `close`.
 
-    file     pins, thread and limits
-    folder   where the HAL file stands
+    file   pins, thread and limits, read from a file, beside which the HAL file stands
+    paced  False to run a simulated axis in virtual time (default), True to run it at the pace of the clock
     """
 
-    is_virtual = False
-    increment = 0.0
+    increment = 0.0  # HAL gives positions, and not their counts
+    delay = 0.0
+    rotary = False
 
-    def __init__(self, file: LinuxcncFile, folder: str | Path) -> None:
+    def __init__(self, file: LinuxcncFile, *, paced: bool | None = None) -> None:
+        assert file.read_from is not None, "the HAL file stands beside the file of the axis"
+        self._text = file.read_from.file.text
+        self._name = file.read_from.file.name
+        self._hal = _Hal(file, Path(self._name).resolve().parent, paced=not file.simulated if paced is None else paced)
+        self._take(file)
+
+    def _take(self, file: LinuxcncFile) -> None:
         self.file, self.limits = file, file.limits
+        # as HAL computes it
         self.sample_time = round(file.period * 1e9) * 1e-9
-        self._hal = _Hal(file, Path(folder).resolve())
         self._units, self._per_output = float(file.units_per_m), float(file.force_per_output)
+        self.where = f"LinuxCNC, {'simulated ' if file.simulated else ''}axis {file.axis}"
 
     @property
-    def where(self) -> str:
-        """Where the axis is, for messages."""
-        return f"LinuxCNC, axis {self.file.axis}" + (", simulated" if self.is_virtual else "")
+    def is_virtual(self) -> bool:
+        """True for a simulated axis: its HAL reaches no hardware."""
+        return self.file.simulated
 
-    def limited(self, limits: BusLimits) -> LinuxcncAxis:
+    def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under other limits."""
-        return self._changed(replace(self.file, limits=limits))
+        return self._with(replace(self.file, limits=limits), self._text)
 
-    def scaled(self, factor: float, force_sign: int) -> LinuxcncAxis:
-        """Return the axis with lengths `factor` times as long, and with the sign of the force, 1 or -1."""
+    def scaled(self, factor: float, force_sign: int = 1) -> Self:
+        """Return the axis with lengths `factor` times as long, and the sign of its force times `force_sign`."""
         units, per_output = self.file.units_per_m / factor, self.file.force_per_output * force_sign
-        return self._changed(replace(self.file, units_per_m=units, force_per_output=per_output))
+        edit = TomlEdit(self._text, self._name)
+        if factor != 1.0:
+            edit.set(("units_per_m",), float(units), "1/m", digits=9)
+        if force_sign != 1:
+            edit.set(("force_per_output",), float(per_output), "N", digits=9)
+        return self._with(replace(self.file, units_per_m=units, force_per_output=per_output), edit.text)
 
-    def _changed(self, file: LinuxcncFile) -> LinuxcncAxis:
-        changed = object.__new__(type(self))
-        changed.__dict__.update(self.__dict__)
-        changed.file, changed.limits = file, file.limits
-        changed._units, changed._per_output = float(file.units_per_m), float(file.force_per_output)
-        return changed
+    def _with(self, file: LinuxcncFile, content: str) -> Self:
+        """Return the axis with another file, on the same HAL."""
+        made = copy(self)
+        made._text = content
+        made._take(file)
+        return made
 
     def text(self) -> str:
-        """Return the file of the axis with the corrections."""
-        return "\n".join(_lines(self.file)) + "\n"
+        """Return the file of the axis, with the corrections of `scaled`."""
+        return self._text
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for this axis; see `read_profile`."""
+        return read_profile(path, self._judged())
 
     def close(self) -> None:
         """Unload HAL, which switches the drive off."""
         self._hal.close()
 
-    def __enter__(self) -> LinuxcncAxis:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -185,15 +228,15 @@ class LinuxcncAxis:
         self,
         profile: Profile,
         progress: Progress | None = None,
-        control: Control | None = None,
+        control: Control | Loop | None = None,
         *,
         acting: np.ndarray | None = None,
     ) -> Played:
         """Switch the axis on, play a profile, and switch it off; return the log.
 
         control  the control on trial.  One with the law `linuxcnc_pid` is tried by the gains of the axis's own pids,
-                 which are set before, read back, and restored.  Any other is loaded as a component beside the control of
-                 the axis, which holds the axis before and after
+                 which are set before, read back, and restored.  Any other is loaded as a component beside the control
+                 of the axis, which holds the axis before and after
         acting   for each row of the profile whether the control on trial acts; default: in all
 
         Raises ParameterError for a profile beyond the limits and for a control that this HAL cannot try, BusError if
@@ -206,6 +249,7 @@ class LinuxcncAxis:
             )
         if control is None:
             return self._played(self._rows(profile, None), profile, progress)
+        control = control.control if isinstance(control, Loop) else control
         if isinstance(control.law, LinuxcncPid):
             before = self.inside()
             try:
@@ -213,7 +257,7 @@ class LinuxcncAxis:
                 return self._played(self._rows(profile, None), profile, progress)
             finally:
                 self.restore(before)
-        self._hal.load(self._trial(control), self._units, is_virtual=self.is_virtual)
+        self._hal.load(self._trial(control), self._units)
         new = np.ones(profile.excitation.size) if acting is None else np.asarray(acting, dtype=float)
         return self._played(self._rows(profile, new), profile, progress)
 
@@ -249,7 +293,7 @@ class LinuxcncAxis:
     def _rows(self, profile: Profile, new: np.ndarray | None) -> np.ndarray:
         """Return the rows for the streamer: rest, switch, motion, rest, switch back, and an end.
 
-        Set accelerations are central differences of the set velocity.
+        Set accelerations are central differences of the set position, as `Profile.reference` has them on every drive.
         """
         T, n = self.sample_time, profile.excitation.size
         rest, switch = round(SETTLING / T), round((HANDOVER + SETTLING) / T)
@@ -262,7 +306,7 @@ class LinuxcncAxis:
         at["position"][moving] = shifted
         at["position"][before + n :] = shifted[-1]
         at["velocity"][moving] = profile.velocity
-        at["acceleration"][moving] = np.gradient(profile.velocity, T) if n > 1 else 0.0
+        at["acceleration"][moving] = np.diff(np.pad(profile.set_position, 1, mode="edge"), 2) / T**2
         if profile.unit == "N":
             at["excitation"][moving] = profile.excitation
         at["log"][moving] = 1.0
@@ -282,9 +326,7 @@ class LinuxcncAxis:
         fed = rows.copy()
         for name in ("position", "velocity", "acceleration"):
             fed[:, _FED.index(name)] *= self._units
-        fed[:, _FED.index("excitation")] *= 1.0
-        self._hal.open()
-        self._hal.limit(self.limits, self._units, self._per_output, self.sample_time)
+        self._hal.limit(self.file)
         with interruption(keys=True) as interrupted:
 
             def stopped(played: int) -> bool:
@@ -345,8 +387,7 @@ class LinuxcncAxis:
         code, value, limits = int(ended["fault"]), float(ended["value"]), self.limits
         if code == 0:
             return ""
-        row, length = f" in row {ended['played']}", value / self._units
-        of_drive = "; its force was switched off at once"
+        row, length, end = f" in row {ended['played']}", value / self._units, "; its force was switched off at once"
         bounds = {
             3: ("travel", length, limits.travel, "m"),
             4: ("velocity", length, limits.velocity, "m/s"),
@@ -355,25 +396,30 @@ class LinuxcncAxis:
         }
         if code in bounds:
             key, found, bound, unit = bounds[code]
-            braked = code == 3 and abs(length) > limits.travel and ended["ended"]
+            end = "; the axis was braked" if key == "travel" else end
+            if key == "force":
+                return Text(
+                    f"the force was at limits.force = {Quantity(bound, unit):SI} for longer than a healthy control "
+                    f"holds it{row}{end}"
+                )
             return Text(
-                f"{key} = {Quantity(abs(found), unit):SI}{row} exceeded limits.{key} = {Quantity(bound, unit):SI}"
-                f"{'; the axis was braked' if braked else of_drive}"
+                f"{key} = {Quantity(abs(found), unit):SI}{row} exceeded limits.{key} = {Quantity(bound, unit):SI}{end}"
             )
         words = {
-            1: "stopped by hand; the axis was braked",
-            2: f"no row came after row {ended['played']}: the program that plays was too slow, or failed; the axis was braked",
-            7: f"the position is not a number{row}{of_drive}",
-            8: f"the output of a control is not a number{row}{of_drive}",
+            1: "stopped by hand; the axis was braked" if ended["played"] else "stopped by hand before it began",
+            2: f"no row came after row {ended['played']}: the program that plays was too slow, or failed; the axis was "
+            "braked",
+            7: f"the position is not a number{row}{end}",
+            8: f"the output of a control is not a number{row}{end}",
             9: f"the control on trial reports a fault{row}; the control of the axis took over and braked",
-            10: f"the drive reports a fault{row}{of_drive}",
+            10: f"the drive reports a fault{row}{end}",
             11: Text(
-                f"the axis runs away{row}: it flees from its target, {Quantity(length, 'm'):SI} off, driven by its force: "
-                f"a sign is wrong, or a load drives it{of_drive}"
+                f"the axis runs away{row}: it flees from its target, {Quantity(length, 'm'):SI} off, driven by its "
+                f"force: a sign is wrong, or a load drives it{end}"
             ),
             12: Text(
-                f"position = {Quantity(length, 'm'):6 SI}{row} would leave limits.position_least or position_most; the "
-                "axis was braked"
+                f"position = {Quantity(length, 'm'):6 SI}, where the axis could come to rest{row}, is beyond "
+                "limits.position_least or position_most; the axis was braked"
             ),
         }
         return words[code]
@@ -395,7 +441,7 @@ class LinuxcncAxis:
 
     def _gain_pins(self) -> list[str]:
         pins = [f"{pid}.{gain}" for pid in (self.file.position_pid, self.file.velocity_pid) if pid for gain in _GAINS]
-        return pins + [f"{self.file.forward}.{gain}" for gain in ("gain0", "gain1", "offset") if self.file.forward]
+        return pins + [f"{self.file.forward}.{gain}" for gain in _FORWARD if self.file.forward]
 
     def _gains(self, law: LinuxcncPid) -> dict[str, float]:
         """Return the values of the pins that make the axis's own pids those of a law.
@@ -405,9 +451,9 @@ class LinuxcncAxis:
         file = self.file
         if not file.position_pid or (law.velocity is not None) != bool(file.velocity_pid):
             raise ParameterError(
-                f"{self.where}: the law has {'one pid' if law.velocity is None else 'two pids'}, and the file of the axis "
-                f'names position_pid = "{file.position_pid}" and velocity_pid = "{file.velocity_pid}": name the pids whose '
-                "gains may be changed, or take the target linuxcnc, whose component is loaded beside them"
+                f"{self.where}: the law has {'one pid' if law.velocity is None else 'two pids'}, and the file of the "
+                f'axis names position_pid = "{file.position_pid}" and velocity_pid = "{file.velocity_pid}": name the '
+                "pids whose gains may be changed, or take the target linuxcnc, whose component is loaded beside them"
             )
         if law.filters:
             raise ParameterError(
@@ -416,13 +462,13 @@ class LinuxcncAxis:
         by_sum = law.acceleration_gain is not None or law.velocity_gain is not None
         if by_sum and not file.forward:
             raise ParameterError(
-                f"{self.where}: the law feeds the acceleration forward by a sum2 at the pin bias, and the file of the axis "
-                'names none as  forward = "..."'
+                f"{self.where}: the law feeds the acceleration forward by a sum2 at the pin bias, and the file of the "
+                'axis names none as  forward = "..."'
             )
         if law.units != self._units or law.force_per_output != self._per_output:
             raise ParameterError(
-                f"{self.where}: the gains are for {law.units:.9g} units in a metre and {law.force_per_output:.9g} N per unit "
-                f"of the output, and this axis has {self._units:.9g} and {self._per_output:.9g}"
+                f"{self.where}: the gains are for {law.units:.9g} units in a metre and {law.force_per_output:.9g} N "
+                f"per unit of the output, and this axis has {self._units:.9g} and {self._per_output:.9g}"
             )
         values: dict[str, float] = {}
         for name, pid in ((file.position_pid, law.position), (file.velocity_pid, law.velocity)):
@@ -444,135 +490,129 @@ class LinuxcncAxis:
 
 
 _GAINS = (*GAINS, "error-previous-target")
+_FORWARD = ("gain0", "gain1", "offset")
 
 
-class SimulatedLinuxcncAxis(LinuxcncAxis):
-    """An axis of a machine file in a HAL of its own, under stock pids: nothing real moves, and time is virtual.
+def simulated_linuxcnc_axis(
+    machine: MachineLike,
+    limits: BusLimits,
+    folder: str | Path,
+    axis: str | None = None,
+    *,
+    old: LinuxcncPid | None = None,
+    route: str = "two",
+    units: float = 1000.0,
+    paced: bool = False,
+) -> LinuxcncAxis:
+    """Write an axis of a machine file as a component, with a HAL file in which stock pids control it, and open it.
 
-    machine  machine file, or name of a bundled machine
-    limits   as for a real axis
-    old      the pids of the control that it has; default: those that realize the control of the machine file
-    route    of the default: two pids in cascade, or one
-    units    machine units in a metre, of the default
+    folder  where the files are written; `axis.toml` there may be changed and read again by `read_linuxcnc_axis`
+    old     the pids of the control that it has; default: those that realize the control of the machine file
+    route   of the default: two pids in cascade, or one
+    units   machine units in a metre, of the default
+    paced   True to run at the pace of the clock
+
+    Raises the errors of `read_machine`, and of `stock_law` for a control that pids cannot realize.
     """
-
-    is_virtual = True
-
-    def __init__(
-        self,
-        machine: MachineLike,
-        limits: BusLimits,
-        axis: str | None = None,
-        *,
-        old: LinuxcncPid | None = None,
-        route: str = "two",
-        units: float = 1000.0,
-    ) -> None:
-        read = read_machine(machine)
-        name = read.named(axis)
-        self.loop = read.loops[name]
-        cascade = read_cascade(self.loop)
-        law = stock_law(cascade, route=route, units=units) if old is None else old
-        self._folder = tempfile.TemporaryDirectory(prefix="feeddrive-hal-")
-        folder = Path(self._folder.name)
-        plant = layout(plant_routine(self.loop, "feeddrive_axis"))
-        head = [f"Axis {name} of '{read.name}', simulated."]
-        (folder / "feeddrive_axis.comp").write_text(plant_comp(plant.routine, head[0], "Made by feeddrive."))
-        (folder / "feeddrive_axis.h").write_text(core("feeddrive_axis", texts(plant, head[0], "")))
-        (folder / "pids.hal").write_text(hal_fragment(cascade, law, "axis", None, head))
-        (folder / "pids.ini").write_text(ini_fragment(replace(cascade), law, 0, head))
-        two = law.velocity is not None
-        both = self.loop.axis.encoders() == 2
-        lines = [
-            f"loadrt threads name1=servo-thread period1={round(self.loop.sample_time * 1e9)}",
-            "loadrt feeddrive_axis",
-            f"setp feeddrive-axis.units-per-m {float(law.units)!r}",
-            "addf feeddrive-axis.read servo-thread",
-            "source pids.hal",
-            "addf feeddrive-axis.write servo-thread",
-            "net axis-load feeddrive-axis.load-position-fb",
-            *(["net axis-motor feeddrive-axis.motor-position-fb"] if both else []),
-        ]
-        (folder / "axis.hal").write_text("\n".join(lines) + "\n")
-        last = "axis.velocity" if two else "axis.position"
-        file = LinuxcncFile(
-            axis=name,
-            hal="axis.hal",
-            ini="pids.ini",
-            period=self.loop.sample_time,
-            units_per_m=float(law.units),
-            force_per_output=float(law.force_per_output),
-            set_position="axis.position.command",
-            set_velocity="axis.forward.in1",
-            set_acceleration="axis.forward.in0",
-            position="feeddrive-axis.load-position-fb",
-            motor_position="feeddrive-axis.motor-position-fb" if both else "",
-            output="axis.limit.out" if law.filters else f"{last}.output",
-            command="feeddrive-axis.force",
-            control_enable="axis.position.enable" + (" axis.velocity.enable" if two else ""),
-            first="axis.speed" if two else "axis.forward",
-            write="feeddrive-axis.write",
-            position_pid="axis.position",
-            velocity_pid="axis.velocity" if two else "",
-            forward="axis.forward",
-            alone=True,
-            limits=limits,
-        )
-        super().__init__(file, folder)
-        self._hal.simulates(folder / "feeddrive_axis.comp")
-
-    def _loop(self, control: Control) -> Loop:
-        return replace(self.loop, control=control)
+    read, folder = read_machine(machine), Path(folder)
+    name = read.named(axis)
+    loop = read.loops[name]
+    if loop.axis.rotary:
+        raise StructureError(f"axis {name} turns, and HAL components of feeddrive scale lengths only")
+    cascade = read_cascade(loop)
+    law = stock_law(cascade, route=route, units=units) if old is None else old
+    title, made_by = f"Axis {name} of '{read.name}', simulated", "Made by feeddrive."
+    plant = layout(plant_routine(loop, SIMULATED))
+    component = hal(SIMULATED)
+    two, both = law.velocity is not None, loop.axis.encoders() == 2
+    load, motor = (f"{component}.{which}-position-fb" for which in ("load", "motor"))
+    lines = [
+        f"loadrt threads name1=servo-thread period1={round(loop.sample_time * 1e9)}",
+        f"loadrt {SIMULATED}",
+        f"setp {component}.units-per-m {float(law.units)!r}",
+        f"addf {component}.read servo-thread",
+        "source pids.hal",
+        f"addf {component}.write servo-thread",
+        f"net axis-load {load}",
+        *([f"net axis-motor {motor}"] if both else []),
+    ]
+    last = "axis.velocity" if two else "axis.position"
+    file = LinuxcncFile(
+        axis=name,
+        hal="axis.hal",
+        ini="pids.ini",
+        period=loop.sample_time,
+        units_per_m=float(law.units),
+        force_per_output=float(law.force_per_output),
+        set_position="axis.position.command",
+        set_velocity="axis.forward.in1",
+        set_acceleration="axis.forward.in0",
+        position=load,
+        motor_position=motor if both else "",
+        output="axis.limit.out" if law.filters else f"{last}.output",
+        force=f"{component}.force",
+        control_enable="axis.position.enable" + (" axis.velocity.enable" if two else ""),
+        held=f"{component}.held",
+        first="axis.speed" if two else "axis.forward",
+        write=f"{component}.write",
+        position_pid="axis.position",
+        velocity_pid="axis.velocity" if two else "",
+        forward="axis.forward",
+        simulated=True,
+        components=f"{SIMULATED}.comp",
+        limits=limits,
+    )
+    files = {
+        f"{SIMULATED}.comp": plant_comp(plant.routine, title, made_by),
+        f"{SIMULATED}.h": core(SIMULATED, texts(plant, title, made_by)),
+        "pids.hal": hal_fragment(cascade, law, "axis", None, [title]),
+        "pids.ini": ini_fragment(cascade, law, 0, [title]),
+        "axis.hal": "\n".join(lines) + "\n",
+        "axis.toml": "\n".join(_lines(file)) + "\n",
+    }
+    for written, content in files.items():
+        write_whole(folder / written, content)
+    return LinuxcncAxis(read_linuxcnc_axis(folder / "axis.toml"), paced=paced)
 
 
 class _Hal:
     """The HAL of an axis: loaded when it is needed first, and then kept; the axes made of one another share it."""
 
-    def __init__(self, file: LinuxcncFile, folder: Path) -> None:
-        self.file, self.folder = file, folder
+    def __init__(self, file: LinuxcncFile, folder: Path, *, paced: bool) -> None:
+        self.file, self.folder, self.paced = file, folder, paced
         self._session: LiveSession | None = None
-        self._plant: Path | None = None
         self._loaded = ""
         self._work = tempfile.TemporaryDirectory(prefix="feeddrive-hal-")
         atexit.register(_closed, weakref.ref(self))
 
-    def simulates(self, plant: Path) -> None:
-        """Say that the axis is a component, and that time is virtual."""
-        self._plant = plant
-
     @property
     def session(self) -> LiveSession:
-        """The session. Raises BusError as `open` does."""
-        self.open()
-        assert self._session is not None
-        return self._session
-
-    def open(self) -> None:
-        """Load the user's HAL file and put the component in. Raises BusError, with what LinuxCNC said, if it fails."""
+        """The session, begun if there is none. Raises BusError, with what LinuxCNC said, if it fails."""
         if self._session is not None and self._session.runs:
-            return
+            return self._session
         work, file = Path(self._work.name), self.file
         (work / f"{EXCITE}.comp").write_text(template(f"{EXCITE}.comp"), encoding="utf-8")
         ini = f"-i {_quoted(self.folder / file.ini)} " if file.ini else ""
-        (work / "user.sh").write_text(
-            f"cd {_quoted(self.folder)} && halcmd {ini}-f {_quoted(self.folder / file.hal)}\n"
-        )
-        components = [work / f"{EXCITE}.comp", *([] if self._plant is None else [self._plant])]
+        user = f"cd {_quoted(self.folder)} && halcmd {ini}-f {_quoted(self.folder / file.hal)}\n"
+        (work / "user.sh").write_text(user, encoding="utf-8")
+        components = [work / f"{EXCITE}.comp", *(self.folder / name for name in file.components.split())]
+        depth = LONGEST if not self.paced else DEPTH
         lines = [
             "loadusr -w bash user.sh",
-            f"loadrt streamer depth={DEPTH} cfg={_KINDS}",
-            f"loadrt sampler depth={DEPTH} cfg={_TAKEN}",
+            f"loadrt streamer depth={depth} cfg={_KINDS}",
+            f"loadrt sampler depth={depth} cfg={_TAKEN}",
             f"loadrt {EXCITE}",
         ]
+        self._loaded = ""
         try:
-            self._loaded = ""
-            self._session = LiveSession(work, components, lines, alone=file.alone, paced=self._plant is None)
+            self._session = LiveSession(work, components, lines, alone=file.simulated, paced=self.paced)
             self._wire(self._session)
-            if self._plant is None:
+            if self.paced:
                 self._session.halcmd("start")
         except HalError as error:
             self.close()
             raise BusError(f"LinuxCNC, axis {file.axis}: {error}") from None
+        return self._session
 
     def _wire(self, session: LiveSession) -> None:
         """Put the component between the control of the axis, its drive and its thread."""
@@ -589,51 +629,34 @@ class _Hal:
             f"addf streamer.0 {file.thread} {first}",
             f"addf {e}.set {file.thread} {first + 1}",
         ]
-        taken = [
-            *((pin, "fd-set-position") for pin in file.set_position.split()),
-            *((pin, "fd-set-velocity") for pin in file.set_velocity.split()),
-            *((pin, "fd-set-acceleration") for pin in file.set_acceleration.split()),
-            *((pin, "fd-old-enable") for pin in file.control_enable.split()),
-            *((pin, "fd-drive-enable") for pin in file.drive_enable.split()),
-            *((pin, "fd-force" if self._plant else "fd-command") for pin in file.command.split()),
-        ]
-        sources = [
-            ("fd-set-position", "set-position"),
-            ("fd-set-velocity", "set-velocity"),
-            ("fd-set-acceleration", "set-acceleration"),
-            ("fd-old-enable", "old-enable"),
-            ("fd-new-enable", "new-enable"),
-            ("fd-drive-enable", "drive-enable"),
-            ("fd-command", "command"),
-            ("fd-force", "force"),
-        ]
-        nets = [f"net {signal} {e}.{pin}" for signal, pin in sources]
-        recorded = ("set-position", "excitation", "force", "control-force", "handover")
-        signals = {
-            "position": self._signal(session, file.position, "fd-position"),
-            "old": self._signal(session, file.output, "fd-old"),
-            **({"motor": self._signal(session, file.motor_position, "fd-motor")} if file.motor_position else {}),
-            **({"fault": self._signal(session, file.drive_fault, "fd-drive-fault")} if file.drive_fault else {}),
+        read = {
+            "position-fb": self._signal(session, file.position, "fd-position-fb"),
+            "old-command": self._signal(session, file.output, "fd-old-command"),
         }
-        nets += [
-            f"net {signals['position']} => {e}.position-fb sampler.0.pin.5",
-            f"net {signals['old']} => {e}.old-command",
-        ]
-        nets += [f"net {signals['motor']} => sampler.0.pin.6"] if "motor" in signals else []
-        nets += [f"net {signals['fault']} => {e}.drive-fault"] if "fault" in signals else []
-        for i, pin in enumerate(recorded):
-            signal = next((s for s, p in sources if p == pin), f"fd-{pin}")
-            nets.append(f"net {signal} {e}.{pin} => sampler.0.pin.{i}" if signal == f"fd-{pin}" else "")
-        nets += [f"net fd-active {e}.active => sampler.0.pin.7", f"net fd-logging {e}.logging => sampler.0.enable"]
-        nets += [f"net fd-streaming {e}.streaming => streamer.0.enable"]
+        if file.drive_fault:
+            read["drive-fault"] = self._signal(session, file.drive_fault, "fd-drive-fault")
+        nets = [f"net {signal} => {e}.{pin}" for pin, signal in read.items()]
+        nets += [f"net fd-{pin} {e}.{pin}" for pin in _WRITTEN]
+        nets += [f"net fd-{pin} => sampler.0.pin.{i}" for i, pin in _RECORDED.items()]
+        nets.append(f"net {read['position-fb']} => sampler.0.pin.5")
+        if file.motor_position:
+            nets.append(f"net {self._signal(session, file.motor_position, 'fd-motor-position')} => sampler.0.pin.6")
+        nets += ["net fd-logging => sampler.0.enable", "net fd-streaming => streamer.0.enable"]
         nets += [f"net fd-row-{i} streamer.0.pin.{i} => {e}.{_row_pin(name)}" for i, name in enumerate(_FED)]
-        if self._plant is not None:
-            nets.append(f"net fd-off {e}.off => {hal(self._plant.stem)}.held")
-        session.halcmd(
-            *functions,
-            *(net for net in nets if net),
-            *(line for pin, signal in taken for line in (f"unlinkp {pin}", f"net {signal} => {pin}")),
-        )
+        taken = {
+            "set-position": file.set_position,
+            "set-velocity": file.set_velocity,
+            "set-acceleration": file.set_acceleration,
+            "old-enable": file.control_enable,
+            "drive-enable": file.drive_enable,
+            "brake-open": file.brake,
+            "command": file.command,
+            "force": file.force,
+            "off": file.held,
+        }
+        for source, pins in taken.items():
+            nets += [line for pin in pins.split() for line in (f"unlinkp {pin}", f"net fd-{source} => {pin}")]
+        session.halcmd(*functions, *nets)
 
     def _functions(self, session: LiveSession) -> list[str]:
         printed = session.run("halcmd", "show", "thread", self.file.thread)
@@ -641,10 +664,11 @@ class _Hal:
         if found is None:
             raise HalError(f"there is no thread '{self.file.thread}' after {self.file.hal}")
         if abs(float(found[1]) * 1e-9 - self.file.period) > 1e-3 * self.file.period:
+            there, said = Quantity(float(found[1]) * 1e-9, "s"), Quantity(self.file.period, "s")
             raise HalError(
                 Text(
-                    f"the thread '{self.file.thread}' has a period of {Quantity(float(found[1]) * 1e-9, 's'):6 SI}, and the "
-                    f"file of the axis says period = {Quantity(self.file.period, 's'):6 SI}"
+                    f"the thread '{self.file.thread}' has a period of {there:6 SI}, and the file of the axis says "
+                    f"period = {said:6 SI}"
                 )
             )
         return re.findall(r"^ +\d+ +(\S+)$", printed, re.MULTILINE)
@@ -669,34 +693,36 @@ class _Hal:
                 return name
         raise HalError(f"there is no pin '{pin}' after {self.file.hal}")
 
-    def limit(self, limits: BusLimits, units: float, per_output: float, T: float) -> None:
-        """Write the limits into the component and read them back. Raises BusError for one that is not taken."""
-        e = hal(EXCITE)
-        values = {
-            "force-per-unit": per_output,
+    def limit(self, file: LinuxcncFile) -> None:
+        """Write scaling and limits into the component, and read them back (BusError)."""
+        limits, units = file.limits, float(file.units_per_m)
+        values: dict[str, float] = {
+            "force-per-unit": file.force_per_output,
             "travel-limit": units * limits.travel,
             "velocity-limit": units * limits.velocity,
             "force-limit": limits.force,
             "error-limit": units * limits.following_error,
             "deceleration": units * limits.quick_stop_deceleration,
-            "position-least": -1e30 if limits.position_least is None else units * limits.position_least,
-            "position-most": 1e30 if limits.position_most is None else units * limits.position_most,
-            "handover-rows": round(HANDOVER / T),
+            "position-least": -NO_END if limits.position_least is None else units * limits.position_least,
+            "position-most": NO_END if limits.position_most is None else units * limits.position_most,
+            "brake-time": file.brake_time,
+            "handover-rows": round(HANDOVER / file.period),
         }
-        self.write({f"{e}.{name}": value for name, value in values.items()})
+        self.write({f"{hal(EXCITE)}.{name}": float(value) for name, value in values.items()})
 
     def write(self, values: Mapping[str, float]) -> None:
         """Set pins and parameters, and read them back; all are restored if one of them is not taken (BusError)."""
         before = self.values(list(values))
         try:
             self._halcmd(*(f"setp {name} {_word(value)}" for name, value in values.items()))
-            found = self.values(list(values))
-            for name, value in values.items():
-                # halcmd shows seven digits
-                if not math.isclose(_float(found[name]), float(value), rel_tol=1e-6, abs_tol=1e-12):
-                    raise BusError(f"LinuxCNC: {name} was set to {value!r} and reads back as {found[name]}")
+            for name, found in self.values(list(values)).items():
+                if float(found) != values[name]:
+                    raise BusError(f"LinuxCNC: {name} was set to {values[name]!r} and reads back as {found}")
         except BusError:
-            self._halcmd(*(f"setp {name} {value}" for name, value in before.items()))
+            with contextlib.suppress(BusError):
+                # one after the other: that which is linked cannot be set, and was not changed
+                for name, value in before.items():
+                    self._halcmd(f"-setp {name} {_word(float(value))}")
             raise
 
     def values(self, names: Sequence[str]) -> dict[str, str]:
@@ -715,7 +741,7 @@ class _Hal:
         except HalError as error:
             raise BusError(f"LinuxCNC, axis {self.file.axis}: {error}") from None
 
-    def load(self, routine: Routine, units: float, *, is_virtual: bool) -> None:
+    def load(self, routine: Routine, units: float) -> None:
         """Load a control on trial beside that of the axis, off. Raises BusError if LinuxCNC does not take it."""
         made = controller_comp(routine, "A control on trial", "Made by feeddrive.")
         header = core(TRIAL, texts(layout(routine), "A control on trial", ""))
@@ -734,19 +760,14 @@ class _Hal:
                 f"program as root, or make that folder writable for the commissioning; {error}"
             ) from None
         place = self._place(session, f"{e}.act")
-        motor, load = any(quantity == "reading_motor" for quantity in _names(routine)), self.file.position
-        links = [
-            (input_pin(v.path), signal)
-            for v in routine.inputs
-            if (signal := self._source(session, v.path, motor, load))
-        ]
+        sources = {v.path: self._source(session, v.path) for v in routine.inputs}
         self._halcmd(
             f"loadrt {TRIAL}",
             f"setp {name}.units-per-m {units!r}",
             # time is virtual there: a call cannot be late
-            *([f"setp {name}.late-limit 0"] if is_virtual else []),
+            *([] if self.paced else [f"setp {name}.late-limit 0"]),
             f"addf {name} {self.file.thread} {place}",
-            *(f"net {signal} => {name}.{pin}" for pin, signal in links),
+            *(f"net {signal} => {name}.{input_pin(path)}" for path, signal in sources.items() if signal),
             f"net fd-new-force {name}.force-cmd => {e}.new-force",
             f"net fd-new-fault {name}.fault => {e}.new-fault",
         )
@@ -758,19 +779,19 @@ class _Hal:
                 raise BusError(f"LinuxCNC: {pin} of the loaded control is {value}, and {wanted[pin]!r} was exported")
         self._loaded = digest
 
-    def _source(self, session: LiveSession, path: str, motor: bool, load: str) -> str:
+    def _source(self, session: LiveSession, path: str) -> str:
         """Return the signal for an input of the control on trial; an empty string for jerk and snap, which are 0."""
+        if path == "reading_motor":
+            return self._signal(session, self.file.motor_position, "fd-motor-position")
+        if path.startswith("reading"):
+            return self._signal(session, self.file.position, "fd-position-fb")
         fixed = {
             "set_position": "fd-set-position",
             "set_velocity": "fd-set-velocity",
             "set_acceleration": "fd-set-acceleration",
             "enable": "fd-new-enable",
         }
-        if path in fixed:
-            return fixed[path]
-        if path == "reading_motor":
-            return self._signal(session, self.file.motor_position, "fd-motor")
-        return self._signal(session, load, "fd-position") if path.startswith("reading") else ""
+        return fixed.get(path, "")
 
     def unload(self) -> None:
         """Unload the control on trial, if one is loaded."""
@@ -789,15 +810,14 @@ class _Hal:
     ) -> tuple[dict[str, Any], np.ndarray]:
         """Play rows; return how the motion ended, and what was recorded, shape (n, recorded pins)."""
         session, e = self.session, hal(EXCITE)
-        virtual = self._plant is not None
-        if virtual and len(rows) >= DEPTH:
+        if not self.paced and len(rows) >= LONGEST:
             raise ParameterError(
-                f"a motion of {len(rows)} rows is longer than the {DEPTH} that a simulated axis of LinuxCNC plays at once"
+                f"a motion of {len(rows)} rows is longer than the {LONGEST} that a simulated axis plays at once"
             )
         file, out = session.folder / "rows.bin", session.folder / "taken.bin"
         rows.astype("<f8").tofile(file)
         try:
-            session.ask(do="clear", standing=virtual)
+            session.ask(do="clear", standing=not self.paced)
             session.halcmd(f"setp {e}.listens {int(listens)}")
             ended = session.play(
                 stopped,
@@ -805,8 +825,8 @@ class _Hal:
                 types=_KINDS,
                 recorded=len(_TAKEN),
                 out=out.name,
-                lead=len(rows) if virtual else max(1, round(AHEAD / T)),
-                standing=virtual,
+                lead=max(1, round(AHEAD / T)) if self.paced else len(rows),
+                standing=not self.paced,
                 patience=len(rows) * T + 30.0,
             )
         except HalError as error:
@@ -826,10 +846,6 @@ def _closed(held: weakref.ref[_Hal]) -> None:
         still.close()
 
 
-def _names(routine: Routine) -> list[str]:
-    return [v.path for v in routine.inputs]
-
-
 def _row_pin(name: str) -> str:
     return name if name == "row" else f"row-{name}"
 
@@ -839,11 +855,8 @@ def _quoted(path: Path) -> str:
 
 
 def _word(value: float) -> str:
-    return str(value) if isinstance(value, int) else repr(float(value)) if value % 1 else str(int(value))
-
-
-def _float(value: str) -> float:
-    return {"TRUE": 1.0, "FALSE": 0.0}.get(value, 0.0) if value in ("TRUE", "FALSE") else float(value)
+    # pins of whole numbers and bits take no point
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
 
 
 def _lines(section: Section, head: str = "") -> Iterator[str]:

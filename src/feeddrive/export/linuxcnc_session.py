@@ -391,7 +391,7 @@ class LiveSession:
         return self._program.poll() is None
 
     def ask(self, **order: object) -> dict[str, Any]:
-        """Send an order and return its answer. Raises HalError for an order that fails, and if the session has ended."""
+        """Send an order and return its answer. Raises HalError for one that fails, and if the session has ended."""
         self._send(order)
         return self._checked(self._answer(_PATIENCE))
 

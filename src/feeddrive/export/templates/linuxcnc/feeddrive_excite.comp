@@ -27,6 +27,7 @@ pin out float set-acceleration "set acceleration, per second squared";
 pin out bit old-enable "enable of the control that the axis has";
 pin out bit new-enable "enable of the control on trial";
 pin out bit drive-enable "enable of the drive";
+pin out bit brake-open "on while the brake is to be open: it closes before the drive is switched off";
 pin out bit off "on while the axis is off";
 pin out bit logging "on while rows are recorded";
 pin out float command "command to the drive, in its unit";
@@ -51,6 +52,7 @@ param rw float deceleration = 0 "with which a stopped axis brakes, per second sq
 param rw float position-least = -1e30 "lowest position";
 param rw float position-most = 1e30 "highest position";
 param rw float rest-time = 0.2 "time for which the end of a braking ramp is held, s";
+param rw float brake-time = 0 "time in which the brake closes, for which the axis is held, s";
 param rw float coast-time = 1 "longest time for which an axis without force is watched, s";
 param rw unsigned handover-rows = 0 "periods in which the difference of two controls fades away";
 
@@ -63,7 +65,7 @@ author "feeddrive";
 
 ;;
 
-enum { STATE_OFF, STATE_LISTENS, STATE_PLAYS, STATE_BRAKES, STATE_COASTS };
+enum { STATE_OFF, STATE_LISTENS, STATE_PLAYS, STATE_BRAKES, STATE_CLOSES, STATE_COASTS };
 enum { BY_HAND = 1, DRY, TRAVEL, VELOCITY, FORCE, ERROR, READING, COMMAND, NEW_FAULT, DRIVE_FAULT, RUNAWAY, ENDS };
 enum { WINDOW = 8 }; /* periods over which the velocity is a mean */
 
@@ -94,10 +96,15 @@ static void trip(int code, double value, int next, double time)
     left = time;
 }
 
-static void rest(void)
+/* a motion ends: the axis is held until the brake has closed */
+static void rest(double closing)
 {
-    state = STATE_OFF;
-    ends++;
+    const bool held = (state == STATE_PLAYS || state == STATE_BRAKES) && closing > 0.0;
+
+    state = held ? STATE_CLOSES : STATE_OFF;
+    left = closing;
+    if (!held)
+        ends++;
 }
 
 /* the difference of the controls that is left: it ends without a corner, and exactly at 0 */
@@ -116,18 +123,18 @@ FUNCTION(set)
     if (reset && !was_reset && state == STATE_OFF) {
         reason = 0;
         amount = 0.0;
+        played = 0;
     }
     was_reset = reset;
 
     if (state == STATE_OFF && run_number != last_run) {
         last_run = run_number;
-        played = 0;
         if (reason == 0 && !isfinite(here))
             trip(READING, 0.0, STATE_OFF, 0.0);
         if (reason == 0 && halted)
             trip(BY_HAND, 0.0, STATE_OFF, 0.0);
         if (reason != 0) {
-            rest();
+            rest(0.0);
         } else {
             state = listens ? STATE_LISTENS : STATE_PLAYS;
             next_row = 1;
@@ -146,7 +153,7 @@ FUNCTION(set)
         } else if (row != next_row) {
             trip(DRY, (double)played, next, rest_time);
         } else if (row_last) {
-            rest();
+            rest(brake_time);
         } else {
             next_row = row + 1;
             played = row;
@@ -169,15 +176,20 @@ FUNCTION(set)
         set_acceleration = (after - speed) / T;
         set_velocity = speed = after;
         if (left < 0.0)
-            rest();
+            rest(brake_time);
+    } else if (state == STATE_CLOSES) {
+        left -= T;
+        set_velocity = set_acceleration = 0.0;
+        if (left < 0.0)
+            rest(0.0);
     } else if (state == STATE_COASTS) {
         left -= T;
         /* an axis that has come to rest need not be watched any longer */
         if (left < 0.0 || here == oldest)
-            rest();
+            rest(0.0);
     }
 
-    const bool on = state == STATE_PLAYS || state == STATE_BRAKES;
+    const bool on = state == STATE_PLAYS || state == STATE_BRAKES || state == STATE_CLOSES;
     if (!on) {
         target = here;
         set_velocity = set_acceleration = 0.0;
@@ -189,6 +201,7 @@ FUNCTION(set)
     old_enable = on && (active == 0 || !wanted);
     new_enable = on && (active == 1 || wanted);
     drive_enable = on;
+    brake_open = on && state != STATE_CLOSES;
     off = state == STATE_OFF || state == STATE_LISTENS;
     streaming = state == STATE_PLAYS || state == STATE_LISTENS;
     ended = ends;
@@ -205,7 +218,7 @@ FUNCTION(act)
     const double old_force = old_command * force_per_unit;
     double own = 0.0, blend = 0.0, added = 0.0, asked = 0.0;
 
-    if (state == STATE_PLAYS || state == STATE_BRAKES) {
+    if (state == STATE_PLAYS || state == STATE_BRAKES || state == STATE_CLOSES) {
         /* a control that trips gives no force of a control: the last one is held until the old control runs */
         const double leaving = active == 0 ? old_force : new_fault ? last_own : (double)new_force;
         if (wanted && new_fault)
@@ -264,7 +277,7 @@ FUNCTION(act)
             trip(FORCE, asked, STATE_COASTS, coast_time);
     }
     if (state == STATE_COASTS) {
-        drive_enable = old_enable = new_enable = false;
+        drive_enable = brake_open = old_enable = new_enable = false;
         own = blend = added = asked = 0.0;
     }
     oldest = past[place];
