@@ -103,7 +103,8 @@ def _written(folder: Path, components: Sequence[Path], run: str) -> Path:
     for component in components:
         for file in component.parent.iterdir():
             if file.suffix in (".comp", ".h") and file.parent != folder:
-                shutil.copy(file, folder / file.name)
+                # with its time: what was compiled from it in an earlier session of this folder is still good
+                shutil.copy2(file, folder / file.name)
     names = " ".join(component.name for component in components)
     user = _NOBODY if os.geteuid() == 0 else _USER
     script = folder / "session.sh"
@@ -155,7 +156,11 @@ cp {modules}/*.so stock
 mount -t tmpfs -o mode=1777 feeddrive {modules}
 cp stock/*.so {modules}
 rm -r stock
-for each in {components}; do halcompile --install $each; done
+for each in {components}; do
+    made=${{each%.comp}}.so
+    [ $made -nt $each ] || halcompile --compile $each
+    cp $made {modules}
+done
 export RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
 {user} bash run.sh
 """
@@ -356,7 +361,8 @@ class LiveSession:
             start_new_session=True,
         )
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        threading.Thread(target=self._listen, args=(self._program, self._answers), daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, args=(self._program, self._answers), daemon=True)
+        self._listener.start()
 
     def _listen(self, program: subprocess.Popen[str], answers: queue.Queue[dict[str, Any] | None]) -> None:
         assert program.stdout is not None
@@ -451,6 +457,10 @@ class LiveSession:
         except subprocess.TimeoutExpired:
             os.killpg(self._program.pid, signal.SIGKILL)
             self._program.wait()
+        if threading.current_thread() is not self._listener:
+            self._listener.join(_ENDING)
+        if self._program.stdout is not None:
+            self._program.stdout.close()
 
 
 _PATIENCE = 60.0  # s for an order to be done; compiling a component is the longest

@@ -4,6 +4,7 @@ pin in float position-fb "position of the axis";
 pin in float old-command "output of the control that the axis has, in the unit of the drive";
 pin in float new-force "force of the control on trial, N";
 pin in bit new-fault "fault of the control on trial: the old one takes over and brakes";
+pin in bit new-running "on while the control on trial runs; one that is enabled and does not is as in fault";
 pin in bit drive-fault "fault of the drive: the motion ends with the force off";
 pin in bit stop "a person or a program stops the motion: the axis brakes along a ramp";
 pin in bit cancel "the same, for the program that plays";
@@ -216,19 +217,20 @@ FUNCTION(act)
     const double here = position_fb, error = set_position - here;
     const double velocity = (here - oldest) / (WINDOW * T);
     const double old_force = old_command * force_per_unit;
+    const bool failed = new_fault || (new_enable && !new_running);
     double own = 0.0, blend = 0.0, added = 0.0, asked = 0.0;
 
     if (state == STATE_PLAYS || state == STATE_BRAKES || state == STATE_CLOSES) {
         /* a control that trips gives no force of a control: the last one is held until the old control runs */
-        const double leaving = active == 0 ? old_force : new_fault ? last_own : (double)new_force;
-        if (wanted && new_fault)
+        const double leaving = active == 0 ? old_force : failed ? last_own : (double)new_force;
+        if (wanted && failed)
             trip(NEW_FAULT, 0.0, STATE_BRAKES, rest_time);
         if (faded < handover_rows)
             faded++;
         own = leaving;
         blend = fading(handover_rows);
         bool change = active != (unsigned)wanted;
-        if (new_fault) {
+        if (failed) {
             wanted = false;
             change = active == 1 && old_enable; /* the old control is enabled in the period after the fault only */
         }
