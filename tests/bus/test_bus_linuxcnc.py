@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +12,12 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.bus.drive_file import BusLimits
-from feeddrive.bus.linuxcnc_axis import SETTLING, LinuxcncAxis, simulated_linuxcnc_axis
+from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
 from feeddrive.bus.linuxcnc_hal import HANDOVER
 from feeddrive.bus.play import Profile
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.linuxcnc_pid import stock_law, stock_loop
 from feeddrive.files.machine import read_machine
-from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -176,7 +174,10 @@ def test_a_motion_beyond_its_limits_is_ended_and_said(axis: LinuxcncAxis) -> Non
     """In virtual time: each bound of the component, as a user meets it."""
     played = profile(axis.sample_time)
     for limits, message in (
-        (replace(LIMITS, velocity=0.11, following_error=1e-6), r"following_error = .* exceeded .* its force was switched"),
+        (
+            replace(LIMITS, velocity=0.11, following_error=1e-6),
+            r"following_error = .* exceeded .* its force was switched",
+        ),
         (replace(LIMITS, force=25.0, following_error=0.02), r"the force was at limits.force = 25 N for longer"),
         (replace(LIMITS, position_most=2e-3), r"could come to rest in row \d+, is beyond .*; the axis was braked"),
     ):

@@ -78,7 +78,7 @@ static bool was_reset, wanted;      /* wanted: the control on trial shall act */
 static unsigned last_run, next_row;
 static double start, target, speed; /* set position, and its speed per second */
 static double left;                 /* s until a braking or a coasting axis is done */
-static double past[WINDOW], oldest; /* readings of the last periods, and the one before them */
+static double past[WINDOW];         /* readings of the last periods, the oldest at `place` */
 static unsigned place;
 static double difference;           /* N, of the two controls at the last switch */
 static unsigned faded;              /* periods since then */
@@ -145,7 +145,6 @@ FUNCTION(set)
             fleeing = 0;
             for (int i = 0; i < WINDOW; i++)
                 past[i] = here;
-            oldest = here;
         }
     } else if (state == STATE_PLAYS || state == STATE_LISTENS) {
         const int next = state == STATE_PLAYS ? STATE_BRAKES : STATE_COASTS;
@@ -186,7 +185,7 @@ FUNCTION(set)
     } else if (state == STATE_COASTS) {
         left -= T;
         /* an axis that has come to rest need not be watched any longer */
-        if (left < 0.0 || here == oldest)
+        if (left < 0.0 || here == past[place])
             rest(0.0);
     }
 
@@ -215,7 +214,7 @@ FUNCTION(act)
 {
     const double T = 1e-9 * (double)period;
     const double here = position_fb, error = set_position - here;
-    const double velocity = (here - oldest) / (WINDOW * T);
+    const double velocity = (here - past[place]) / (WINDOW * T);
     const double old_force = old_command * force_per_unit;
     const bool failed = new_fault || (new_enable && !new_running);
     double own = 0.0, blend = 0.0, added = 0.0, asked = 0.0;
@@ -282,7 +281,6 @@ FUNCTION(act)
         drive_enable = brake_open = old_enable = new_enable = false;
         own = blend = added = asked = 0.0;
     }
-    oldest = past[place];
     past[place] = here;
     place = (place + 1) % WINDOW;
 
