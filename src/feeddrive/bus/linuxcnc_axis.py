@@ -93,7 +93,14 @@ class LinuxcncAxis:
         return self.file.simulated
 
     def limited(self, limits: BusLimits) -> Self:
-        """Return the same axis under other limits."""
+        """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""
+        for name in ("travel", "velocity", "force", "following_error"):
+            most, got = getattr(self.limits, name), getattr(limits, name)
+            if got > most:
+                raise ParameterError(
+                    f"{self.where}: limits.{name} = {Quantity(got)} is looser than that of the file of the axis, "
+                    f"{Quantity(most)}"
+                )
         return self._with(replace(self.file, limits=limits), self._text)
 
     def scaled(self, factor: float, force_sign: int = 1) -> Self:
@@ -195,14 +202,19 @@ class LinuxcncAxis:
             else f"{self.where}: the control on trial is unloaded; the control of the axis was not changed"
         )
 
-    def keep(self, machine_file: Path, export: Path) -> Text:
-        """Return what makes the new control that of the machine: LinuxCNC reads its own files at the next start."""
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str] | None = None) -> Text:
+        """Return what makes the new control that of the machine, and leave HAL as it was.
+
+        LinuxCNC reads its own files at the next start: nothing that is set now would last.
+        """
+        if inside is not None:
+            self.restore(inside)
         hal_files = sorted(file.name for file in export.glob("*.hal") if file.name != "desk.hal")
         components = sorted(file.name for file in export.glob("*.comp") if not file.stem.endswith("_plant"))
         install = "".join(f"sudo halcompile --install {export / name}; " for name in components)
         return Text(
             f"{self.where}: {install}take {', '.join(hal_files) or 'the export'} of {export} into your HAL files in "
-            f"place of the old control; it was made from {machine_file}"
+            f"place of the old control (made from {machine_file.name}). Until then LinuxCNC has the old one."
         )
 
     def _judged(self) -> BusDrive:
@@ -217,7 +229,9 @@ class LinuxcncAxis:
         """
         T, n = self.sample_time, profile.excitation.size
         rest, switch = round(SETTLING / T), round((HANDOVER + SETTLING) / T)
-        before = rest + (switch if new is not None and new[0] else 0)
+        # the brake opens as slowly as it closes
+        opened = rest + round(self.file.brake_time / T)
+        before = opened + (switch if new is not None and new[0] else 0)
         after = rest + (switch if new is not None and new[-1] else 0)
         rows = np.zeros((before + n + after + 1, len(FED)))
         at = {name: rows[:, i] for i, name in enumerate(FED)}
@@ -231,7 +245,7 @@ class LinuxcncAxis:
             at["excitation"][moving] = profile.excitation
         at["log"][moving] = 1.0
         if new is not None:
-            at["new"][rest:before] = 1.0 if new[0] else 0.0
+            at["new"][opened:before] = 1.0 if new[0] else 0.0
             at["new"][moving] = new
             # rests under the control on trial before it is left
             at["new"][before + n : before + n + rest] = 1.0 if new[-1] else 0.0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import hashlib
+import os
 import re
+import shutil
+import subprocess
 import tempfile
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -48,17 +50,19 @@ class AxisHal:
 
     def __init__(self, file: LinuxcncFile, folder: Path, *, paced: bool) -> None:
         self.file, self.folder, self.paced = file, folder, paced
-        self._session: LiveSession | None = None
         self._loaded = ""
-        self._work = tempfile.TemporaryDirectory(prefix="feeddrive-hal-")
-        atexit.register(_closed, weakref.ref(self))
+        self._work = Path(tempfile.mkdtemp(prefix="feeddrive-hal-"))
+        # the running session, in a list that outlives this object
+        self._sessions: list[LiveSession] = []
+        weakref.finalize(self, _ended, self._sessions, self._work)
 
     @property
     def session(self) -> LiveSession:
         """The session, begun if there is none. Raises BusError, with what LinuxCNC said, if it fails."""
-        if self._session is not None and self._session.runs:
-            return self._session
-        work, file = Path(self._work.name), self.file
+        if self._runs:
+            return self._sessions[0]
+        self.close()
+        work, file = self._work, self.file
         if not (work / f"{EXCITE}.comp").exists():
             (work / f"{EXCITE}.comp").write_text(template(f"{EXCITE}.comp"), encoding="utf-8")
         ini = f"-i {_quoted(self.folder / file.ini)} " if file.ini else ""
@@ -74,18 +78,33 @@ class AxisHal:
         ]
         self._loaded = ""
         try:
-            self._session = LiveSession(work, components, lines, alone=file.simulated, paced=self.paced)
-            self._wire(self._session)
+            if not file.simulated:
+                _install(work / f"{EXCITE}.comp")
+            session = LiveSession(work, components, lines, alone=file.simulated, paced=self.paced)
+            self._sessions.append(session)
+            self._wire(session)
             if self.paced:
-                self._session.halcmd("start")
+                session.halcmd("start")
         except HalError as error:
             self.close()
             raise BusError(f"LinuxCNC, axis {file.axis}: {error}") from None
-        return self._session
+        return session
+
+    @property
+    def _runs(self) -> bool:
+        return bool(self._sessions) and self._sessions[0].runs
 
     def _wire(self, session: LiveSession) -> None:
         """Put the component between the control of the axis, its drive and its thread."""
         file, e = self.file, hal(EXCITE)
+        version, own = f"{e}.version", re.search(r"version = (\d+)", template(f"{EXCITE}.comp"))
+        assert own is not None
+        loaded = session.ask(do="values", names=[version])["values"][version]
+        if loaded != int(own[1]):
+            raise HalError(
+                f"the installed {EXCITE} has version {loaded:g}, and this feeddrive needs {own[1]}: "
+                f"sudo halcompile --install {session.folder / EXCITE}.comp"
+            )
         first, write = self._place(session, file.first), self._place(session, file.write)
         if first >= write:
             raise HalError(
@@ -136,8 +155,8 @@ class AxisHal:
             there, said = Quantity(float(found[1]) * 1e-9, "s"), Quantity(self.file.period, "s")
             raise HalError(
                 Text(
-                    f"the thread '{self.file.thread}' has a period of {there:6 SI}, and the file of the axis says "
-                    f"period = {said:6 SI}"
+                    f"the thread '{self.file.thread}' has a period of {there:6 us}, and the file of the axis says "
+                    f"period = {said:6 us}"
                 )
             )
         return re.findall(r"^ +\d+ +(\S+)$", printed, re.MULTILINE)
@@ -266,7 +285,7 @@ class AxisHal:
 
     def unload(self) -> None:
         """Unload the control on trial, if one is loaded."""
-        if self._session is not None and self._session.runs and TRIAL in self._halcmd("list comp").split():
+        if self._runs and TRIAL in self._halcmd("list comp").split():
             # what the signals held must not stay at the pins
             pins = ("new-force", "new-fault", "new-running")
             lines = [line for pin in pins for line in (f"delsig fd-{pin}", f"setp {hal(EXCITE)}.{pin} 0")]
@@ -303,15 +322,32 @@ class AxisHal:
 
     def close(self) -> None:
         """End the session, if there is one."""
-        if self._session is not None:
-            self._session.close()
-            self._session = None
+        while self._sessions:
+            self._sessions.pop().close()
 
 
-def _closed(held: weakref.ref[AxisHal]) -> None:
-    still = held()
-    if still is not None:
-        still.close()
+def _install(component: Path) -> None:
+    """Install the component where this user may, else check that it is. Raises HalError with what to do."""
+    if os.access(MODULES, os.W_OK):
+        done = subprocess.run(
+            ["halcompile", "--install", component.name],
+            cwd=component.parent,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            raise HalError(f"halcompile failed:\n{done.stdout}{done.stderr}")
+    elif not (Path(MODULES) / f"{component.stem}.so").exists():
+        raise HalError(
+            f"{component.stem} is not installed, which plays the motions: sudo halcompile --install {component}"
+        )
+
+
+def _ended(sessions: list[LiveSession], work: Path) -> None:
+    while sessions:
+        sessions.pop().close()
+    shutil.rmtree(work, ignore_errors=True)
 
 
 def _row_pin(name: str) -> str:

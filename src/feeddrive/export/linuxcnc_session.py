@@ -388,8 +388,8 @@ class LiveSession:
         return answer
 
     def printed(self) -> str:
-        """Return what LinuxCNC printed last."""
-        return "".join(self._printed)[-3000:]
+        """Return what LinuxCNC printed last, without what it prints when all is well."""
+        return "".join(line for line in self._printed if not line.startswith(_USUAL))[-3000:]
 
     @property
     def runs(self) -> bool:
@@ -463,6 +463,7 @@ class LiveSession:
             self._program.stdout.close()
 
 
+_USUAL = ("Running with fallback_uid", "Note: Using POSIX", "Compiling realtime", "Linking ")
 _PATIENCE = 60.0  # s for an order to be done; compiling a component is the longest
 _ENDING = 10.0  # s for HAL to unload itself
 

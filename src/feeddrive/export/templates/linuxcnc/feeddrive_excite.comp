@@ -43,6 +43,7 @@ pin out float fault-value "value that exceeded its limit, in the unit of the lim
 pin out unsigned ended "number of motions that have ended";
 pin out unsigned played "number of the last row that was played";
 
+param r unsigned version = 1 "version of this file: it rises with every change of what the component does";
 param rw float force-per-unit = 1 "force at the table per unit of the drive's command, N";
 param rw float travel-limit = 0 "farthest from the start, to both sides";
 param rw float velocity-limit = 0 "largest speed, per second";
