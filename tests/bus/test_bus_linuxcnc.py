@@ -25,6 +25,7 @@ from feeddrive.bus.linuxcnc_hal import HANDOVER
 from feeddrive.bus.play import Profile
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.linuxcnc_pid import stock_law, stock_loop
+from feeddrive.export.linuxcnc_session import session
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
@@ -393,3 +394,37 @@ def test_an_axis_whose_program_fails_brakes(tmp_path: Path, how: str) -> None:
         assert "no row came after row" in said
         count = int(said.split()[-1])
     assert 0 < count < 0.9 * (0.08 / 0.02) / 1e-4
+
+
+@needs_linuxcnc
+@pytest.mark.slow(reason="a session of HAL within another, and seconds of real time")
+def test_on_a_machine_the_components_are_the_installed_ones(shop: Path, tmp_path: Path) -> None:
+    """Python within a session, in which HAL is that of the machine: real pace, no namespaces, halcompile --install."""
+    content = shop.read_text()
+    for line in ("simulated = true\n", 'components = "feeddrive_axis.comp"\n', 'held = "feeddrive-axis.held"\n'):
+        content = content.replace(line, "")
+    # no real-time kernel: a call may be late by tens of milliseconds
+    content = content.replace('force = "feeddrive-axis.force"', 'command = "feeddrive-axis.force"\nlate_ms = 1000')
+    shop.write_text(content)
+    (tmp_path / "machine.py").write_text(
+        "import sys, numpy as np\n"
+        "from test_bus_linuxcnc import *\n"
+        f"axis = LinuxcncAxis(read_linuxcnc_file({str(shop)!r}))\n"
+        "print('VIRTUAL', axis.is_virtual)\n"
+        "heard = axis.listen(0.05)\n"
+        "print('HEARD', heard.aborted, len(heard.log))\n"
+        "move = profile(axis.sample_time)\n"
+        "tried = axis.play(move, control=softer(linear_motor()))\n"
+        "print('TRIED', tried.aborted, len(tried.log) - move.excitation.size, np.max(tried.log['reading_load']))\n"
+        "print('BACK', axis.restore(axis.inside()))\n"
+        "axis.close()\n"
+    )
+    session_folder = tmp_path / "session"
+    session_folder.mkdir()
+    path = os.pathsep.join([*sys.path, str(Path(__file__).parent)])
+    program = f"PYTHONPATH={path} {sys.executable} {tmp_path / 'machine.py'}"
+    printed = session(session_folder, [shop.parent / "feeddrive_axis.comp"], program, patience=120.0)
+    assert "VIRTUAL False" in printed
+    assert "HEARD None 500" in printed
+    assert "TRIED None 0 0.005" in printed
+    assert "the 16 gains of before are set" in printed

@@ -39,7 +39,7 @@ from feeddrive.export.c_code import texts
 from feeddrive.export.design import require_guard
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.layout import layout
-from feeddrive.export.linuxcnc import core, hal, plant_comp
+from feeddrive.export.linuxcnc import FAULTS, core, hal, plant_comp
 from feeddrive.export.linuxcnc_pid import GAINS, hal_fragment, ini_fragment, stock_law
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.log import Log
@@ -339,13 +339,14 @@ class LinuxcncAxis:
             return Text(
                 f"{key} = {Quantity(abs(found), unit):SI}{row} exceeded limits.{key} = {Quantity(bound, unit):SI}{end}"
             )
+        failed = FAULTS.get(int(ended.get("trial", 0)), "it does not run")
         words = {
             1: "stopped by hand; the axis was braked" if ended["played"] else "stopped by hand before it began",
             2: f"no row came after row {ended['played']}: the program that plays was too slow, or failed; the axis was "
             "braked",
             7: f"the position is not a number{row}{end}",
             8: f"the output of a control is not a number{row}{end}",
-            9: f"the control on trial reports a fault{row}; the control of the axis took over and braked",
+            9: f"the control on trial reports a fault{row}: {failed}; the control of the axis took over and braked",
             10: f"the drive reports a fault{row}{end}",
             11: Text(
                 f"the axis runs away{row}: it flees from its target, {Quantity(length, 'm'):SI} off, driven by its "

@@ -65,6 +65,9 @@ class LinuxcncFile(Section):
     held: str = text("pins that hold the axis while it is off, of a simulated axis; empty for none", default="")
     first: str = text("function of the control that the thread calls first", shortest=1, example='"pid.x.do-pid-calcs"')
     write: str = text("function that passes the command on to the drive", shortest=1, example='"hm2_7i92.0.write"')
+    late: Number | None = number(
+        "s", "longest time from call to call of a control on trial; absent: ten periods; 0: any", least=0, default=None
+    )
     position_pid: str = text("the pid on the position, whose gains may be tried; empty for none", default="")
     velocity_pid: str = text("the pid on the velocity, likewise", default="")
     forward: str = text("the sum2 of the feedforward at its bias, likewise", default="")

@@ -249,12 +249,13 @@ class AxisHal:
                 f"program as root, or make that folder writable for the commissioning; {error}"
             ) from None
         place = self._place(session, f"{e}.act")
+        # in virtual time no call is late
+        late = self.file.late if self.paced else 0.0
         sources = {v.path: self._source(session, v.path) for v in routine.inputs}
         self._halcmd(
             f"loadrt {TRIAL}",
             f"setp {name}.units-per-m {units!r}",
-            # time is virtual there: a call cannot be late
-            *([] if self.paced else [f"setp {name}.late-limit 0"]),
+            *([] if late is None else [f"setp {name}.late-limit {round(1e9 * late)}"]),
             f"addf {name} {self.file.thread} {place}",
             *(f"net {signal} => {name}.{input_pin(path)}" for path, signal in sources.items() if signal),
             f"net fd-new-force {name}.force-cmd => {e}.new-force",
@@ -318,6 +319,9 @@ class AxisHal:
             )
         except HalError as error:
             raise BusError(f"LinuxCNC, axis {self.file.axis}: {error}") from None
+        if self._loaded:
+            code = f"{hal(TRIAL)}.fault-code"
+            ended["trial"] = int(float(self.values([code])[code]))
         return ended, np.fromfile(out, dtype="<f8").reshape(-1, len(_TAKEN))
 
     def close(self) -> None:
