@@ -22,12 +22,14 @@ from typing import Any
 import numpy as np
 
 from bus_bench import LIMITS, SCALING, T, bench_loop, client, drive, powered, with_law
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.pole_placement import PolePlacement
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.bus import ethercat, virtual_nodes
 from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
+from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import DriveScaling
 from feeddrive.bus.play import Profile, listened, play_profile, play_together
 from feeddrive.bus.transport import Claim, read_object, write_object
@@ -72,6 +74,31 @@ def exact(bus: str) -> dict[str, float]:
         "motor_increments": float(np.max(np.abs(log["reading_motor"] - truth["reading_motor"]))) / metre,
         "force_per_mille": float(np.max(np.abs(log["force"] - truth["force"] - force))) / newton,
         "moved": float(np.ptp(log["reading_load"])),
+    }
+
+
+def led(bus: str) -> dict[str, float]:
+    """A control in the master in cst, against `simulate` of its loop with the time of the bus: largest differences."""
+    law = CascadePPI(Kv=20.0, Kp=8e3, Tn=0.05)
+    loop, sent = with_law(bench_loop(), law), profile()
+    control = ControlInMaster(loop, T, force=2000.0, encoders=2)
+    with powered(bus) as bench, client(drive(bus, mode="cst"), bench.interface) as master:
+        played = play_profile(master, sent, control=control)
+        state = bench.state
+    late = replace(loop, axis=replace(loop.axis, actuator=replace(loop.axis.actuator, dead_time=2.0 * T)))
+    truth = simulate(
+        late,
+        sent.reference(),
+        added_force=RecordedForce(force=sent.excitation, sample_time=T),
+        start=(0.0, 0.0),
+    )
+    rows = len(played.log)
+    return {
+        "rows": rows,
+        "lost": played.lost,
+        "aborted": float(played.aborted is not None),
+        "off": float(state == "SWITCH_ON_DISABLED"),
+        "load": float(np.max(np.abs(played.log["reading_load"] - truth["reading_load"][:rows]))),
     }
 
 
@@ -540,6 +567,7 @@ def said(asked: Any) -> str:
 
 SCENARIOS = (
     exact,
+    led,
     torque,
     speed,
     losses,

@@ -73,8 +73,8 @@ make_lazy(
     __name__,
     {
         "": (
-            "analysis benchmark blocks bus certificate comparison cosimulation evaluation export figures files "
-            "identification jobs learning loop machining path plot study testing tuning workflow"
+            "analysis benchmark blocks bus certificate commissioning comparison cosimulation evaluation export figures "
+            "files identification jobs learning loop machining path plot study testing tuning workflow"
         ),
         "analysis.margins": "margins",
         "analysis.measured_loop": "measured_loop",
@@ -100,6 +100,7 @@ make_lazy(
         "loop.simulate": "simulate simulate_batch stream",
         "version": "__version__",
         "workflow.certify": "certify read_certificate write_certificate",
+        "workflow.commission": "commission",
         "workflow.compare": "compare",
         "workflow.export": "verify",
         "workflow.identify": "identify",

@@ -7,6 +7,7 @@ from feeddrive import benchmark as benchmark
 from feeddrive import blocks as blocks
 from feeddrive import bus as bus
 from feeddrive import certificate as certificate
+from feeddrive import commissioning as commissioning
 from feeddrive import comparison as comparison
 from feeddrive import cosimulation as cosimulation
 from feeddrive import evaluation as evaluation
@@ -57,6 +58,7 @@ from feeddrive.version import __version__ as __version__
 from feeddrive.workflow.certify import certify as certify
 from feeddrive.workflow.certify import read_certificate as read_certificate
 from feeddrive.workflow.certify import write_certificate as write_certificate
+from feeddrive.workflow.commission import commission as commission
 from feeddrive.workflow.compare import compare as compare
 from feeddrive.workflow.export import verify as verify
 from feeddrive.workflow.identify import identify as identify

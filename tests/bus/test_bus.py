@@ -74,6 +74,13 @@ def test_what_ends_the_motion_of_one_axis_stops_all_in_the_same_cycle() -> None:
     assert found["after"] == "SWITCH_ON_DISABLED"
 
 
+def test_a_control_in_the_master_moves_the_drive_as_its_loop_is_simulated(tried: Scenario) -> None:
+    found = tried("led")
+    assert (found["rows"], found["lost"], found["aborted"], found["off"]) == (800, 0, 0.0, 1.0)
+    # by half a thousandth of the rated torque, the drive's rounding, over the stiffness Kv Kp of the loop
+    assert found["load"] < 0.5 * SCALING.newton / (20.0 * 8e3)
+
+
 def test_torque_mode_accelerates_by_newton(tried: Scenario) -> None:
     """x(t) = F/c (t - m/c (1 - exp(-ct/m))) of 100 kg and 300 N s/m, 298 samples long; the spring gives under 10 um."""
     found = tried("torque")

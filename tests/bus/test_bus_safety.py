@@ -70,6 +70,15 @@ def going(speed: float, cycles: int, ratio: float = 1.0, force: float = 0.0) -> 
     return [REST] * 8 + [Answer(speed * T * k, ratio * speed, force) for k in range(1, cycles + 1)]
 
 
+@pytest.mark.parametrize(("thousandths", "ends"), [(8.0, False), (15.0, True)])
+def test_the_noise_of_a_force_at_its_limit_ends_no_motion(thousandths: float, ends: bool) -> None:
+    made = described(force=0.1)
+    beyond = Answer(0.0, 0.0, 0.1 + thousandths * made.scaling.newton)
+    found = watched(made, [REST, beyond])
+    assert (found is not None) == ends
+    assert found is None or found.kind == "force"
+
+
 @pytest.mark.parametrize(("counts", "kind"), [(19, None), (21, "jump")])
 def test_a_jump_is_what_no_acceleration_and_no_noise_makes(counts: int, kind: str | None) -> None:
     """A position may be renewed after 5 cycles: 20 m/s2 make 1 mm of it; ten counts of 0.1 mm are noise, rounding."""

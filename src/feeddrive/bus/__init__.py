@@ -6,7 +6,9 @@ make_lazy(
     __name__,
     {
         "client": "DriveClient transport_of",
+        "control_in_master": "ControlInMaster",
         "drive_file": "BusDrive BusLimits DriveScaling read_drive",
+        "live": "BusAxis LiveAxis virtual_bus_axis",
         "play": "play_profile read_profile",
         "sampling": "DriveSamples",
     },

@@ -223,6 +223,8 @@ class DriveClient:
         self._mode = 0
         self._heard = 0.0  # time of the last answer, on the monotonic clock
         self.answer: ActualValues | None = None  # to the last cycle; None if it was lost
+        self.supported_modes: int | None = None  # 0x6502; None if the drive has no such object
+        self.held = 0.0  # N, of cst while no motion is played: the weight of a vertical axis
         self.together = [self]  # all that are driven in the same cycles, this one among them
 
     def __enter__(self) -> Self:
@@ -293,6 +295,8 @@ class DriveClient:
         # before anything is written: a real drive must not be driven as fast as the bus allows
         if self.pace.cycle_time is None and not self.is_virtual:
             raise BusError(f"{transport.where}: only a virtual drive may be run without a clock; leave --unpaced out")
+        if has_object(transport, "supported_modes"):
+            self.supported_modes = read_object(transport, "supported_modes")
         self.remarks += check_scaling(transport, self.scaling)
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
@@ -371,7 +375,7 @@ class DriveClient:
             raw["statusword"],
             raw["position"] * scaling.metre,
             raw["velocity"] * scaling.metre,
-            raw["torque"] * scaling.newton,
+            scaling.force(raw["torque"]),
             None if error is None else error * scaling.metre,
             None if second is None else second * scaling.metre,
             raw.get("error_code", 0),
@@ -427,7 +431,7 @@ class DriveClient:
         if controlword is not None:
             self._values["controlword"] = controlword
         if self.told is not None:
-            self.command()
+            self.command(force=self.held if self.mode == cia402.CST else 0.0)
         # without the check for lateness: a target at the present position is never a jump
         self.pace.wait()
         return self._exchange()
@@ -483,6 +487,23 @@ class DriveClient:
         self.enable()
         assert self.told is not None
         self.command(position=self.told.position)
+
+    def can(self, mode: int) -> bool:
+        """Return True if the drive has the mode, as far as it tells (0x6502)."""
+        told = self.supported_modes
+        has_target = _TARGETS.get(mode, "target_velocity") in self._sent.names
+        return has_target and (told is None or bool(told >> (mode - 1) & 1))
+
+    def ask_torque(self, force: float) -> None:
+        """Ask with the next cycle for cst and a target force, N; `shows` tells when the drive runs it."""
+        self.mode, self.held = cia402.CST, force
+        self._values |= {"mode": self.mode, "torque_offset": 0, "velocity_offset": 0}
+        self.command(force=force)
+
+    @property
+    def shows(self) -> bool:
+        """True if the drive is in operation in the mode that it was asked for."""
+        return self.state is PowerState.ENABLED and self._mode == self.mode
 
     def disable(self) -> None:
         """Switch off without a quick stop, for an axis at rest."""

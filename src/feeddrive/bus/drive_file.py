@@ -5,6 +5,7 @@ interface = "eth1"              # canopen: socketcan:can0
 station = 1                     # position on the segment, or node number
 cycle_time_us = 250
 mode = "csp"                    # csv, cst
+rotary = true                   # an axis that turns: every m below is a rad, every N a N m; lead_deg = 360; optional
 axis = "x"                      # the axis of a plan that this drive plays; optional
 [scaling]
 counts_per_turn = 1048576
@@ -20,10 +21,12 @@ following_error_mm = 1
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
-from feeddrive.files.section import Section, read_section, text
-from feeddrive.files.toml_file import read_toml
+from feeddrive.bus.gains import GAINS, GainSection, check_gain
+from feeddrive.files.section import Section, named, read_section, text
+from feeddrive.files.toml_file import TomlFile, read_toml
 from feeddrive.language.block import Number, choice, parameter, part
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
@@ -83,6 +86,14 @@ class BusDrive(Section):
         most=MOST_WATCH,
         default=None,
     )
+    rotary: bool = choice("the axis turns: lengths are angles in rad, forces torques in N m", default=False)
+    brake_time: Number = parameter(
+        "s",
+        "for which the axis is held once it is switched on, before it moves: until its holding brake has opened",
+        least=0,
+        most=10.0,
+        default=0.0,
+    )
     scaling: DriveScaling = part("increments and rated torque")
     limits: BusLimits = part("where a motion is aborted")
 
@@ -140,7 +151,15 @@ class DriveFile(Section):
     )
     bitrate: int | None = choice("of canopen, bits per second; absent: as it is set", least=1, default=None)
     axis: str = text("axis of a plan that the drive moves; empty if none is named", default="")
+    gains: dict[str, GainSection] = named(
+        "objects of the gains of a drive that closes all loops by itself, as its manual lists them", names=tuple(GAINS)
+    )
     drive: BusDrive = part("the drive, whose keys stand here", inline=True)
+
+    def check(self) -> None:
+        """Raise ParameterError for a gain whose unit does not measure it."""
+        for name, gain in self.gains.items():
+            check_gain(name, gain, self.drive.rotary)
 
     @property
     def name(self) -> str:
@@ -150,7 +169,14 @@ class DriveFile(Section):
 
 def read_drive(path: str | Path) -> DriveFile:
     """Read a drive file. Raises FileError and ParameterError with file and line."""
-    return read_section(DriveFile, read_toml(path, "a drive file").root())
+    return drive_of(read_toml(path, "a drive file"))
+
+
+def drive_of(file: TomlFile) -> DriveFile:
+    """Return the contents of a parsed drive file. Raises ParameterError with file and line."""
+    root = file.root()
+    turns = root.values.get("rotary") is True
+    return read_section(DriveFile, replace(root, turning={(): True}) if turns else root)
 
 
 def interpolation_time(cycle_time: float) -> tuple[int, int]:
@@ -170,8 +196,11 @@ class DriveScaling(Section):
         increment = lead / (gear · counts_per_turn)                       for a rotary motor
         force     = torque_per_mille / 1000 · rated_torque · gear · 2π / lead
 
-    A linear motor is described by `increment` and `rated_force` alone.  Raises ParameterError for an incomplete or
-    mixed description.
+    A linear motor is described by `increment` and `rated_force` alone.  On an axis that turns, `lead` is its angle in
+    one turn behind the gear, 2π rad for a table, and forces are torques of the axis.  With `force_sign` = -1 all
+    torques that go to and come from the drive have the other sign; its limit of the torque has none.
+
+    Raises ParameterError for an incomplete or mixed description.
     """
 
     increment: Number | None = parameter("m", "length of one increment at the table", above=0, default=None)
@@ -180,6 +209,7 @@ class DriveScaling(Section):
     lead: Number | None = parameter("m", "table motion in one turn of the screw", above=0, default=None)
     gear: Number = parameter("", "turns of the motor in one turn of the screw", above=0, default=1)
     rated_torque: Number | None = parameter("N m", "rated torque of the motor, object 0x6076", above=0, default=None)
+    force_sign: int = choice("-1: the torque of the drive counts against its positions", options=(1, -1), default=1)
 
     def check(self) -> None:
         """Raise ParameterError unless exactly one of the two descriptions is complete."""
@@ -209,6 +239,12 @@ class DriveScaling(Section):
         return self.lead / (self.gear * self.counts_per_turn)
 
     @property
+    def travel_per_turn(self) -> float:
+        """The travel at the table in one turn of a rotary motor, m."""
+        assert self.lead is not None
+        return self.lead / self.gear
+
+    @property
     def newton(self) -> float:
         """The force at the table per thousandth of the rated torque, N."""
         if self.rated_force is not None:
@@ -234,5 +270,9 @@ class DriveScaling(Section):
         return round(metres / self.metre)
 
     def per_mille(self, newtons: float) -> int:
-        """Convert N to the nearest whole number of thousandths of the rated torque."""
-        return round(newtons / self.newton)
+        """Convert N to the nearest whole number of thousandths of the rated torque, with the sign of the drive."""
+        return self.force_sign * round(newtons / self.newton)
+
+    def force(self, per_mille: int) -> float:
+        """Convert thousandths of the rated torque, as the drive tells them, to N."""
+        return self.force_sign * per_mille * self.newton

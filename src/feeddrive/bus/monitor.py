@@ -29,8 +29,10 @@ Checks, in this order; the first that fails is the fault:
                    target, in csv x + the following error.  The axis must be able to stop within the limit.
                    limits.position_least and _most likewise
     velocity       |v| > limits.velocity; without 0x606C the difference of the positions
-    force, energy  |F| > limits.force; M v²/2 > limits.energy, if both are stated
-    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE
+    force, energy  |F| > limits.force + NOISE thousandths of the rated torque; M v²/2 > limits.energy, if both are
+                   stated
+    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE.  cst under a
+                   control in the master: |r - x| > E
     acceleration   (U - U_R)/(R T) > limits.acceleration plus rounding and noise of the positions, JUMP c/(R T)², if
                    stated
     and the checks of `watch`: standstill, frozen values, velocity against positions
@@ -54,6 +56,8 @@ from feeddrive.language.text import Text
 
 # two counts of noise at either end, rounding, and as much again in the velocity that continues the motion
 JUMP = 10  # counts by which a position may differ from where its motion leads
+# noise of a torque that the drive itself keeps at its limit, 0x6072
+NOISE = 10  # thousandths of the rated torque by which 0x6077 may exceed limits.force
 AWAY = 2  # cycles in a row in which the error grows: one may be noise
 # a reported velocity may be some ms older than the positions
 LIKE = 1.5  # ratio of the mean reported velocity and that of the positions up to which both are believed
@@ -137,8 +141,9 @@ class State(NamedTuple):
 class Monitor:
     """The safety monitor of one drive within the limits of its drive file; it holds no state."""
 
-    def __init__(self, drive: BusDrive) -> None:
-        self.drive, self.limits = drive, drive.limits
+    def __init__(self, drive: BusDrive, *, follows: bool = False) -> None:
+        """Set up the monitor; `follows`: a control in the master makes the force of cst from the target position."""
+        self.drive, self.limits, self._follows = drive, drive.limits, follows
         self._watch = Watch(drive)
         self._count = drive.scaling.metre
         self._window = drive.lost_frames + SPARE
@@ -259,7 +264,7 @@ class Monitor:
 
     def _error(self, state: State, acting: Target, answer: Answer, *, late: bool) -> float:
         """Return the following error, m: of the position in csp, of the travel commanded lately in csv."""
-        if self.drive.mode == "csp":
+        if self.drive.mode == "csp" or self._follows:
             return acting.position - answer.position
         if self.drive.mode == "cst":
             return 0.0
@@ -358,7 +363,7 @@ class Monitor:
                 return _exceeded("travel", far + ahead, limits.travel, "m", number, _to_brake(ahead))
         if not abs(speed) <= limits.velocity:
             return _exceeded("velocity", abs(speed), limits.velocity, "m/s", number)
-        if not abs(answer.force) <= limits.force:
+        if not abs(answer.force) <= limits.force + NOISE * self.drive.scaling.newton:
             return _exceeded("force", abs(answer.force), limits.force, "N", number)
         if limits.energy is not None and limits.largest_mass is not None:
             energy = 0.5 * limits.largest_mass * speed * speed
@@ -374,6 +379,8 @@ class Monitor:
                 else Text(f"the drive says {Quantity(told, 'm'):SI} in 0x60F4")
             )
             which = f" (set position - 0x6064; {says})" if error == abs(state.error) else " (0x60F4)"
+        elif self._follows:
+            which = " (set position - 0x6064)"
         else:
             which = " (travel that the set velocity asked for, less that of 0x6064)"
         if not error <= limits.following_error:
@@ -486,12 +493,14 @@ class Braking(NamedTuple):
 
     position, velocity  set position (m) and velocity (m/s), which ramp down
     force               braking force of cst, N
+    held                force of cst that carries the weight of the axis meanwhile, N
     """
 
     position: float
     velocity: float
     force: float
     left: int
+    held: float = 0.0
 
 
 SETTLING = 0.2  # s for which the end of the ramp is held: six time constants of a slow position loop (30 1/s)
@@ -499,8 +508,11 @@ SETTLING = 0.2  # s for which the end of the ramp is held: six time constants of
 SOFT = 4.0  # of the reaction's cycles, over which the last of the speed is braked
 
 
-def begin_braking(drive: BusDrive, last: Target, before: Target, velocity: float) -> Braking:
-    """Return the braking profile from the last two targets; in cst from the measured velocity, m/s."""
+def begin_braking(drive: BusDrive, last: Target, before: Target, velocity: float, held: float = 0.0) -> Braking:
+    """Return the braking profile from the last two targets; in cst from the measured velocity, m/s.
+
+    `held` is the force of cst under which the axis rested before the motion, N.
+    """
     limits, T = drive.limits, drive.cycle_time
     speed = {
         # with the excitation, which the set velocity of the profile does not hold
@@ -510,15 +522,16 @@ def begin_braking(drive: BusDrive, last: Target, before: Target, velocity: float
     }[drive.mode]
     speed = math.copysign(min(abs(speed), limits.velocity), speed)
     left = math.ceil(abs(speed) / (limits.quick_stop_deceleration * T)) + round(SETTLING / T)
-    return Braking(last.position, speed, 0.0, left)
+    return Braking(last.position, speed, held, left, held)
 
 
 def brake(drive: BusDrive, braking: Braking, velocity: float) -> Braking:
     """Return the setpoints of the next cycle, with the deceleration limits.quick_stop_deceleration.
 
     csp  the set position goes on along a ramp of its velocity;  csv  the set velocity is that ramp
-    cst  a force against the measured velocity:  min(M a, M |v|/τ, limits.force),  τ = SOFT (lag + 1) T.  Friction is
-         not subtracted: a smaller true mass or more friction brakes harder, by a bounded force
+    cst  a force against the measured velocity:  min(M a, M |v|/τ),  τ = SOFT (lag + 1) T, beside the force that held
+         the axis before, both within limits.force.  Friction is not subtracted: a smaller true mass or more friction
+         brakes harder, by a bounded force
     """
     limits, T = drive.limits, drive.cycle_time
     a = limits.quick_stop_deceleration
@@ -527,8 +540,9 @@ def brake(drive: BusDrive, braking: Braking, velocity: float) -> Braking:
         going = braking.velocity if braking.velocity * velocity > 0.0 else 0.0
         soft = abs(velocity) / (SOFT * (drive.lag + 1) * T)
         mass = limits.largest_mass or 0.0
-        force = -math.copysign(min(mass * min(a, soft), limits.force), going) if going else 0.0
-        return Braking(braking.position, going, force, braking.left - 1)
+        force = braking.held - (math.copysign(mass * min(a, soft), going) if going else 0.0)
+        within = max(-limits.force, min(limits.force, force))
+        return Braking(braking.position, going, within, braking.left - 1, braking.held)
     after = math.copysign(max(0.0, abs(braking.velocity) - a * T), braking.velocity)
     position = braking.position + 0.5 * (braking.velocity + after) * T
-    return Braking(position, after, 0.0, braking.left - 1)
+    return Braking(position, after, 0.0, braking.left - 1, braking.held)

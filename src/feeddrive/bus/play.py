@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import signal
@@ -16,8 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from feeddrive.bus.cia402 import PowerState
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.bus.cia402 import CSP, PowerState
 from feeddrive.bus.client import ActualValues, DriveClient
+from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import BusDrive
 from feeddrive.bus.monitor import (
     BRAKE,
@@ -31,16 +35,20 @@ from feeddrive.bus.monitor import (
     braking_distance,
     reaction_to,
 )
+from feeddrive.bus.monitor import State as MonitorState
 from feeddrive.bus.transport import Lateness, urgent
 from feeddrive.bus.watch import Answer, Fault, Target
 from feeddrive.files.log import Log
 from feeddrive.files.read_log import read_log
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import ENDINGS, Progress
-from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text, joined
+from feeddrive.language.quantity import Quantity, Units
+from feeddrive.language.text import Text, joined, resolve
+from feeddrive.language.units import turning
 
 _UNITS = {"csp": ("N", "m"), "csv": ("N", "m/s"), "cst": ("N",)}
+# of an axis that turns, as the motion of a linear one
+_STRAIGHT = {turning(unit): unit for unit in ("N", "m", "m/s")}
 _NEGLIGIBLE = 0.02  # of the peak, at the ends of a profile
 _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost between the cycles
 
@@ -60,6 +68,18 @@ class Profile:
     set_position: np.ndarray
     velocity: np.ndarray
 
+    def reference(self, start: float = 0.0) -> Recorded:
+        """Return the motion from a position (m) on as a control follows it, here and in `simulate`: the acceleration is
+        the central difference of the set position.
+        """
+        acceleration = np.diff(np.pad(self.set_position, 1, mode="edge"), 2) / self.sample_time**2
+        return Recorded(
+            position=start + self.set_position,
+            velocity=self.velocity,
+            acceleration=acceleration,
+            sample_time=self.sample_time,
+        )
+
 
 def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp: float = 0.0) -> Profile:
     """Read a profile at the cycle time of the drive: time, and any of excitation, set position and set velocity.
@@ -71,6 +91,8 @@ def read_profile(path: str | Path, drive: BusDrive, *, share: float = 1.0, ramp:
     its limits.
     """
     log = read_log(path)
+    if drive.rotary:
+        log = replace(log, units={name: _STRAIGHT.get(unit, unit) for name, unit in log.units.items()})
     known = {"excitation", "set_position"} & set(log.channels)
     if not known:
         raise ParameterError(
@@ -138,11 +160,13 @@ def read_plan_profiles(setpoints: Path, drives: Mapping[str, BusDrive]) -> list[
             + (f"is no drive for {', '.join(missing)}" if missing else f"is no axis {', '.join(strange)}")
             + ': give one drive file (--drive) for each axis, with its name as  axis = "x"'
         )
-    turning = [axis_name for axis_name in moving if log.units.get(f"{axis_name}.set_position") == "rad"]
-    if turning:
-        raise ParameterError(
-            f"{setpoints}: axis {turning[0]} turns, and drive files scale lengths only: take it out of the program"
-        )
+    for axis in moving:
+        turns = log.units.get(f"{axis}.set_position") == "rad"
+        if turns != drives[axis].rotary:
+            raise ParameterError(
+                f"{setpoints}: axis {axis} {'turns' if turns else 'does not turn'}, and its drive file says otherwise: "
+                f"{'write' if turns else 'leave out'} rotary = true"
+            )
     times = {drive.cycle_time for drive in drives.values()}
     modes = {drive.mode for drive in drives.values()}
     if len(times) > 1 or modes != {"csp"}:
@@ -192,8 +216,11 @@ def _ramped(excitation: np.ndarray, rows: int) -> np.ndarray:
     return window * excitation
 
 
-def check_profile(profile: Profile, drive: BusDrive) -> None:
-    """Raise ParameterError if a profile begins or ends with a step, or exceeds the limits of the drive."""
+def check_profile(profile: Profile, drive: BusDrive, *, follows: bool = False) -> None:
+    """Raise ParameterError if a profile begins or ends with a step, or exceeds the limits of the drive.
+
+    follows  a control in the master follows the set position
+    """
     limits = drive.limits
     for name, row in (("excitation", profile.excitation), ("speed of the set position", profile.velocity)):
         peak = float(np.max(np.abs(row), initial=0.0))
@@ -204,7 +231,7 @@ def check_profile(profile: Profile, drive: BusDrive) -> None:
                 f"{profile.name}: the {name} begins or ends with {Quantity(ends / peak, 'share'):3} of its peak, a "
                 f"jump for the axis: {advice}"
             )
-    if drive.mode == "cst" and np.any(profile.set_position):
+    if drive.mode == "cst" and not follows and np.any(profile.set_position):
         raise ParameterError(
             f"{profile.name}: holds a motion (set_position), and nothing follows it in mode cst: use csp, or design "
             "the excitation with --offset-velocity 0"
@@ -321,9 +348,16 @@ def interruption(*, keys: bool = False) -> Generator[Callable[[], int]]:
             signal.signal(number, handler)
 
 
-def play_profile(client: DriveClient, profile: Profile, *, name: str = "", progress: Progress | None = None) -> Played:
+def play_profile(
+    client: DriveClient,
+    profile: Profile,
+    *,
+    name: str = "",
+    progress: Progress | None = None,
+    control: ControlInMaster | None = None,
+) -> Played:
     """Switch a drive on, play a profile, hold the last position, and switch off; see `play_together`."""
-    return play_together([client], [profile], names=[name], progress=progress)[0]
+    return play_together([client], [profile], names=[name], progress=progress, controls=[control])[0]
 
 
 def play_together(
@@ -332,36 +366,50 @@ def play_together(
     *,
     names: Sequence[str] = (),
     progress: Progress | None = None,
+    controls: Sequence[ControlInMaster | None] = (),
 ) -> list[Played]:
     """Switch the drives on, play a profile on each in lockstep, hold the last position, and switch them off.
+
+    A drive with one of `controls` is led by it in the master, in the mode of its drive file: `cst` or `csv`.  In `cst`
+    the drive first holds the axis by its own control, where it has `csp`: the force that this takes is what the control
+    begins with.  The excitation is added to the force of the control, and the sum stays within limits.force.  Row k of
+    such a log holds the readings that the control used in cycle k, and what it commanded there (`commanded`, N): from a
+    row's command to the readings that show it pass `lag` + 1 cycles.
 
     The motions are relative to the positions at the start.  Row k of a log holds the setpoints sent in cycle k and the
     drive's response to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the
     motion like Ctrl-C, with a controlled stop.  An abort of one drive stops all of them, with a quick stop in the same
     cycle.
     Raises BusError if a drive cannot be switched on; the reason for any later abort is in `Played.aborted`.
+    ParameterError is raised for a control that does not suit its drive.
     """
     first, drive = clients[0], clients[0].drive
     for client, profile in zip(clients, profiles, strict=True):
         # for every drive, before the first one is switched on
         if np.any(profile.excitation):
             client.excites(profile.unit)
-    for client in clients:
-        client.enable()
-    kept = [_Rows(client) for client in clients]
+    # before that as well: it takes longer than a cycle
+    leading = [
+        None if control is None else _led_by(control, client, profile)
+        for control, client, profile in zip(controls or [None] * len(clients), clients, profiles, strict=True)
+    ]
     lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
     report_every = max(1, round(0.1 / drive.cycle_time))
     aborted, reactions = "", [BRAKE] * len(clients)
-    first.pace.begin()
-    lost_before = [client.lost for client in clients]
     with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
-        held = count + max(lag, round(_SETTLING / drive.cycle_time))
-        for k in range(held):
+        held = _switch_on(
+            first,
+            clients,
+            leading,
+            lambda: interrupted() > 0 or (progress is not None and progress.cancelled),
+        )
+        kept = [_Rows(client, led, force) for client, led, force in zip(clients, leading, held, strict=True)]
+        first.pace.begin()
+        lost_before = [client.lost for client in clients]
+        for k in range(count + max(lag, round(_SETTLING / drive.cycle_time))):
             sent: list[_Sent] = []
             try:
-                for rows, profile in zip(kept, profiles, strict=True):
-                    last = profile.excitation.size
-                    sent.append(_target(rows.client, profile, min(k, last - 1), rows.start, rest=k >= last))
+                sent += [rows.target(profile, k) for rows, profile in zip(kept, profiles, strict=True)]
                 first.cycle()
             except BusError as error:
                 aborted = str(error).removeprefix(f"{first.transport.where}: ")
@@ -369,7 +417,9 @@ def play_together(
                 break
             by_hand = interrupted() > 0 or (progress is not None and progress.cancelled)
             stop = "stopped by hand" if by_hand else ""
-            faults = [rows.watched(row, first.pace.elapsed, stop) for rows, row in zip(kept, sent, strict=True)]
+            faults = [
+                rows.watched(row, first.pace.elapsed, stop or row.tripped) for rows, row in zip(kept, sent, strict=True)
+            ]
             if any(faults):
                 aborted, reactions = _trouble(kept, faults), _reactions(faults)
                 break
@@ -390,7 +440,7 @@ def play_together(
                 # requested for all first: the next cycle carries every stop, while `_halt` waits drive by drive
                 client.prepare_stop(force_off=reaction == OFF)
         ends = [
-            Text(f"{aborted}{_halt(client, reaction)}" if aborted else "")
+            _shown(f"{aborted}{_halt(client, reaction)}" if aborted else "", client.drive)
             for client, reaction in zip(clients, reactions, strict=True)
         ]
         for client in () if aborted else clients:
@@ -400,22 +450,31 @@ def play_together(
         slips = _slips(first, clients) if rested else ""
         if slips:
             held_so = _hold(first, clients, slips, interrupted, progress)
-            ends = [Text(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}") for end in ends]
+            ends = [
+                _shown(f"{end}; {slips}{held_so}" if end else f"{slips}{held_so}", client.drive)
+                for end, client in zip(ends, clients, strict=True)
+            ]
     played: list[Played] = []
     for rows, profile, before, end, name in zip(
         kept, profiles, lost_before, ends, names or [""] * len(clients), strict=True
     ):
         lost = rows.client.lost - before
-        remarks = [*rows.client.remarks, *_remarks(rows.client, lost, permitted, lateness)]
+        led = [] if rows.leading is None else rows.leading.control.remarks
+        remarks = [*rows.client.remarks, *led, *_remarks(rows.client, lost, permitted, lateness)]
         log = rows.log(
             profile,
             name or profile.name,
-            min(profile.excitation.size, max(0, len(rows.told) - rows.client.drive.lag)),
+            min(profile.excitation.size, rows.complete),
             end,
             lateness,
         )
         played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
     return played
+
+
+def _shown(end: str, drive: BusDrive) -> str:
+    """Return the reason of an end in the units of the axis."""
+    return resolve(end, Units(rotary=True)) if drive.rotary else Text(end)
 
 
 def _remarks(client: DriveClient, lost: int, permitted: bool, lateness: Lateness | None) -> Iterator[str]:
@@ -505,11 +564,134 @@ def listened(client: DriveClient, seconds: float) -> Played:
     return Played(log, None, client.lost, lateness, tuple(client.remarks))
 
 
+_HOLDS = 0.5  # s for which a drive holds its axis before a control takes over: brakes open in less
+_WEIGHED = 0.1  # s at the end of it, over which the force is averaged
+_CHANGES = 20  # cycles within which a drive changes its mode
+
+
+class _Leading(NamedTuple):
+    """A control in the master, and the setpoints of its motion, relative to where it begins."""
+
+    control: ControlInMaster
+    setpoints: Sequence[Sequence[float]]
+
+
+def _led_by(control: ControlInMaster, client: DriveClient, profile: Profile) -> _Leading:
+    """Return a control that is started for a drive that is still switched off. Raises ParameterError."""
+    drive, told = client.drive, client.told
+    assert told is not None
+    T = drive.cycle_time
+    for what, time in ((profile.name, profile.sample_time), ("the control", control.sample_time)):
+        if not math.isclose(time, T):
+            raise ParameterError(
+                f"{what}: runs every {Quantity(time, 's'):6 us}, and the drive every {Quantity(T, 's'):6 us} "
+                "(cycle_time): a control in the master runs with the drive"
+            )
+    if control.mode != drive.mode:
+        raise ParameterError(f"{client.transport.where}: runs in {drive.mode}, and its control in {control.mode}")
+    if control.encoders == 2 and told.second is None:
+        raise ParameterError(
+            f"{client.transport.where}: has no second position (0x60E4), and the control reads two encoders"
+        )
+    if control.needs_torque_offset:
+        client.excites("N")
+    control.begin(told.position, told.second)
+    rows = profile.reference().at(np.arange(profile.set_position.size) * profile.sample_time)
+    return _Leading(control, np.column_stack([*rows]).tolist())
+
+
+def _switch_on(
+    first: DriveClient,
+    clients: Sequence[DriveClient],
+    leading: Sequence[_Leading | None],
+    stopped: Callable[[], bool],
+) -> list[float]:
+    """Switch the drives on, those that a control leads in cst in the end; return the forces that hold the axes, N.
+
+    Such a drive holds its axis in csp first, with its brake open, and then changes to cst under the force that this
+    took: in operation or, if it does not do that, by switching off and on again with that force as the first target.
+    """
+    torque = [c for c, led in zip(clients, leading, strict=True) if led is not None and led.control.mode == "cst"]
+    weighed = [client for client in torque if client.can(CSP)]
+    for client in clients:
+        if client in weighed:
+            client.hold()
+        elif client in torque:
+            client.remarks.append("The drive has no csp: the control begins without the force that holds the axis.")
+            client.ask_torque(0.0)
+            client.enable()
+        else:
+            client.enable()
+    brakes = max(float(client.drive.brake_time) for client in clients)
+    if not weighed:
+        for _ in range(round(brakes / first.drive.cycle_time)):
+            first.cycle()
+        return [client.held for client in clients]
+    for client, force in zip(weighed, _weigh(first, weighed, brakes, stopped), strict=True):
+        client.ask_torque(force)
+    for _ in range(_CHANGES):
+        first.cycle()
+        if all(client.shows for client in weighed):
+            break
+    for client in weighed:
+        if client.shows:
+            continue
+        if len(clients) > 1:
+            raise BusError(
+                f"{client.transport.where}: does not change from csp to cst in operation, and the other axes cannot "
+                "wait for it: play it alone"
+            )
+        client.disable()
+        client.enable()
+    return [client.held for client in clients]
+
+
+def _weigh(
+    first: DriveClient, clients: Sequence[DriveClient], brakes: float, stopped: Callable[[], bool]
+) -> list[float]:
+    """Let drives hold their axes by themselves; return the mean force of each at the end, N. Raises BusError."""
+    cycles, last = (round(time / first.drive.cycle_time) for time in (max(_HOLDS, brakes + 2.0 * _WEIGHED), _WEIGHED))
+    watching: list[tuple[Monitor, MonitorState, Target]] = []
+    for client in clients:
+        told = client.told
+        assert told is not None
+        monitor = Monitor(replace(client.drive, mode="csp"))
+        watching.append((monitor, monitor.begin(answer_of(client, told)), Target(told.position, 0.0, 0.0)))
+    forces: list[list[float]] = [[] for _ in clients]
+    for _ in range(cycles):
+        first.cycle()
+        for i, (client, (monitor, state, target)) in enumerate(zip(clients, watching, strict=True)):
+            answer = None if client.answer is None else answer_of(client, client.answer)
+            cycle = Cycle(target, answer, client.statusword, client.mode_shown, first.pace.elapsed)
+            after, fault = monitor.step(state, cycle)
+            watching[i] = monitor, after, target
+            if fault is not None:
+                raise BusError(
+                    Text(f"{client.transport.where}: while the drive held its axis by itself, {fault.message}")
+                )
+            assert client.told is not None
+            forces[i].append(client.told.force)
+        # the motion then ends in its first cycle
+        if stopped():
+            break
+    return [sum(row[-last:]) / len(row[-last:]) for row in forces]
+
+
+def answer_of(client: DriveClient, told: ActualValues) -> Answer:
+    """Return the actual values as the monitor takes them."""
+    velocity = told.velocity if client.reports_velocity else None
+    return Answer(told.position, velocity, told.force, told.following_error, told.second)
+
+
 class _Sent(NamedTuple):
-    """The setpoints of a cycle: the target sent to the drive, and the excitation of the profile."""
+    """The setpoints of a cycle: the target sent to the drive, the excitation of the profile, the set position, and what
+    tripped the guard of a control in the master.
+    """
 
     target: Target
     excitation: float
+    set_position: float
+    tripped: str = ""
 
 
 def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest: bool) -> _Sent:
@@ -529,7 +711,7 @@ def _target(client: DriveClient, profile: Profile, i: int, start: float, *, rest
     else:
         velocity += excitation
         client.command(velocity=velocity)
-    return _Sent(Target(position, velocity, force), excitation)
+    return _Sent(Target(position, velocity, force), excitation, position)
 
 
 def _slips(first: DriveClient, clients: Sequence[DriveClient]) -> str:
@@ -605,26 +787,74 @@ def _halt(client: DriveClient, reaction: str) -> str:
     return f"; the axis was stopped and is in '{words}'"
 
 
+_FORCES = ("force", "commanded")  # columns of a log
+
+
 class _Rows:
     """The recorder of one drive: the sent and received values of each cycle, and the supervision of the drive."""
 
-    def __init__(self, client: DriveClient) -> None:
+    def __init__(
+        self,
+        client: DriveClient,
+        leading: _Leading | None = None,
+        held: float = 0.0,
+    ) -> None:
         assert client.told is not None
         self.client, self.start = client, client.told.position
         self.sent: list[tuple[float, float]] = []  # set position and excitation
         self.told: list[ActualValues] = []
         self.lost: list[float] = []
-        self._last = client.told
-        self._monitor = Monitor(client.drive)
+        self.commanded: list[float] = []  # N, of a control in the master
+        self._last, self._heard = client.told, True
+        self.leading, self._held = leading, held
+        if leading is not None:
+            leading.control.rest(client.told.position, client.told.second, held)
+        self._monitor = Monitor(client.drive, follows=leading is not None and client.drive.mode == "cst")
         self._state = self._monitor.begin(self._answer(client.told))
         rest = Target(self.start, 0.0, 0.0)
         self._targets = (rest, rest)  # the last two
         self.braking = begin_braking(client.drive, rest, rest, 0.0)
         self.reaction = BRAKE
 
+    @property
+    def complete(self) -> int:
+        """The number of cycles whose row is complete."""
+        return len(self.sent) if self.leading is not None else max(0, len(self.told) - self.client.drive.lag)
+
+    def target(self, profile: Profile, k: int) -> _Sent:
+        """Command the setpoints of cycle k, or hold the last position, and return them."""
+        last = profile.excitation.size
+        if self.leading is None:
+            return _target(self.client, profile, min(k, last - 1), self.start, rest=k >= last)
+        return self._led(self.leading, profile, k)
+
+    def _led(self, leading: _Leading, profile: Profile, k: int) -> _Sent:
+        """Command what a control in the master makes of the setpoint and the last readings."""
+        limits, last = self.client.drive.limits, len(leading.setpoints) - 1
+        position, *derivatives = leading.setpoints[min(k, last)]
+        if k > last:
+            derivatives = [0.0] * len(derivatives)
+        excitation = float(profile.excitation[k]) if k <= last else 0.0
+        setpoint = Setpoint(self.start + position, *derivatives)
+        told = self._last
+        found = leading.control.step(setpoint, told.position, told.second)
+        force = max(-limits.force, min(limits.force, found.force + excitation))
+        velocity = max(-limits.velocity, min(limits.velocity, found.velocity))
+        self.client.command(velocity=velocity, force=force)
+        self.told.append(told)
+        self.lost.append(float(not self._heard))
+        self.sent.append((setpoint.position, excitation))
+        self.commanded.append(force)
+        # what the answer to this target is compared with is the setpoint of the sample that reads it
+        ahead = self.start + leading.setpoints[min(k + self.client.drive.lag + 1, last)][0]
+        return _Sent(Target(ahead, velocity, force), excitation, setpoint.position, found.trip)
+
     def watched(self, sent: _Sent, elapsed: float, stop: str) -> Fault | None:
         """Add the completed cycle; return the fault for which the monitor ends the motion."""
-        self.add(sent.target.position, sent.excitation, self.client.answer)
+        if self.leading is None:
+            self.add(sent.set_position, sent.excitation, self.client.answer)
+        else:
+            self._last, self._heard = self.client.answer or self._last, self.client.answer is not None
         self._targets = (self._targets[1], sent.target)
         return self._checked(sent.target, elapsed, stop)
 
@@ -638,7 +868,7 @@ class _Rows:
     def begin_braking(self) -> None:
         """Prepare the braking profile from the last targets, or in cst from the measured velocity."""
         before, last = self._targets
-        self.braking = begin_braking(self.client.drive, last, before, self._last.velocity)
+        self.braking = begin_braking(self.client.drive, last, before, self._last.velocity, self._held)
         self._state = self._monitor.brakes(self._state)
 
     def brake(self) -> None:
@@ -657,8 +887,7 @@ class _Rows:
         return self._monitor.rests(self._state)
 
     def _answer(self, told: ActualValues) -> Answer:
-        velocity = told.velocity if self.client.reports_velocity else None
-        return Answer(told.position, velocity, told.force, told.following_error, told.second)
+        return answer_of(self.client, told)
 
     def add(self, set_position: float, excitation: float, told: ActualValues | None) -> None:
         """Add one cycle; for a lost frame the last values are repeated."""
@@ -668,8 +897,10 @@ class _Rows:
         self.lost.append(float(told is None))
 
     def log(self, profile: Profile, name: str, rows: int, aborted: str, lateness: Lateness | None) -> Log:
-        """Return the log of the first `rows` cycles, each with the answer received `lag` cycles later."""
-        client, lag = self.client, self.client.drive.lag
+        """Return the log of the first `rows` cycles, each with the answer received `lag` cycles later, or with the one
+        that a control in the master used.
+        """
+        client, lag = self.client, 0 if self.leading is not None else self.client.drive.lag
         told, T = self.told[lag : lag + rows], client.drive.cycle_time
         channels: dict[str, list[float]] = {
             "set_position": [position for position, _ in self.sent[:rows]],
@@ -681,9 +912,14 @@ class _Rows:
             values = [getattr(actual, field) for actual in told]
             if None not in values:
                 channels[column] = values
+        if self.leading is not None:
+            channels["commanded"] = self.commanded[:rows]
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]
-        units = {"set_position": "m", "excitation": profile.unit, "force": "N", "velocity_load": "m/s", "lost": ""}
+        known = {"excitation": profile.unit, "velocity_load": "m/s", "lost": "", **dict.fromkeys(_FORCES, "N")}
+        units = {key: known.get(key, "m") for key in channels}
+        if client.drive.rotary:
+            units = {key: turning(unit) for key, unit in units.items()}
         provenance: dict[str, object] = {
             "written_by": "feeddrive play",
             "bus": client.transport.where,
@@ -706,7 +942,7 @@ class _Rows:
             name=name,
             time=np.arange(rows) * T,
             channels={key: np.array(values) for key, values in channels.items()},
-            units={key: units.get(key, "m") for key in channels},
+            units=units,
             sample_time=T,
             constants=constants,
             provenance=provenance,

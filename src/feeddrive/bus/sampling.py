@@ -98,7 +98,7 @@ class Sampler:
 
 def values_of(raw: Mapping[str, int], channels: Mapping[str, str], scaling: DriveScaling) -> list[float]:
     """Convert object values to the units of the channels: increments to m, thousandths of the rated torque to N."""
-    factor = {"m": scaling.metre, "m/s": scaling.metre, "N": scaling.newton, "": 1.0}
+    factor = {"m": scaling.metre, "m/s": scaling.metre, "N": scaling.force(1), "": 1.0}
     return [raw[_CHANNELS[name][0]] * factor[unit] for name, unit in channels.items()]
 
 

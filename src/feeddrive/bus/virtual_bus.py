@@ -158,7 +158,7 @@ class VirtualEtherCAT(_VirtualTransport):
         if not self._slave.advance():
             # without a frame the drive goes on by its own clock
             self.firmware.cycle()
-        if answered is None or not answering or answered[1] != _WORKING:
+        if answered is None or not answering or answered[1] != (_WORKING if self._sent.size else 1):
             return None
         return answered[0][self._sent.size :]
 

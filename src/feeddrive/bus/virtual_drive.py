@@ -19,6 +19,7 @@ from feeddrive.bus.drive_file import DriveScaling, interpolation_time
 from feeddrive.bus.faults import FaultActor, InjectedFault
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.units import turning_docstring as turning
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.guard import TRIP_COMMAND, TRIP_FOLLOWING_ERROR, TRIP_READING, TRIP_TRAVEL, TRIP_VELOCITY, Guard
@@ -88,6 +89,29 @@ class DrivenAxis:
     def has_sign(self) -> bool:
         """True if the force of the law has one gain, Kp, whose sign is that of the force."""
         return self.has_velocity_loop and bool(self._gains)
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """The gains of a cascade in SI, as they are now; empty for another law."""
+        if not self.has_velocity_loop:
+            return {}
+        named = {name: row for row, (name, _) in enumerate(self._closed.plan.constants)}
+        places = {name: named.get(f"control.law.{name}") for name in ("Kv", "Kp", "Tn")}
+        return {name: float(self._constants[row, 0]) for name, row in places.items() if row is not None}
+
+    def set_gain(self, name: str, value: float) -> None:
+        """Change a gain of the cascade from the next sample on: its integral is a force, which stays."""
+        for row, (constant, _) in enumerate(self._closed.plan.constants):
+            if constant == f"control.law.{name}":
+                self._constants[row] = value
+                if name != "Kv":
+                    self._velocity[row] = value
+
+    def stand(self, samples: int, force: float = 0.0) -> Sample:
+        """Let time pass for an axis that its brake holds, whatever force (N) the drive makes."""
+        self.sample += samples
+        self.last = self.last._replace(force=force, trip=0.0)
+        return self.last
 
     @staticmethod
     def _native(prepared: Prepared, probe: str) -> Native:
@@ -207,15 +231,27 @@ def drive_text(loop: Loop, scaling: DriveScaling, bus: str, interface: str, stat
         )
     else:
         units = f"increment = {scaling.increment!r}\nrated_force = {scaling.rated_force!r}"
-    return (
+    if scaling.force_sign < 0:
+        units += "\nforce_sign = -1"
+    turns = loop.axis.rotary
+    rotary = "rotary = true\n" if turns else ""
+    text = (
         f"# The virtual drive of feeddrive; for your own drive look up every number.\n"
         f'bus = "{bus}"\ninterface = "{interface}"\nstation = {station}\ncycle_time = {cycle_time!r}   # s\n'
         f'mode = "csp"\n'
+        f"{rotary}"
         f"late_cycles = {max(3, round(_HELD_UP / cycle_time))}   # for an ordinary computer; a real axis: 3\n\n"
         f"[scaling]\n{units}\n\n[limits]\ntravel = 0.5   # m, from where it starts, to both sides\n"
         f"velocity = {1.0 if velocity is None else float(velocity)!r}   # m/s\nforce = {force!r}   # N\n"
         f"following_error = {5e-3 if following is None else float(following)!r}   # m\n{axis}"
     )
+    return _turned(text) if turns else text
+
+
+def _turned(text: str) -> str:
+    """Return the text of a drive file with the units of an axis that turns in its comments."""
+    lines = (line.partition("   # ") for line in text.splitlines())
+    return "".join(f"{entry}{mark}{turning(words) if mark else ''}\n" for entry, mark, words in lines)
 
 
 # The firmware of a virtual drive: CiA 402 around an axis that is simulated by the code of `simulate`.
@@ -260,6 +296,28 @@ _WRITABLE = {
     "target_velocity",
 }
 
+
+class Brake(NamedTuple):
+    """A holding brake: the times that it takes to open once the drive is on, and to close once it is off, s."""
+
+    opens: float
+    closes: float
+
+
+class _Gain(NamedTuple):
+    """A gain of the cascade in an object of 32 bits, the SI value of one count of it."""
+
+    name: str
+    factor: float
+
+
+# 0x60FB, the position control parameters, whose content CiA 402 leaves to the maker
+GAIN_OBJECTS: Mapping[tuple[int, int], _Gain] = {
+    (0x60FB, 1): _Gain("Kv", 0.01),
+    (0x60FB, 2): _Gain("Kp", 0.1),
+    (0x60FB, 3): _Gain("Tn", 1e-6),
+}
+
 # abort codes of SDO
 READ_ONLY, NO_OBJECT, NO_SUBINDEX, WRONG_LENGTH, TOO_LARGE, WRONG_STATE = (
     0x06010002,
@@ -288,17 +346,31 @@ class Firmware:
     csv  its velocity loop alone (a cascade with Kv = 0); not supported for laws without a velocity loop
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
+    With a `brake` the axis stands until it has opened.  A drive that is switched off in order holds the axis until it
+    has closed; in a fault the axis falls meanwhile.  Without `changes_mode` the mode of operation is taken over only
+    while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`, and act from the next sample on.
+
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
     in 0x6085 and then switches off; a fault removes the force immediately.  `faults` are acted out in operation.
     """
 
     def __init__(
-        self, axis: DrivenAxis, scaling: DriveScaling, cycle_time: float, faults: Sequence[InjectedFault] = ()
+        self,
+        axis: DrivenAxis,
+        scaling: DriveScaling,
+        cycle_time: float,
+        faults: Sequence[InjectedFault] = (),
+        *,
+        brake: Brake | None = None,
+        changes_mode: bool = True,
     ) -> None:
         """Set up the firmware. Raises ParameterError if `cycle_time` (s) is not a multiple of the sample time, and for
         a fault that the control of the axis cannot have.
         """
-        self.axis, self.scaling = axis, scaling
+        self.axis, self.scaling, self.brake, self._changes_mode = axis, scaling, brake, changes_mode
+        self._clamped = brake is not None
+        self._moving = 0.0  # s for which the brake opens or closes
+        self._kept: float | None = None  # m, where the axis is held until its brake has closed
         self.faults = FaultActor(faults, scaling.metre)
         if any(fault.kind == "sign" for fault in faults) and not axis.has_sign:
             raise ParameterError("the fault 'sign' needs a cascade, whose force has the sign of its gain Kp")
@@ -368,6 +440,9 @@ class Firmware:
         """Return the content of an object. Raises SdoAbortError."""
         if (index, subindex) == cia402.DEVICE_NAME:
             return cia402.VIRTUAL.encode()
+        gain = GAIN_OBJECTS.get((index, subindex))
+        if gain is not None and gain.name in self.axis.gains:
+            return struct.pack("<i", round(self.axis.gains[gain.name] / gain.factor))
         entry = cia402.AT.get((index, subindex))
         same = [other for other in cia402.AT.values() if other.index == index and self.has(other.name)]
         if entry is None or not self.has(entry.name):
@@ -379,6 +454,15 @@ class Firmware:
 
     def write(self, index: int, subindex: int, content: bytes) -> None:
         """Change an object. Raises SdoAbortError."""
+        gain = GAIN_OBJECTS.get((index, subindex))
+        if gain is not None and gain.name in self.axis.gains:
+            if len(content) != 4:
+                raise SdoAbortError(WRONG_LENGTH)
+            (counts,) = struct.unpack("<i", content)
+            if counts <= 0:
+                raise SdoAbortError(TOO_LARGE)
+            self.axis.set_gain(gain.name, counts * gain.factor)
+            return
         entry = cia402.AT.get((index, subindex))
         if entry is None or not self.has(entry.name):
             raise SdoAbortError(NO_OBJECT)
@@ -421,8 +505,10 @@ class Firmware:
         if before is PowerState.FAULT and self.state is not before:
             values["error_code"] = 0
         mode = values["mode"]
-        if mode > 0 and values["supported_modes"] >> (mode - 1) & 1:
+        keeps = not self._changes_mode and before is PowerState.ENABLED
+        if mode > 0 and values["supported_modes"] >> (mode - 1) & 1 and not keeps:
             values["mode_display"] = mode
+        self._move_brake()
         if self.state is PowerState.QUICK_STOP and before is not PowerState.QUICK_STOP:
             self._begin_braking()
         if self.state is PowerState.QUICK_STOP:
@@ -453,10 +539,48 @@ class Firmware:
         return status
 
     def _rest(self) -> int:
-        """Run one cycle with the drive switched off, so that only friction brakes the axis; return 0 for no error."""
+        """Run one cycle with the drive switched off; return 0 for no error.
+
+        Only friction brakes the axis, or its brake, until whose closing the drive holds it.
+        """
+        slip = self.faults.size("brake_slip")
+        if self.brake is None or slip is not None:
+            return self._coast(slip or 0.0)
+        if self._clamped:
+            return self._stand(0.0)
+        if self.state is PowerState.FAULT:
+            return self._coast(0.0)
+        self._target = None
+        self._kept = self.axis.last.position if self._kept is None else self._kept
+        self._moved(np.full(self.samples, self._kept), 0.0, 0.0, enable=True)
+        return 0
+
+    def _stand(self, force: float) -> int:
+        """Run one cycle of an axis that its brake holds."""
+        self._target = None
+        last = self.axis.stand(self.samples, force)
+        self._show(last.position, last.second, 0.0, self.scaling.per_mille(force))
+        return 0
+
+    def _move_brake(self) -> None:
+        """Let the brake open or close, which takes its time."""
+        if self.brake is None:
+            return
+        opens = self.state in (PowerState.ENABLED, PowerState.QUICK_STOP)
+        if opens:
+            self._kept = None
+        if opens != self._clamped:
+            self._moving = 0.0
+            return
+        self._moving += self.cycle_time
+        if self._moving > (self.brake.opens if opens else self.brake.closes):
+            self._clamped, self._moving = not opens, 0.0
+
+    def _coast(self, force: float) -> int:
+        """Run one cycle under a force that is none of the drive, N."""
         self._target = None
         before = self.axis.last.position
-        self.axis.push(self.faults.size("brake_slip") or 0.0, self.samples)
+        self.axis.push(force, self.samples)
         self._show(
             self.axis.last.position, self.axis.last.second, (self.axis.last.position - before) / self.cycle_time, 0
         )
@@ -465,11 +589,14 @@ class Firmware:
     def _obey(self, mode: int, *, fresh: bool) -> int:
         values, scaling = self.values, self.scaling
         if self.faults.is_limp:
-            return self._rest()
+            return self._coast(0.0)
+        if self._clamped:
+            asked = scaling.force(values["target_torque"]) if mode == cia402.CST else 0.0
+            return self._stand(asked)
         if mode == cia402.CST:
             self._target = None
             return self._push(values["target_torque"] + values["torque_offset"])
-        offset = values["torque_offset"] * scaling.newton
+        offset = scaling.force(values["torque_offset"])
         if mode == cia402.CSV and self.axis.has_velocity_loop:
             self._target = None
             velocity = (values["target_velocity"] + values["velocity_offset"]) * scaling.metre
@@ -495,7 +622,7 @@ class Firmware:
 
     def _push(self, per_mille: int) -> int:
         most = self.values["max_torque"]
-        limited = max(-most, min(most, per_mille)) * self.scaling.newton
+        limited = self.scaling.force(max(-most, min(most, per_mille)))
         limit = self.axis.loop.control.force_limit
         if limit is not None:
             limited = max(-float(limit), min(float(limit), limited))
@@ -506,7 +633,7 @@ class Firmware:
         speed = (here - before) / self.cycle_time
         if self._races(speed):
             return 0x8400
-        self._show(here, self.axis.last.second, speed, round(limited / self.scaling.newton))
+        self._show(here, self.axis.last.second, speed, self.scaling.per_mille(limited))
         if guard is None or math.isnan(here):
             return 0x7305 if math.isnan(here) else 0
         if guard.velocity_limit is not None and abs(speed) > guard.velocity_limit:
@@ -549,7 +676,7 @@ class Firmware:
         speed = (last.position - before) / self.cycle_time
         if not math.isfinite(last.position) or not math.isfinite(last.force):
             return 0x7305 if not math.isfinite(last.position) else 0xFF01
-        self._show(last.position, last.second, speed, round(sign * last.force / self.scaling.newton))
+        self._show(last.position, last.second, speed, self.scaling.per_mille(sign * last.force))
         return _TRIPPED.get(last.trip, 0x8400 if self._races(speed) else 0)
 
     def _races(self, speed: float) -> bool:

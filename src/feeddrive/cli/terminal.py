@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
 import warnings
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 UNBROKEN = 1_000_000
 """The width, in columns, of an output that is not a terminal: wider than any sentence with its paths."""
+
+
+# as rulers and protractors have them
+_RULERS = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0)}
 
 
 @contextmanager
@@ -105,6 +110,17 @@ class TerminalProgress(Progress):
         """Ask on the terminal; any answer other than yes ends the command."""
         typer.confirm(visible(Text(question)), abort=True, err=self._console.stderr)
         return True
+
+    def measured(self, question: str, expected: float, unit: str) -> float | None:
+        """Ask on the terminal for a value in mm or deg; Enter takes the expected one."""
+        shown, factor = _RULERS.get(unit, (unit, 1.0))
+        value = typer.prompt(
+            visible(Text(f"{question} ({shown})")),
+            default=round(expected / factor, 3),
+            type=float,
+            err=self._console.stderr,
+        )
+        return factor * float(value)
 
 
 def _bar(console: Console, *, counted: bool) -> Any:

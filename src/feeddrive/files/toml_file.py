@@ -633,4 +633,7 @@ class TomlEdit:
 def _written(value: float | str | bool, digits: int) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return quoted(value) if isinstance(value, str) else repr(rounded(value, digits))
+    if isinstance(value, str):
+        return quoted(value)
+    # a whole number of a choice must not become 1.0
+    return repr(value) if isinstance(value, int) else repr(rounded(value, digits))

@@ -68,6 +68,8 @@ class Judgment(Enum):
     EQUAL = "verify", "EQUAL, bit for bit", 0
     NOT_EQUAL = "verify", "NOT EQUAL", 1
     CHANGED = "verify", "CHANGED SINCE THE EXPORT", 1
+    COMMISSIONED = "commission", "The new control runs as predicted and is kept", 0
+    NOT_COMMISSIONED = "commission", "The control before stays in place", 1
     CLAIMS_HOLD = "reproduce", "all claims hold", 0
     CLAIM_FAILS = "reproduce", "DOES NOT HOLD", 1
 

@@ -89,6 +89,10 @@ class Progress:
         """Ask the user for confirmation; return False if there is no user."""
         return False
 
+    def measured(self, question: str, expected: float, unit: str) -> float | None:
+        """Ask the user for a measured value in an SI unit; return None if there is no user, or no value."""
+        return None
+
 
 class _Forwarded(Progress):
     """The progress of a part of a job. It forwards reports to the progress of the whole job and is canceled with it."""
@@ -116,6 +120,9 @@ class _Forwarded(Progress):
 
     def show_better(self, cost: float, best: object) -> None:
         self._whole.show_better(cost, best)
+
+    def measured(self, question: str, expected: float, unit: str) -> float | None:
+        return self._whole.measured(question, expected, unit)
 
     def confirm(self, question: str) -> bool:
         return self._whole.confirm(question)

@@ -13,6 +13,7 @@ make_lazy(
         "circle": "circle",
         "cogging": "cogging",
         "command": "Outcome",
+        "commission": "commission",
         "compare": "compare",
         "excite": "excite",
         "export": "export verify",

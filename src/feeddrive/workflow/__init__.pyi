@@ -12,6 +12,7 @@ from feeddrive.workflow.check import check as check
 from feeddrive.workflow.circle import circle as circle
 from feeddrive.workflow.cogging import cogging as cogging
 from feeddrive.workflow.command import Outcome as Outcome
+from feeddrive.workflow.commission import commission as commission
 from feeddrive.workflow.compare import compare as compare
 from feeddrive.workflow.excite import excite as excite
 from feeddrive.workflow.export import export as export

@@ -639,6 +639,12 @@ COMMANDS: dict[str, Listed] = {
         "Measure",
         ("--drive drive.toml --seconds 2",),
     ),
+    "commission": Listed(
+        "commission",
+        "Take a drive from unknown to a proven loop that runs: sign, mass, responses, tuning, export and a trial.",
+        "Measure",
+        ("drive.toml --out axis_x", "--virtual ball_screw --yes --out axis_x"),
+    ),
     "follow": Listed(
         "follow",
         "Wait for a trigger in a log that is being written, a pipe or a drive on a bus, and keep the window around it.",

@@ -63,7 +63,7 @@ _ALONE = {
 }
 
 
-def _limit_options() -> dict[str, tuple[str, Any]]:
+def limit_options() -> dict[str, tuple[str, Any]]:
     """Return the options for the limits in the catalog of figures, by name."""
     options: dict[str, tuple[str, Any]] = {}
     for figure in limitable():
@@ -84,7 +84,7 @@ def _limit_options() -> dict[str, tuple[str, Any]]:
     return options
 
 
-class TuneRequest(Request, more=_limit_options(), after="recipe"):
+class TuneRequest(Request, more=limit_options(), after="recipe"):
     """The axis or its measured response, the goal of the tuning, and the limits to satisfy.
 
     Limits are in SI here: compliance in m/N, measurement noise in m. On the command line they are in um/N and nm.

@@ -1,0 +1,124 @@
+"""What the first moves of an unknown drive tell: holding force, friction, sign of the force, and a rough mass.
+
+Nothing of the drive's control is assumed but that it holds the axis: forces are those that the drive reports.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from feeddrive.commissioning.motions import Push
+from feeddrive.files.log import Log
+from feeddrive.language.errors import NotIdentifiableError
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
+
+_FOLLOWS = 0.5  # of the set travel, that the reading makes at least
+_EVEN = 0.9  # of the largest set speed: rows of even motion
+SCATTER = 0.5  # of the mass, that its lines may scatter: the start law bears 20 % of the mean, of nine lines
+RULER = 2e-4  # m that a person reads off a ruler, and share of the distance
+_SIMPLE = 12  # largest denominator of a ratio that is taken for a gear
+
+
+@dataclass(frozen=True)
+class SmallMove:
+    """What a slow move told.
+
+    holding   force at rest before the move, N: the weight of a vertical axis
+    friction  half the difference of the forces of both directions, N; negative if forces count against positions
+    lag       following error over speed, s: the inverse of the position gain without feedforward
+    noise     RMS of the reading at rest, m
+    """
+
+    holding: float
+    friction: float
+    lag: float
+    noise: float
+
+
+def small_move(log: Log) -> SmallMove:
+    """Return what a slow move to and fro told from its log.
+
+    Raises NotIdentifiableError if the reading did not follow the set position, or moved against it.
+    """
+    target, reading = log["set_position"], log["reading_load"]
+    rest = slice(0, int(np.argmax(target != target[0])))
+    moved, wanted = float(np.ptp(reading)), float(np.ptp(target))
+    speed = np.gradient(target, log.sample_time)
+    forth, back = (way * speed >= _EVEN * float(np.max(np.abs(speed))) for way in (1.0, -1.0))
+    follows = float(np.polyfit(target - target[0], reading - reading[0], 1)[0])
+    if not _FOLLOWS < follows < 1.0 / _FOLLOWS:
+        raise NotIdentifiableError(
+            Text(
+                f"the set position moved by {Quantity(wanted, 'm'):SI} and the reading by {Quantity(moved, 'm'):SI}: "
+                "the drive does not follow, or another encoder is read; look at 0x6064 and the scaling of the drive"
+            )
+        )
+    error = target - reading
+    return SmallMove(
+        holding=float(np.median(log["force"][rest])),
+        friction=0.5 * float(np.median(log["force"][forth]) - np.median(log["force"][back])),
+        lag=max(0.0, 0.5 * float(np.median(error[forth]) - np.median(error[back])) / float(np.max(speed))),
+        noise=float(np.std(reading[rest])),
+    )
+
+
+@dataclass(frozen=True)
+class RoughMass:
+    """A rough mass, kg, with the sign of the force, +1 or -1, and the scatter of the lines as a share of the mass."""
+
+    mass: float
+    force_sign: int
+    scatter: float
+
+
+def rough_mass(log: Log, made: Push) -> RoughMass:
+    """Return the mass at the lines of a push, from the force that the drive reports:  M = Re(-F / (ω² X)).
+
+    Raises NotIdentifiableError if the lines contradict each other: no force, or no motion that it causes.
+    """
+    count = (len(log) - made.first) // made.period
+    rows = slice(made.first, made.first + min(count, _whole(log, made)) * made.period)
+    force, reading = log["force"][rows], log["reading_load"][rows]
+    # the even motion underneath has lines of its own
+    time = np.arange(reading.size) * log.sample_time
+    reading = reading - np.polyval(np.polyfit(time, reading, 1), time)
+    periods = reading.size // made.period
+    bins = made.lines * periods
+    F, X = np.fft.rfft(force)[bins], np.fft.rfft(reading)[bins]
+    omega = 2.0 * np.pi * made.lines / (made.period * log.sample_time)
+    masses = np.real(-F / (omega**2 * X))
+    mass = float(np.median(masses))
+    scatter = float(np.median(np.abs(masses - mass))) / abs(mass) if mass else float("inf")
+    if not scatter <= SCATTER:
+        raise NotIdentifiableError(
+            Text(
+                f"the lines of the push give masses from {Quantity(float(np.min(masses)), 'kg'):3} to "
+                f"{Quantity(float(np.max(masses)), 'kg'):3}: the force that the drive reports (0x6077) does not move "
+                "the axis as a mass; look at the torque objects, a clamped axis, or friction far above the force"
+            )
+        )
+    return RoughMass(abs(mass), 1 if mass > 0.0 else -1, scatter)
+
+
+def _whole(log: Log, made: Push) -> int:
+    """Return the number of whole periods of full height."""
+    active = np.flatnonzero(log["excitation"])
+    return max(1, (int(active[-1]) + 1 - made.first) // made.period - 1)
+
+
+def ratio_by_ruler(measured: float, expected: float) -> float:
+    """Return the true length of one counted metre, from a distance by ruler (m) and by the drive's counts (m).
+
+    A simple ratio within the accuracy of the ruler is taken, as that of a gear or lead is.
+    """
+    ratio = measured / expected
+    accuracy = RULER / abs(expected) + RULER * abs(ratio)
+    for denominator in range(1, _SIMPLE + 1):
+        simple = Fraction(round(ratio * denominator), denominator)
+        if simple > 0 and abs(float(simple) - ratio) <= accuracy * max(1.0, abs(ratio)):
+            return float(simple)
+    return ratio

@@ -1,0 +1,143 @@
+"""The record of a commissioning: its steps as values, and the file from which an interrupted one goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from feeddrive.commissioning.trial import Trial
+from feeddrive.files.atomic_io import read_whole, write_whole
+from feeddrive.files.origins import digest_of
+from feeddrive.files.read_log import MOST_BYTES
+from feeddrive.language.errors import FileError
+from feeddrive.language.table import Result, Table
+
+FILE = "commission.json"
+FORMAT = "feeddrive commission 1"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step that was done: its name, a sentence with the result, its figures in SI, and its files by digest."""
+
+    name: str
+    says: str
+    figures: Mapping[str, float] = field(default_factory=dict[str, float])
+    files: Mapping[str, str] = field(default_factory=dict[str, str])
+    inside: Mapping[str, str] = field(default_factory=dict[str, str])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Commissioned(Result):
+    """A commissioning: its steps in order, the trial if there was one, and whether the new control was kept.
+
+    questions  how often the user was asked
+    refusal    the reason for which the control before stays in place; empty if there is none
+    """
+
+    where: str
+    steps: tuple[Step, ...]
+    trial: Trial | None = None
+    kept: bool = False
+    questions: int = 0
+    refusal: str = ""
+
+    def table(self) -> Table:
+        """Return a table of the steps and their results."""
+        heads = ["step", "result"]
+        return Table(f"Commissioning of {self.where}", heads, [[step.name, step.says] for step in self.steps])
+
+    def __getitem__(self, name: str) -> Step:
+        for step in self.steps:
+            if step.name == name:
+                return step
+        raise KeyError(name)
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """All figures of all steps, by name."""
+        return {name: value for step in self.steps for name, value in step.figures.items()}
+
+
+def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
+    """Return the SHA-256 digests of files by their paths within a folder."""
+    return {name: digest_of(read_whole(folder / name, MOST_BYTES)) for name in files}
+
+
+@dataclass(frozen=True)
+class Record:
+    """What an interrupted commissioning had: what was in the drive at its beginning, and the steps that were done."""
+
+    inside: Mapping[str, str]
+    steps: tuple[Step, ...] = ()
+
+
+def write_record(
+    folder: Path, drive: str, inside: Mapping[str, str], steps: Sequence[Step], closing: Mapping[str, Any]
+) -> None:
+    """Write `commission.json`: digest of the drive file, what was in the drive, the steps, and how it all ended."""
+    document = {
+        "format": FORMAT,
+        "drive_sha256": digest_of(drive),
+        "inside": dict(inside),
+        "steps": [
+            {
+                "name": step.name,
+                "says": step.says,
+                "figures": dict(step.figures),
+                "files": dict(step.files),
+                "inside": dict(step.inside),
+            }
+            for step in steps
+        ],
+        **closing,
+    }
+    write_whole(folder / FILE, json.dumps(document, indent=1) + "\n")
+
+
+def read_record(folder: Path, drive: str) -> Record | None:
+    """Return the record from which a commissioning goes on, with the steps before the first whose files have changed.
+
+    drive  the text of the drive file, which must be the one that the record names
+    Raises FileError for a record that is none, and for one of another drive.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return None
+    try:
+        document = json.loads(read_whole(path, MOST_BYTES))
+        if document["format"] != FORMAT:
+            raise ValueError
+        stated = str(document["drive_sha256"])
+        inside = {str(name): str(value) for name, value in document["inside"].items()}
+        steps = [
+            Step(
+                str(entry["name"]),
+                str(entry["says"]),
+                {str(name): float(value) for name, value in entry["figures"].items()},
+                {str(name): str(value) for name, value in entry["files"].items()},
+                {str(name): str(value) for name, value in entry["inside"].items()},
+            )
+            for entry in document["steps"]
+        ]
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise FileError(f"{path}: is no record of a commissioning; give another --out, or remove it") from None
+    if stated != digest_of(drive):
+        raise FileError(
+            f"{path}: is the record of another drive file, or of this one before it was changed: give another --out, "
+            "or remove that directory to begin anew"
+        )
+    whole: list[Step] = []
+    for step in steps:
+        if any(not _is_same(folder / name, digest) for name, digest in step.files.items()):
+            break
+        whole.append(step)
+    return Record(inside, tuple(whole))
+
+
+def _is_same(path: Path, digest: str) -> bool:
+    # a name from a file must not lead out of the folder; digests of other files would only not match
+    return path.is_file() and digest_of(read_whole(path, MOST_BYTES)) == digest

@@ -1,0 +1,138 @@
+"""The closed-loop trial: the same motion simulated and measured, and the same figures of both.
+
+following error    e = set position - reading of the load encoder, over the motion without a force
+deflection         largest |x with the force - x without it|, over the pulse and half its length
+stiffness          force / deflection: friction, which is in both runs, is not in the difference
+noise              RMS of force and reading at rest before the motion
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from feeddrive.analysis.replay import path_of
+from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.bus.play import Profile
+from feeddrive.commissioning.motions import TrialMotion
+from feeddrive.files.log import Log
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.table import UNIT, Column, Result, Table
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+
+AGREED = 0.1  # share by which measured and predicted may differ
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The figures of a trial: following error (m), stiffness (N/m), noise of force (N) and of the reading (m)."""
+
+    following_rms: float
+    following_peak: float
+    stiffness: float
+    force_noise: float
+    position_noise: float
+
+
+UNITS = {
+    "following_rms": ("following error, RMS", "m"),
+    "following_peak": ("following error, largest", "m"),
+    "stiffness": ("stiffness against a pulse of force", "N/m"),
+    "force_noise": ("noise of the force at rest, RMS", "N"),
+    "position_noise": ("noise of the position at rest, RMS", "m"),
+}
+
+
+def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
+    """Return the figures of a trial from the logs of both runs, measured or simulated."""
+    error = alone["set_position"] - alone["reading_load"]
+    moving = error[motion.moving]
+    # both runs begin where the axis stands, which need not be the same count
+    first, second = (log["reading_load"] - log["set_position"] for log in (alone, pushed))
+    apart = (second - first)[motion.pulsed]
+    begin = (second - first)[max(0, motion.pulsed.start - 10) : motion.pulsed.start]
+    deflection = float(np.max(np.abs(apart - np.mean(begin))))
+    force = alone["commanded"] if "commanded" in alone.channels else alone["force"]
+    return Figures(
+        following_rms=float(np.sqrt(np.mean(moving**2))),
+        following_peak=float(np.max(np.abs(moving))),
+        stiffness=motion.force / deflection if deflection else float("inf"),
+        force_noise=float(np.std(force[motion.rest])),
+        position_noise=float(np.std(alone["reading_load"][motion.rest])),
+    )
+
+
+def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
+    """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
+    axis = loop.axis
+    counted = {
+        name: _counted(getattr(axis, name), increment, noise)
+        for name in ("encoder_load", "encoder_motor")
+        if name == "encoder_load" or getattr(axis, name) is not None
+    }
+    real = replace(loop, axis=replace(axis, **counted))
+    T = float(loop.sample_time)
+    run = simulate(
+        real,
+        path_of(real.control, played.set_position, T),
+        added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
+        seed=seed,
+        record=["set_position", "reading_load", "force"],
+        name=played.name,
+    )
+    rows = slice(0, played.set_position.size)
+    force = run["force"][rows]
+    channels = {
+        "set_position": run["set_position"][rows],
+        "reading_load": run["reading_load"][rows],
+        "force": force,
+        "commanded": force + played.excitation[: force.size],
+        "excitation": played.excitation[: force.size],
+    }
+    units = {"set_position": "m", "reading_load": "m", "force": "N", "commanded": "N", "excitation": "N"}
+    return Log(name=played.name, time=run.time[rows], channels=channels, units=units, sample_time=T)
+
+
+def _counted(sensor: object, increment: float, noise: float) -> Encoder:
+    base = sensor if isinstance(sensor, Encoder) else Encoder()
+    return replace(base, resolution=increment, noise=noise or None)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trial(Result):
+    """A trial: predicted and measured figures of the new control, and those of the control before, where it ran."""
+
+    predicted: Figures
+    measured: Figures
+    before: Figures | None = None
+
+    def ratio(self, name: str) -> float:
+        """Return measured over predicted of a figure."""
+        wanted = float(getattr(self.predicted, name))
+        return float(getattr(self.measured, name)) / wanted if wanted else float("inf")
+
+    @property
+    def agrees(self) -> bool:
+        """True if following error (RMS) and stiffness lie within 10 % of their predictions."""
+        return all(abs(self.ratio(name) - 1.0) <= AGREED for name in ("following_rms", "stiffness"))
+
+    def table(self) -> Table:
+        """Return a table of the figures: predicted, measured, their ratio, and before."""
+        rows = []
+        for field in fields(Figures):
+            title, unit = UNITS[field.name]
+            values = [Quantity(getattr(which, field.name), unit) for which in (self.predicted, self.measured)]
+            before = "-" if self.before is None else Quantity(getattr(self.before, field.name), unit)
+            rows.append([title, *values, Quantity(self.ratio(field.name)), before, UNIT])
+        heads = [
+            "trial",
+            Column("predicted", form="4 SI"),
+            Column("measured", form="4 SI"),
+            Column("ratio", form="3"),
+            Column("before", form="4 SI"),
+            "unit",
+        ]
+        return Table("Closed-loop trial", heads, rows)

@@ -1,0 +1,855 @@
+"""`feeddrive commission`: from an unknown drive to a proven loop that runs, in steps that ask and can be resumed.
+
+Each step leaves the files that the command of its name leaves, so that one can go on by hand from any of them:
+
+    DIR/1_listen  2_small_move  3_start_law  4_friction_and_mass  5_excitation  6_responses  7_model  8_tune  9_export
+    DIR/10_trial, and DIR/commission.json with what was predicted and what was measured
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.sensor.encoder import Encoder
+from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
+from feeddrive.bus.live import BusAxis, LiveAxis
+from feeddrive.bus.play import Played, Profile
+from feeddrive.commissioning import motions
+from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
+from feeddrive.commissioning.motions import Pace
+from feeddrive.commissioning.record import FILE, Commissioned, Record, Step, digests, read_record, write_record
+from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
+from feeddrive.export.design import weight
+from feeddrive.figures.catalogue import goals, limitable
+from feeddrive.files.atomic_io import files_of, new_directory, write_whole
+from feeddrive.files.frf import read_frfs
+from feeddrive.files.log import Log, write_log
+from feeddrive.files.machine import MachineLike, machine_of_text, machine_toml, read_machine
+from feeddrive.identification.excitation.excitation import Excitation, design_excitation
+from feeddrive.identification.motion.identify import own_viscous
+from feeddrive.language import tree
+from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, NotCertifiedError, ParameterError
+from feeddrive.language.judgment import Judgment
+from feeddrive.language.progress import Progress
+from feeddrive.language.quantity import Quantity, Units
+from feeddrive.language.text import Text, resolve
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.guard import Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.machine import Machine
+from feeddrive.tuning.start_law import start_law
+from feeddrive.workflow.certify import CertifyRequest, certify
+from feeddrive.workflow.check import CheckRequest, check
+from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
+from feeddrive.workflow.excite import excitation_report, write_excitation
+from feeddrive.workflow.export import ExportRequest, export
+from feeddrive.workflow.frf import FrfRequest, frf
+from feeddrive.workflow.identify import identify
+from feeddrive.workflow.identify_responses import IdentifyRequest
+from feeddrive.workflow.tune import TuneRequest, limit_options, tune
+
+SHARE = 0.1  # of limits.force, for the small move
+TRIES = 3  # of the small move, each with twice the force: a hanging axis may need more than a tenth
+RULED = 0.01  # m of the small move, which a ruler measures to 2 %
+USED = 0.4  # of limits.following_error that a motion may use: the monitor acts at 0.75 of it
+WORK = 0.5  # of limits.force beyond holding force and friction, that a motion may use
+REACH = 0.6  # of limits.travel: the rest is for braking
+LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
+ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
+NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
+SHORT = 0.25  # of the travel, that the slowest strokes take
+SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
+FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
+TOP, BAND = 1000.0, 0.45  # Hz, and share of the rate of the bus: highest line of the excitation
+LINES = ((1.0, 8), (1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
+SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
+UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
+HEAVIER, HARDER = 1.5, 2.0  # times the rough mass and friction: what the monitor takes for the largest
+AXIS = "x"
+
+
+class CommissionRequest(Request, more=limit_options(), after="goal"):
+    """The drive, the goal and limits of the tuning, and where the results go."""
+
+    drive: Path | DriveFile | LiveAxis | None = argument("A drive file (TOML): bus, scaling, limits", default=None)
+    virtual: MachineLike | None = option(
+        "a virtual drive with the plant of this machine file or bundled machine, in place of a drive", default=None
+    )
+    goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
+    target: str = option("target of the export, as of feeddrive export", default="c", short="-t")
+    yes: bool = option("answer every question with yes; for a virtual drive only", default=False)
+    out: Path | None = option(
+        "Directory of the commissioning, with its record; one that was interrupted goes on", short="-o", default=None
+    )
+
+    def usual_out(self) -> Path:
+        return Path("results") / f"commission_{Path(called(self.virtual or self.drive)).stem}"
+
+    def check(self) -> None:
+        """Raise ParameterError unless there is one drive, real or virtual."""
+        if (self.drive is None) == (self.virtual is None):
+            raise ParameterError("give either a drive file, or --virtual with a machine, whose drive is then simulated")
+
+
+@command(CommissionRequest)
+def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commissioned]:
+    """Take a drive from unknown to a proven loop that runs: sign, mass, responses, model, tuning, export and a trial.
+
+    Every step that moves the axis says what it will do and asks.  The control that the drive has stays in place until
+    the trial of the new one is as predicted, and the user keeps it.  An interrupted commissioning goes on where it was.
+
+    The result is a `Commissioned`; a reason to stop is its `refusal`.  Raises BusError and AbortedError for a drive
+    that cannot be commanded, ParameterError for limits that are too narrow.
+    """
+    axis = _axis(request)
+    if request.yes and not axis.is_virtual:
+        raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
+    if request.out is None:
+        with TemporaryDirectory() as folder:
+            return _Chain(request, axis, Path(folder), progress).run(kept=False)
+    return _Chain(request, axis, request.out, progress).run(kept=True)
+
+
+def _axis(request: CommissionRequest) -> LiveAxis:
+    if request.virtual is not None:
+        return virtual_axis(request.virtual)
+    if isinstance(request.drive, str | Path):
+        return BusAxis(read_drive(request.drive))
+    if isinstance(request.drive, DriveFile):
+        return BusAxis(request.drive)
+    assert request.drive is not None
+    return request.drive
+
+
+def virtual_axis(machine: MachineLike) -> LiveAxis:
+    """Return a virtual drive with the plant of a machine file, in virtual time."""
+    from feeddrive.bus.live import virtual_bus_axis
+
+    return virtual_bus_axis(read_machine(machine).loop(None))
+
+
+class _RefusedError(Exception):
+    """A reason to stop, with the control before in place."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.why = why
+
+
+class _Gentle(NamedTuple):
+    """The log of the first move, and the share of the force limit under which it moved."""
+
+    log: Log
+    share: float
+
+
+def _carried(told: SmallMove, force: float) -> float:
+    """Return the force that carries and slides an axis, as a share of a force (N)."""
+    return (abs(told.holding) + 3.0 * abs(told.friction)) / force
+
+
+def _with_viscous_plant(axis: Axis) -> Axis:
+    """Return a rigid axis with its viscous friction in the plant, to which responses are fitted, and not beside it."""
+    plant, friction = axis.plant, axis.friction_load
+    if not isinstance(plant, Rigid) or friction is None:
+        return axis
+    # of both directions what they have in common
+    shares = {name: float(value) for name, value in tree.leaves(friction) if name.startswith("viscous")}
+    common = min(shares.values(), default=0.0)
+    dry = replace(friction, **{name: value - common for name, value in shares.items()})
+    return replace(axis, plant=replace(plant, viscous=float(plant.viscous) + common), friction_load=dry)
+
+
+class _Chain:
+    """The steps of one commissioning, in order, with what they told so far."""
+
+    def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
+        self.request, self.axis, self.folder, self.progress = request, axis, folder, progress
+        self.stated = axis.text()
+        self.inside: dict[str, str] = {}
+        self.place = folder
+        self.steps: list[Step] = []
+        self.facts: dict[str, float] = {}
+        self.trial: Trial | None = None
+        self.questions = 0
+        self.kept = False
+
+    def run(self, *, kept: bool) -> Outcome[Commissioned]:
+        """Run all steps that are not done yet, and return the outcome; without `kept` no file of it is named."""
+        _check_folder(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        record = read_record(self.folder, self.stated)
+        self.inside = dict(self.axis.inside())
+        before: dict[str, Step] = {}
+        if record is not None and record.steps:
+            self._check_inside(record)
+            self.inside = dict(record.inside)
+            before = {step.name: step for step in record.steps}
+        refusal = ""
+        try:
+            for number, (name, work) in enumerate(STEPS.items()):
+                self.place = self._in(name, "")
+                # a trial is of the moment: it is run again
+                if name in before and len(self.steps) == number and name != "trial":
+                    self._resume(before[name])
+                    continue
+                self.progress.step(name.replace("_", " "), number, len(STEPS))
+                says, told = work(self)
+                self._record(name, says, told)
+            self._decide()
+        except _RefusedError as refused:
+            refusal = refused.why
+        except FeeddriveError as error:
+            # what was measured so far stays, and the reason is the result
+            if isinstance(error, AbortedError) and not self.steps:
+                raise
+            refusal = str(error)
+        if not self.kept:
+            refusal = self._put_back(refusal)
+        self._write(refusal)
+        return self._outcome(refusal, kept=kept)
+
+    # the record
+
+    def _record(self, name: str, says: str, told: Mapping[str, float]) -> None:
+        files: dict[str, str] = {}
+        if self.place.is_dir():
+            files = digests(self.folder, [f"{self.place.name}/{file}" for file in files_of(self.place)])
+        self.facts.update(told)
+        said = str(resolve(says, Units(rotary=self.axis.rotary)))
+        self.steps.append(Step(name, said, dict(told), files, dict(self.axis.inside())))
+        self.progress.remark(Text(f"{name.replace('_', ' ')}: {says}"))
+        self._write("")
+
+    def _put_back(self, refusal: str) -> str:
+        """Write back what was in the drive; return the refusal, with what could not be put back."""
+        try:
+            self.axis.restore(self.inside)
+        except FeeddriveError as error:
+            return Text(f"{refusal}; what was in the drive could not be put back: {error}")
+        return refusal
+
+    def _check_inside(self, record: Record) -> None:
+        """Raise FileError unless the drive is as the last step left it or, after its power was lost, as before it."""
+        now, last = dict(self.axis.inside()), record.steps[-1]
+        if now == last.inside:
+            return
+        if now == record.inside:
+            self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
+            return
+        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        raise FileError(
+            f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
+            f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "
+            f"{now.get(name, 'nothing')}: somebody changed it; put it back, or begin anew in another --out"
+        )
+
+    def _resume(self, done: Step) -> None:
+        """Take over a step that was done before."""
+        self.facts.update(done.figures)
+        self.steps.append(done)
+        if done.name == "small_move":
+            self.axis = self.axis.scaled(done.figures["length_factor"], int(done.figures["force_sign"]))
+        self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
+
+    def _write(self, refusal: str) -> None:
+        closing: dict[str, Any] = {"refusal": refusal, "kept": self.kept, "questions": self.questions}
+        if self.trial is not None:
+            closing["predicted"] = asdict(self.trial.predicted)
+            closing["measured"] = asdict(self.trial.measured)
+            if self.trial.before is not None:
+                closing["before"] = asdict(self.trial.before)
+        write_record(self.folder, self.stated, self.inside, self.steps, closing)
+
+    def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
+        result = Commissioned(self.axis.where, tuple(self.steps), self.trial, self.kept, self.questions, refusal)
+        tables = [result.table(), *([] if self.trial is None else [self.trial.table()])]
+        judgment = Judgment.COMMISSIONED if self.kept else Judgment.NOT_COMMISSIONED
+        verdict = Text(f"{Judgment.COMMISSIONED.says}: {self._gain()}") if self.kept else ""
+        failure = "" if self.kept else Text(f"{Judgment.NOT_COMMISSIONED.says}: {refusal}")
+        files: dict[str, str | Path] = {}
+        if kept:
+            files["Record"] = self.folder / FILE
+            report = self.folder / "8_tune" / "report.html"
+            if report.is_file():
+                files["Report of the tuning"] = report
+        return Outcome(result, tables, verdict=verdict, files=files, judgment=judgment, failure=failure)
+
+    def _gain(self) -> str:
+        assert self.trial is not None
+        measured, before = self.trial.measured, self.trial.before
+        told = Text(
+            f"following error {Quantity(measured.following_rms, 'm'):3} RMS, stiffness "
+            f"{Quantity(measured.stiffness, 'N/m'):3}"
+        )
+        if before is None:
+            return told
+        return Text(f"{told}; before {Quantity(before.following_rms, 'm'):3} and {Quantity(before.stiffness, 'N/m'):3}")
+
+    # asking and moving
+
+    def _ask(self, question: str) -> None:
+        """Ask before the axis moves. Raise AbortedError without a yes."""
+        if self.request.yes:
+            self.progress.remark(Text(f"- {question} (--yes)"))
+            return
+        self.questions += 1
+        if not self.progress.confirm(Text(f"{question} Is the travel clear, and the stop at hand?")):
+            raise AbortedError(f"{self.axis.where}: it was not confirmed; the axis stays as it is")
+
+    def _play(self, axis: LiveAxis, profile: Profile, control: Control | None = None) -> Played:
+        """Play a profile; raise _RefusedError with the reason if the motion ended early."""
+        played = axis.play(profile, self.progress, control)
+        if played.aborted:
+            raise _RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+        return played
+
+    @property
+    def limits(self) -> BusLimits:
+        return self.axis.limits
+
+    @property
+    def T(self) -> float:
+        return self.axis.sample_time
+
+    def _kept(self, **logs: Log) -> None:
+        """Write logs into the folder of the step."""
+        with new_directory(self.place) as folder:
+            for name, log in logs.items():
+                write_log(folder / f"{name}.parquet", log)
+
+    # the steps
+
+    def listen(self) -> tuple[str, Mapping[str, float]]:
+        """Log the drive at standstill; nothing is written to it."""
+        played = self.axis.listen(1.0, self.progress)
+        self._kept(listened=played.log)
+        reading = played.log["reading_load"]
+        noise, drift = float(np.std(reading)), float(reading[-1] - reading[0])
+        if abs(drift) > self.limits.following_error:
+            raise _RefusedError(
+                Text(
+                    f"the axis moves by {Quantity(drift, 'm'):3 mm} in a second while the drive is off: hold it, or "
+                    "look at its brake"
+                )
+            )
+        told = Text(f"the reading stands still with {Quantity(noise, 'm'):3} RMS; {played.lost} frames lost")
+        return told, {"listened_noise": noise}
+
+    def small_move(self) -> tuple[str, Mapping[str, float]]:
+        """Move slowly under the drive's own control, with little force: holding force, friction, sign, gear."""
+        limits = self.limits
+        distance = min(RULED, SHARE * limits.travel)
+        pace = Pace(min(2.0 * limits.following_error, 0.1 * limits.velocity), 0.25 * limits.quick_stop_deceleration)
+        self._ask(
+            Text(
+                f"Small move: the drive's own control moves the axis by {Quantity(distance, 'm'):3 mm} at "
+                f"{Quantity(pace.speed, 'm/s'):3} and back, with at most {Quantity(SHARE, 'share'):3} of "
+                f"limits.force, or up to {Quantity(SHARE * 2 ** (TRIES - 1), 'share'):3} if it needs more, and "
+                "shakes it slightly."
+            )
+        )
+        first = self._gently(motions.profile("small move", motions.path([(distance, pace)], self.T), self.T))
+        counted = float(first.log["reading_load"][-1] - first.log["reading_load"][0])
+        factor = self._ruled(counted)
+        self.axis = self.axis.scaled(factor, 1)
+        share, way = first.share, factor * counted
+        self._play(self._at(share), motions.profile("way back", motions.path([(-way, pace)], self.T), self.T))
+        to_and_fro = motions.profile("small move", motions.path([(way, pace), (0.0, pace)], self.T), self.T)
+        slow = self._play(self._at(share), to_and_fro)
+        told = small_move(slow.log)
+        made = self._push(told, share)
+        pushed = self._play(self._at(share + _carried(told, limits.force)), made.profile)
+        self._play(self._at(share), made.back(self.T))
+        rough = rough_mass(pushed.log, made)
+        self._kept(first=first.log, to_and_fro=slow.log, push=pushed.log)
+        facts = {
+            "holding": told.holding * rough.force_sign,
+            "friction": max(abs(told.friction), 1e-3 * limits.force),
+            "lag": told.lag,
+            "noise": told.noise,
+            "rough_mass": rough.mass,
+            "force_sign": float(rough.force_sign),
+            "length_factor": factor,
+        }
+        self.axis = self.axis.scaled(1.0, rough.force_sign)
+        write_whole(self.place / "drive.toml", self.axis.text())
+        sign = "" if rough.force_sign > 0 else "; its force counts against its positions, which is taken into account"
+        gear = "" if factor == 1.0 else Text(f"; lengths are {Quantity(factor):4} times those of the drive file")
+        return Text(
+            f"it follows; holding force {Quantity(facts['holding'], 'N'):3}, friction "
+            f"{Quantity(facts['friction'], 'N'):3}, roughly {Quantity(facts['rough_mass'], 'kg'):2}{sign}{gear}"
+        ), facts
+
+    def _at(self, share: float) -> LiveAxis:
+        """Return the axis under a share of its force limit."""
+        return self.axis.limited(replace(self.limits, force=min(1.0, share) * self.limits.force))
+
+    def _gently(self, profile: Profile) -> _Gentle:
+        """Play a profile under a tenth of the force or, if that does not move the axis, under two and four tenths."""
+        for attempt in range(TRIES):
+            share = SHARE * 2**attempt
+            played = self._at(share).play(profile, self.progress)
+            if not played.aborted:
+                return _Gentle(played.log, share)
+            self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force: {played.aborted}"))
+        raise _RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+
+    def _push(self, told: SmallMove, share: float) -> motions.Push:
+        """Return a push that keeps sliding as far as following error and travel allow."""
+        limits = self.limits
+        speed = min(USED * limits.following_error / max(told.lag, LEAST_LAG), 0.2 * limits.velocity)
+        pace = Pace(speed, 0.25 * limits.quick_stop_deceleration)
+        # at a constant acceleration the distance grows faster than the speed
+        pace = replace(pace, speed=speed * min(1.0, REACH * limits.travel / motions.push_distance(pace)))
+        return motions.push(motions.push_distance(pace), pace, share * limits.force, self.T)
+
+    def _ruled(self, counted: float) -> float:
+        """Return the true length of one counted metre, by a person with a ruler; 1 without one."""
+        if self.request.yes:
+            return 1.0
+        self.questions += 1
+        question = Text(
+            f"The drive counts a move of {Quantity(counted, 'm'):4 mm}. Measure it: by how much did the axis move?"
+        )
+        measured = self.progress.measured(question, counted, "m")
+        if measured is None:
+            return 1.0
+        factor = ratio_by_ruler(measured, counted)
+        if not factor > 0.0:
+            raise _RefusedError(
+                Text(
+                    f"by the ruler it moved by {Quantity(measured, 'm'):4 mm}, against its counts of "
+                    f"{Quantity(counted, 'm'):4 mm}: turn the direction of the encoder or of the drive (0x607E)"
+                )
+            )
+        return factor
+
+    def _under_control(self) -> LiveAxis:
+        """Return the axis with what the monitor must know in cst: the largest mass and breakaway force."""
+        facts = self.facts
+        stuck = HARDER * facts["friction"] + abs(facts["holding"])
+        return self.axis.limited(
+            replace(self.limits, largest_mass=HEAVIER * facts["rough_mass"], breakaway_force=stuck)
+        )
+
+    def _pace(self, mass: float, share: float = 1.0) -> Pace:
+        """Return how fast the axis may move within force, velocity, acceleration and travel, times a share."""
+        limits, facts = self.limits, self.facts
+        free = limits.force - abs(facts["holding"]) - facts["friction"]
+        acceleration = min(limits.quick_stop_deceleration, WORK * free / mass)
+        if limits.acceleration is not None:
+            acceleration = min(acceleration, 0.5 * limits.acceleration)
+        if not acceleration > 0.0:
+            raise _RefusedError(
+                Text(
+                    f"limits.force = {Quantity(limits.force, 'N'):3} leaves nothing beyond the holding force "
+                    f"{Quantity(abs(facts['holding']), 'N'):3} and friction {Quantity(facts['friction'], 'N'):3}"
+                    ": raise it if the machine allows it"
+                )
+            )
+        # three lengths of acceleration within the travel
+        speed = min(0.8 * limits.velocity, (acceleration * REACH * limits.travel / 3.0) ** 0.5)
+        return Pace(share * speed, share * acceleration)
+
+    def start_law(self) -> tuple[str, Mapping[str, float]]:
+        """Compute a safe start law from the rough mass; nothing moves."""
+        facts = self.facts
+        axis = Axis(
+            plant=Rigid(mass=facts["rough_mass"]),
+            actuator=Actuator(dead_time=UNKNOWN_DELAY + 2.0 * self.T),
+            friction_load=Coulomb(coulomb=facts["friction"]),
+            forces=(Gravity(force=-facts["holding"]),) if abs(facts["holding"]) > 0.2 * facts["friction"] else (),
+        )
+        loop = self._started(axis, ROUGH)
+        with new_directory(self.place) as folder:
+            write_whole(folder / "machine.toml", self._machine(loop, "safe start law of feeddrive commission"))
+        law: Any = loop.control.law
+        return Text(
+            f"P-PI with Kv {Quantity(float(law.Kv), '1/s'):3}, Kp {Quantity(float(law.Kp), 'N s/m'):3}, which bears a "
+            f"mass that is {Quantity(ROUGH, 'share'):2} off {Quantity(facts['rough_mass'], 'kg'):2}"
+        ), {}
+
+    def _machine(self, loop: Loop, source: str) -> str:
+        return machine_toml(Machine.of({AXIS: loop}), self.axis.where, source)
+
+    def _started(self, axis: Axis, spread: float) -> Loop:
+        """Return an axis under a safe start law with a guard."""
+        limits = self.limits
+        pace = self._pace(float(axis.plant.rigid_mass()))
+        started = start_law(
+            axis,
+            self.T,
+            count=self.axis.increment,
+            force_limit=limits.force,
+            force=limits.force,
+            motion=(REACH * limits.travel, pace.speed, pace.acceleration),
+            spread=spread,
+        )
+        # what the axis needs for the set motion is fed forward, so that a slow law follows within its limits
+        friction = axis.friction_load
+        level = FED * max(0.0, float(friction.steady(CREEP))) if friction is not None else 0.0
+        viscous = own_viscous(axis) + (float(friction.linear()) if friction is not None else 0.0)
+        fed = (
+            Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
+            FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
+        )
+        held = float(weight(axis))
+        guard = Guard(following_error_limit=limits.following_error, velocity_limit=limits.velocity, safe_force=held)
+        return replace(started.loop, control=replace(started.loop.control, feedforward=fed, guard=guard), name=AXIS)
+
+    def friction_and_mass(self) -> tuple[str, Mapping[str, float]]:
+        """Move to and fro at several speeds under the start law, and identify mass, friction and dead time."""
+        machine = read_machine(self._in("start_law", "machine.toml"))
+        loop = machine.loop(AXIS)
+        pace, travel = self._strokes_pace(loop), REACH * self.limits.travel
+        self._ask(
+            Text(
+                f"Friction and mass: a start law in this program moves the axis to and fro over "
+                f"{Quantity(travel, 'm'):3 mm}, slowly first, then at up to {Quantity(pace.speed, 'm/s'):3} as far as "
+                "its following error allows."
+            )
+        )
+        played = self._strokes(loop.control, pace, travel)
+        self._kept(strokes=played.log)
+        outcome = identify.run(
+            IdentifyRequest(
+                (self.place / "strokes.parquet",),
+                machine=machine,
+                axis=AXIS,
+                force="commanded",
+                out=self.place / "identified",
+            ),
+            self.progress.quiet(),
+        )
+        found = outcome.result
+        if outcome.judgment.bad or "Machine" not in outcome.files:
+            raise _RefusedError(Text(f"mass and friction: {outcome.verdict} {' '.join(outcome.notes)}"))
+        facts = {
+            "mass": found.mass.value,
+            "mass_error": found.mass.error,
+            "dead_time": max(0.0, found.delay.dead_time) * self.T,
+        }
+        return Text(
+            f"mass {Quantity(found.mass.value, 'kg', found.mass.error)}, dead time "
+            f"{Quantity(facts['dead_time'], 's'):2}. {outcome.verdict}"
+        ), facts
+
+    def _strokes(self, control: Control, pace: Pace, travel: float) -> Played:
+        """Play strokes at growing paces, as far as the following error of the last ones allows; return the fastest."""
+        share, axis = SLOW, self._under_control()
+        while True:
+            slower = Pace(share * pace.speed, share * pace.acceleration)
+            # a slow series is a short one, so that it takes no longer
+            played = self._play(axis, motions.strokes(max(share, SHORT) * travel, slower, self.T), control)
+            error = float(np.max(np.abs(played.log["set_position"] - played.log["reading_load"])))
+            # not all of it: what grows with the square of the speed is not told by a slow one
+            grown = share * min(FASTER, 0.75 * USED * self.limits.following_error / error)
+            if share >= 1.0 or grown < 1.3 * share:
+                return played
+            share = min(1.0, grown)
+
+    def _strokes_pace(self, loop: Loop) -> Pace:
+        """Return how fast the strokes may be for the following error that the start law is predicted to have."""
+        for attempt in range(SIZES):
+            pace = self._pace(float(loop.axis.plant.rigid_mass()), SMALLER**attempt)
+            strokes = motions.strokes(REACH * self.limits.travel, pace, self.T)
+            if self._fits(predicted(loop, strokes, self.axis.increment, self.facts["noise"])):
+                return pace
+        raise _RefusedError(
+            Text(
+                f"limits.following_error = {Quantity(self.limits.following_error, 'm'):3} is too small for a safe "
+                f"start law, even at {Quantity(pace.speed, 'm/s'):2}: raise it for the commissioning"
+            )
+        )
+
+    def _fits(self, log: Log) -> bool:
+        """Return True if a predicted motion stays within following error and force."""
+        error = float(np.max(np.abs(log["set_position"] - log["reading_load"])))
+        force = float(np.max(np.abs(log["commanded"])))
+        return error <= USED * self.limits.following_error and force <= self.limits.force
+
+    def excitation(self) -> tuple[str, Mapping[str, float]]:
+        """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
+        identified = read_machine(self._in("friction_and_mass", "identified/machine.toml")).loop(AXIS).axis
+        loop = self._started(_with_viscous_plant(identified), SPREAD)
+        made = self._designed(loop)
+        machine = self._machine(loop, "start law for the identified axis")
+        write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
+        write_whole(self.place / "machine.toml", machine)
+        return Text(
+            f"{made.lines.size} lines up to {Quantity(made.frequency[-1], 'Hz'):3}, at most "
+            f"{Quantity(made.amplitude, 'N'):3}, in {len(made.drawings)} realisations"
+        ), {"amplitude": made.amplitude}
+
+    def _designed(self, loop: Loop) -> Excitation:
+        """Return the largest excitation within the limits; of equal size the one with more lines."""
+        limits = self.limits
+        top = min(TOP, BAND / self.T)
+        free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+        why = ""
+        # many lines first: a smaller force is made up for by periods, too few lines by nothing
+        for resolution, periods in LINES:
+            for attempt in range(SIZES):
+                try:
+                    return design_excitation(
+                        loop,
+                        band=(3.0 * resolution, top),
+                        amplitude=free * SMALLER**attempt,
+                        resolution=resolution,
+                        periods=periods,
+                        realisations=2,
+                        travel=REACH * limits.travel,
+                        speed=0.8 * limits.velocity,
+                        force=0.8 * limits.force,
+                        name=AXIS,
+                    )
+                except ParameterError as error:
+                    why = str(error)
+        raise _RefusedError(Text(f"no excitation fits into the limits: {why}"))
+
+    def responses(self) -> tuple[str, Mapping[str, float]]:
+        """Play the excitation under the start law, and estimate the frequency responses."""
+        control = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control
+        files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
+        profiles = [self.axis.read(path) for path in files]
+        self._ask(
+            Text(
+                f"Responses: the axis moves slowly by up to "
+                f"{Quantity(max(float(np.ptp(profile.set_position)) for profile in profiles), 'm'):3 mm} and is shaken "
+                f"with at most {Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
+            )
+        )
+        logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
+        self._kept(**{f"measured_{k}": log for k, log in enumerate(logs, start=1)})
+        measured = tuple(self.place / f"measured_{k}.parquet" for k in range(1, len(logs) + 1))
+        outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
+        outcome = frf.run(
+            FrfRequest(
+                measured, input="commanded", output=outputs, reference=("excitation",), out=self.place / "responses"
+            ),
+            self.progress.quiet(),
+        )
+        if outcome.judgment.bad:
+            raise _RefusedError(Text(f"responses: {outcome.verdict} {outcome.failure}"))
+        return Text(f"{' and '.join(outputs)}: {outcome.verdict}"), {}
+
+    def model(self) -> tuple[str, Mapping[str, float]]:
+        """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
+        frequency = next(iter(self._responses().values())).frequency
+        for share in NARROWER:
+            tried = [self._fitted(place, float(frequency[0]), share * float(frequency[-1])) for place in self._places()]
+            good = [outcome for outcome in tried if not outcome.judgment.bad and "Machine" in outcome.files]
+            if good:
+                best = min(good, key=lambda outcome: outcome.result.fit.agreement.unused)
+                # the files of the step are those of the last fit
+                if best is not tried[-1]:
+                    place = self._places()[tried.index(best)]
+                    best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
+                return Text(f"{best.verdict}"), {"model_band": share * float(frequency[-1])}
+        raise _RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+
+    def _responses(self) -> dict[str, FRF]:
+        return read_frfs(self._in("responses", "responses/frf.csv"))
+
+    def _places(self) -> tuple[str, ...]:
+        """Return where the only encoder may be; of a drive with two encoders both places are known."""
+        return ("both",) if len(self._responses()) > 1 else ("motor", "load")
+
+    def _fitted(self, place: str, low: float, high: float) -> Outcome[Any]:
+        """Fit the responses with the encoder at a place, and write the files of the step."""
+        loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
+        encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
+        axis = replace(
+            loop.axis,
+            encoder_motor=None if place == "load" else encoder,
+            encoder_load=None if place == "motor" else encoder,
+        )
+        law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
+        # without what is fed forward: the trial then shows the feedback loop, which is what is proven
+        loop = replace(loop, axis=axis, control=replace(loop.control, law=law, feedforward=()))
+        one = {} if place == "both" else {place: next(iter(self._responses()))}
+        text = self._machine(loop, "start law for the identified axis")
+        return identify.run(
+            IdentifyRequest(
+                (self._in("responses", "responses/frf.csv"),),
+                machine=machine_of_text(text, "machine.toml"),
+                axis=AXIS,
+                band=f"{low:.6g}..{high:.6g}",
+                out=self.place,
+                **one,
+            ),
+            self.progress.quiet(),
+        )
+
+    def tune(self) -> tuple[str, Mapping[str, float]]:
+        """Tune within the limits of the request on the measured responses; nothing moves."""
+        limits = {figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable()}
+        outcome = tune.run(
+            TuneRequest(
+                self._in("responses", "responses/frf.csv"),
+                baseline=self._in("model", "machine.toml"),
+                axis=AXIS,
+                goal=self.request.goal,
+                out=self.place,
+                **limits,
+            ),
+            self.progress.quiet(),
+        )
+        if outcome.judgment.bad or "Certificate" not in outcome.files:
+            raise _RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
+        return Text(f"{outcome.verdict}"), {}
+
+    def certificate(self) -> tuple[str, Mapping[str, float]]:
+        """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
+        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        try:
+            certify.run(
+                CertifyRequest(machine, axis=AXIS, measured=responses, out=self.place),
+                self.progress.quiet(),
+            )
+        except NotCertifiedError as error:
+            # the responses hold modes that the model lacks: they were certified with the tuning
+            outcome = check.run(CheckRequest(self._in("tune", "certificate.json")), self.progress.quiet())
+            told = Text(f"of the fitted responses (not of the model: {error})")
+        else:
+            outcome = check.run(
+                CheckRequest(self.place / "certificate.json", machine=machine, source=(responses,)),
+                self.progress.quiet(),
+            )
+            told = Text(f"{outcome.verdict}")
+        if outcome.judgment.bad:
+            raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
+        return told, {}
+
+    def export(self) -> tuple[str, Mapping[str, float]]:
+        """Write the tuned control for the target; nothing moves."""
+        outcome = export.run(
+            ExportRequest(self._in("tune", "machine.toml"), target=self.request.target, axis=AXIS, out=self.place),
+            self.progress.quiet(),
+        )
+        if outcome.judgment.bad:
+            raise _RefusedError(Text(f"export: {outcome.verdict} {outcome.failure}"))
+        return Text(f"for {self.request.target}, in {self.place.name}"), {}
+
+    def run_trial(self) -> tuple[str, Mapping[str, float]]:
+        """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
+        loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
+        motion, expected = self._trial_motion(loop)
+        far = float(np.ptp(motion.alone.set_position))
+        self._ask(
+            Text(
+                f"Trial: the NEW control moves the axis by {Quantity(far, 'm'):3 mm} and back, twice, the second time "
+                f"with a pulse of {Quantity(motion.force, 'N'):3}. The prediction: at most "
+                f"{Quantity(expected.following_peak, 'm'):3} of following error."
+            )
+        )
+        axis = self._under_control()
+        alone, pushed = (self._play(axis, profile, loop.control).log for profile in (motion.alone, motion.pushed))
+        logs = {"alone": alone, "pushed": pushed}
+        before = self._before(motion, logs)
+        self._kept(**logs)
+        self.trial = Trial(expected, figures(motion, alone, pushed), before)
+        told = {f"predicted_{name}": value for name, value in asdict(self.trial.predicted).items()}
+        told |= {f"measured_{name}": value for name, value in asdict(self.trial.measured).items()}
+        return Text(
+            f"following error {Quantity(self.trial.ratio('following_rms'), 'share'):3} and stiffness "
+            f"{Quantity(self.trial.ratio('stiffness'), 'share'):3} of what was predicted"
+        ), told
+
+    def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, Figures]:
+        """Return the fastest motion and the largest pulse that stay within the limits by simulation."""
+        limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
+        noise = self.facts["noise"]
+        for attempt in range(SIZES):
+            share = SMALLER**attempt
+            pace = self._pace(mass, share)
+            travel = max(REACH * limits.travel * share, motions.least_travel(pace))
+            force = share * WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+            motion = motions.trial(travel, pace, force, self.T)
+            alone, pushed = (
+                predicted(loop, profile, self.axis.increment, noise) for profile in (motion.alone, motion.pushed)
+            )
+            if travel <= REACH * limits.travel and self._fits(alone) and self._fits(pushed):
+                return motion, figures(motion, alone, pushed)
+        raise _RefusedError(
+            Text(
+                f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
+                f"= {Quantity(limits.following_error, 'm'):3} or limits.travel = {Quantity(limits.travel, 'm'):3 mm}"
+            )
+        )
+
+    def _before(self, motion: motions.TrialMotion, logs: dict[str, Log]) -> Figures | None:
+        """Return the figures of the control that the drive has, if it can follow the trial; its logs are added."""
+        played = list[Log]()
+        speed = float(np.max(np.abs(motion.alone.velocity)))
+        if self.facts["lag"] * speed > USED * self.limits.following_error:
+            self.progress.remark("- The control before cannot follow the trial within limits.following_error.")
+            return None
+        for profile in (motion.alone, motion.pushed):
+            done = self.axis.play(profile, self.progress)
+            if done.aborted:
+                self.progress.remark(Text(f"- The control before was not measured: {done.aborted}"))
+                return None
+            played.append(done.log)
+        logs |= {"before_alone": played[0], "before_pushed": played[1]}
+        return figures(motion, *played)
+
+    def _decide(self) -> None:
+        """Keep the new control if the trial is as predicted and the user says so; otherwise put the old one back."""
+        assert self.trial is not None
+        if not self.trial.agrees:
+            raise _RefusedError(
+                Text(
+                    f"the trial is not as predicted: following error {Quantity(self.trial.ratio('following_rms')):3} "
+                    f"and stiffness {Quantity(self.trial.ratio('stiffness')):3} times the prediction, where 0.9 to 1.1 "
+                    "is asked for; the control before stays"
+                )
+            )
+        if not self.request.yes:
+            self.questions += 1
+            self.progress.remark(self.trial.table())
+            if not self.progress.confirm("Keep the new control?"):
+                raise _RefusedError("the new control was not kept; the control before stays")
+        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", ""), self.inside))
+        self.kept = True
+
+    def _in(self, name: str, file: str) -> Path:
+        """Return a file of the step with this name."""
+        return self.folder / f"{list(STEPS).index(name) + 1}_{name}" / file
+
+
+STEPS: Mapping[str, Callable[[_Chain], tuple[str, Mapping[str, float]]]] = {
+    "listen": _Chain.listen,
+    "small_move": _Chain.small_move,
+    "start_law": _Chain.start_law,
+    "friction_and_mass": _Chain.friction_and_mass,
+    "excitation": _Chain.excitation,
+    "responses": _Chain.responses,
+    "model": _Chain.model,
+    "tune": _Chain.tune,
+    "certificate": _Chain.certificate,
+    "export": _Chain.export,
+    "trial": _Chain.run_trial,
+}
+"""The steps of a commissioning in order. Each returns a sentence with its result, and its figures in SI."""
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise FileError for a folder that holds something else than a commissioning."""
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / FILE).is_file():
+        raise FileError(f"{folder}: holds other files, and no {FILE}: give another --out")

@@ -1,0 +1,561 @@
+"""A control of ours in the master, and an axis on a bus as commissioning knows it; drives in virtual time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bus_bench import LIMITS, SCALING, T, bench_loop, drive
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.controller.linear_adrc import LinearADRC
+from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.filter.low_pass import LowPass
+from feeddrive.blocks.force.gravity import Gravity
+from feeddrive.blocks.load.recorded_force import RecordedForce
+from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.bus.cia402 import PowerState
+from feeddrive.bus.client import DriveClient
+from feeddrive.bus.control_in_master import ControlInMaster
+from feeddrive.bus.drive_file import drive_of, read_drive
+from feeddrive.bus.faults import InjectedFault
+from feeddrive.bus.live import BusAxis, virtual_bus_axis
+from feeddrive.bus.play import Played, Profile, play_profile
+from feeddrive.bus.virtual_drive import OVERCURRENT, Brake, DrivenAxis, Firmware
+from feeddrive.files.machine import read_machine
+from feeddrive.files.toml_file import parse_toml
+from feeddrive.language.errors import BusError, ParameterError, StructureError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
+from feeddrive.loop.guard import Guard
+from feeddrive.loop.loop import Loop
+from feeddrive.loop.simulate import simulate
+from injected_faults import BUSES
+
+WEIGHT = 400.0  # N
+MASS = 100.0  # kg
+E = 5e-3  # m, of `WIDE`
+WIDE = replace(LIMITS, following_error=E, breakaway_force=600.0)
+OURS = Control(law=CascadePPI(Kv=20.0, Kp=8e3, Tn=0.05), force_limit=1500.0)
+STIFF = 20.0 * 8e3  # N/m, at least, of that cascade
+LAG = 2 * T  # s, from a reading to the force that answers it: `lag` + 1 cycles
+
+
+def move(rows: int = 600, distance: float = 0.02, peak: float = 0.0) -> Profile:
+    """A smooth move, with a chirp of a force on top that swells and fades."""
+    t = np.arange(rows) * T
+    s = t / t[-1]
+    position = distance * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    excitation = peak * np.sin(np.pi * s) ** 2 * np.sin(2 * np.pi * (5.0 + 40.0 * s) * t)
+    return Profile("move", "", T, "N", excitation, position, np.gradient(position, T))
+
+
+def hanging(loop: Loop | None = None) -> Loop:
+    loop = loop or bench_loop()
+    return replace(loop, axis=replace(loop.axis, forces=(Gravity(force=-WEIGHT),)))
+
+
+def with_control(loop: Loop, control: Control = OURS) -> Loop:
+    return replace(loop, control=control)
+
+
+class Bench:
+    """A virtual drive on a bus, and where its axis was after each frame, m."""
+
+    def __init__(self, loop: Loop, bus: str = "ethercat", **options: Any) -> None:
+        self.firmware = Firmware(DrivenAxis(loop), SCALING, T, **options)
+        self.bus, self.true = bus, list[float]()
+        self.lost: set[int] = set()
+
+    def transport(self, _: object = None) -> Any:
+        made = BUSES[self.bus](self.firmware)
+        take = made.take
+
+        def taken(timeout: float) -> bytes | None:
+            answered = take(timeout)
+            self.true.append(self.firmware.axis.last.position)
+            return None if len(self.true) - 1 in self.lost else answered
+
+        made.take = taken
+        return made
+
+    def play(self, profile: Profile, control: Control | Loop, mode: str = "cst", **options: Any) -> Played:
+        described = drive(self.bus, mode=mode, limits=options.pop("limits", WIDE))
+        made = ControlInMaster(control, T, mode=mode, force=float(described.limits.force), encoders=2)
+        with DriveClient(self.transport(), described, paced=False) as client:
+            return play_profile(client, profile, control=made, **options)
+
+
+# the control
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        OURS,
+        Control(
+            law=CascadePPI(Kv=30.0, Kp=2e4, Tn=0.02),
+            filters=(LowPass(frequency=200.0),),
+            feedforward=(Inertia(mass=100.0, viscous=300.0),),
+            force_limit=300.0,
+            guard=Guard(velocity_limit=1.0),
+        ),
+        Control(law=LinearADRC(mass=100.0, omega_c=60.0, omega_o=300.0, delay_samples=1)),
+    ],
+    ids=["cascade", "with all parts, at its limit", "without a limit"],
+)
+def test_a_control_in_the_master_gives_the_bits_of_the_simulation(control: Control) -> None:
+    loop = with_control(bench_loop(), control)
+    profile = move(peak=100.0)
+    run = simulate(
+        loop, profile.reference(), added_force=RecordedForce(force=profile.excitation, sample_time=T), start=(0.0, 0.0)
+    )
+    made = ControlInMaster(loop, T, force=2000.0, encoders=2)
+    made.begin(0.0, 0.0)
+    made.rest(0.0, 0.0, 0.0)
+    rows = np.column_stack([*profile.reference().at(np.arange(600) * T), run["reading_load"], run["reading_motor"]])
+    forces = [made.step(Setpoint(*row[:5]), *row[5:]).force for row in rows.tolist()]
+    assert np.ptp(run["force"]) > 100.0
+    np.testing.assert_array_equal(forces, run["force"])
+
+
+@pytest.mark.parametrize("bus", BUSES)
+def test_a_drive_in_cst_moves_as_the_loop_that_is_simulated(bus: str) -> None:
+    loop, profile = with_control(bench_loop()), move(peak=100.0)
+    played = Bench(bench_loop(), bus).play(profile, loop)
+    log = played.log
+    slow = replace(loop, axis=replace(loop.axis, actuator=replace(loop.axis.actuator, dead_time=LAG)))
+    added = RecordedForce(force=profile.excitation, sample_time=T)
+    run = simulate(slow, profile.reference(), added_force=added, start=(0.0, 0.0))
+    assert played.aborted is None
+    assert len(log) == 600
+    # the drive rounds its force to half a thousandth of the rated torque: so far does that move the axis
+    rounding = 0.5 * SCALING.newton / STIFF
+    np.testing.assert_allclose(log["reading_load"], run["reading_load"], atol=rounding, rtol=0.0)
+    # and as much in the force, with the rounding of the readings in the velocity (Kp times a count in a cycle)
+    most = 0.5 * SCALING.newton + 8e3 * SCALING.metre / T + STIFF * rounding
+    np.testing.assert_allclose(log["commanded"], run["force"] + profile.excitation, atol=most, rtol=0.0)
+    assert {log.units[name] for name in ("force", "commanded")} == {"N"}
+    # the force of a row is the one that acted when its reading was taken, `lag` + 1 cycles after it was commanded
+    np.testing.assert_allclose(log["force"][2:], log["commanded"][:-2], atol=0.51 * SCALING.newton)
+
+
+def test_the_sum_of_force_and_excitation_stays_within_the_limit_of_the_drive_file() -> None:
+    limited = replace(WIDE, force=80.0, following_error=0.05)
+    log = Bench(bench_loop()).play(move(peak=70.0), OURS, limits=limited).log
+    assert np.max(np.abs(log["commanded"])) == pytest.approx(80.0)
+
+
+def test_a_lost_frame_holds_the_last_reading() -> None:
+    bench = Bench(bench_loop())
+    bench.lost = {800, 801}
+    played = bench.play(move(), OURS)
+    log = played.log
+    assert played.aborted is None
+    assert played.lost == 2
+    (rows,) = np.nonzero(log["lost"])
+    assert rows.size == 2
+    assert np.all(log["reading_load"][rows] == log["reading_load"][rows[0] - 1])
+    assert np.all(np.diff(log["commanded"][rows]) != 0.0)  # the setpoint goes on
+
+
+# taking over and giving back
+
+
+@pytest.mark.parametrize("changes_mode", [True, False], ids=["in operation", "off and on again"])
+@pytest.mark.parametrize("brake", [Brake(0.0, 0.0), Brake(0.15, 0.05)], ids=["no brake", "brake"])
+def test_a_vertical_axis_is_taken_over_without_a_bump(changes_mode: bool, brake: Brake) -> None:
+    bench = Bench(hanging(), brake=brake, changes_mode=changes_mode)
+    played = bench.play(move(distance=0.0), hanging(with_control(bench_loop())))
+    log = played.log
+    assert played.aborted is None
+    # half a thousandth of the rated torque, rounded twice, and the noise of counts
+    assert abs(log["commanded"][0] - WEIGHT) < SCALING.newton
+    assert np.ptp(log["reading_load"]) < 2.0 * SCALING.newton / STIFF
+    assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+    # nor did it fall between csp and cst: since it had settled it has not moved by more
+    settled = bench.true[400 : 400 + len(log)]
+    assert np.ptp(settled) < 2.0 * SCALING.newton / STIFF
+
+
+class Sent:
+    """The mode and the controlword of each frame."""
+
+    def __init__(self, firmware: Firmware) -> None:
+        self.frames: list[tuple[int, int, PowerState]] = []
+        self._firmware, self._take = firmware, firmware.take
+        firmware.take = self.take  # type: ignore[method-assign]
+
+    def take(self, sent: Any) -> None:
+        self._take(sent)
+        values = self._firmware.values
+        self.frames.append((values["mode"], values["controlword"], self._firmware.state))
+
+
+@pytest.mark.parametrize(("brake_time", "seconds"), [(0.0, 0.5), (1.0, 1.2)])
+def test_a_drive_holds_its_axis_before_a_control_takes_over(brake_time: float, seconds: float) -> None:
+    bench = Bench(bench_loop())
+    sent = Sent(bench.firmware)
+    described = drive("ethercat", mode="cst", limits=WIDE, brake_time=brake_time)
+    made = ControlInMaster(OURS, T, force=2000.0, encoders=2)
+    with DriveClient(bench.transport(), described, paced=False) as client:
+        play_profile(client, move(rows=10, distance=0.0), control=made)
+    held = sum(mode == 8 and state is PowerState.ENABLED for mode, _, state in sent.frames)
+    # and the few cycles in which it is switched on
+    assert 0 <= held - seconds / T < 10
+
+
+def test_a_drive_that_keeps_its_mode_is_switched_off_after_20_cycles() -> None:
+    bench = Bench(bench_loop(), changes_mode=False)
+    sent = Sent(bench.firmware)
+    bench.play(move(rows=10, distance=0.0), OURS)
+    first = next(k for k, (mode, _, state) in enumerate(sent.frames) if mode == 10 and state is PowerState.ENABLED)
+    off = next(k for k, (_, control, _) in enumerate(sent.frames) if k > first and control == 0)
+    assert off - first == 20
+
+
+@pytest.mark.parametrize("brake_time", [0.0, 0.2])
+def test_a_motion_waits_for_the_brake(brake_time: float) -> None:
+    bench = Bench(bench_loop(), brake=Brake(0.19, 0.05))
+    described = drive("ethercat", limits=LIMITS, brake_time=brake_time)
+    with DriveClient(bench.transport(), described, paced=False) as client:
+        played = play_profile(client, move())
+    # with its brake closed it shows no motion while its target goes on
+    assert (played.aborted is None) == (brake_time > 0.0)
+
+
+def test_a_horizontal_axis_begins_with_no_force() -> None:
+    log = Bench(bench_loop()).play(move(distance=0.0), OURS).log
+    assert np.max(np.abs(log["commanded"])) < SCALING.newton
+
+
+def test_a_vertical_axis_falls_without_the_force_that_holds_it() -> None:
+    bench = Bench(hanging(), brake=Brake(0.1, 0.1))
+    with DriveClient(bench.transport(), drive("ethercat", mode="cst", limits=WIDE), paced=False) as client:
+        client.enable()
+        begin = len(bench.true)
+        for _ in range(60):
+            client.command(force=0.0)
+            client.cycle()
+        assert np.ptp(bench.true[begin:]) == 0.0  # its brake has not opened
+        for _ in range(140):
+            client.command(force=0.0)
+            client.cycle()
+    # some 140 ms of a fall of 4 m/s², less 0.33 s of viscous friction
+    assert bench.true[0] - min(bench.true) > 0.02
+
+
+def test_a_drive_that_is_switched_off_in_order_holds_the_axis_until_its_brake_has_closed() -> None:
+    bench = Bench(hanging(), brake=Brake(0.05, 0.1))
+    played = bench.play(move(distance=0.0), hanging(with_control(bench_loop())))
+    held = played.log["reading_load"][-1]
+    for _ in range(300):
+        bench.firmware.cycle()
+    assert abs(bench.firmware.axis.last.position - held) < 1e-3
+    stands = bench.firmware.axis.last.position
+    for _ in range(50):
+        bench.firmware.cycle()
+    assert bench.firmware.axis.last.position == stands
+
+
+def test_in_a_fault_the_axis_falls_until_its_brake_has_closed() -> None:
+    closes = 0.05
+    bench = Bench(hanging(), brake=Brake(0.05, closes), faults=[InjectedFault("drive_fault", 800, float(OVERCURRENT))])
+    played = bench.play(move(rows=900, distance=0.0), hanging(with_control(bench_loop())))
+    assert played.aborted is not None
+    assert "0x2310" in played.aborted
+    for _ in range(100):
+        bench.firmware.cycle()
+    fell = played.log["reading_load"][-1] - bench.firmware.axis.last.position
+    # v' = g' - v/τ:  x = g' τ (t - τ (1 - exp(-t/τ)))
+    tau, pull = MASS / 300.0, WEIGHT / MASS
+    assert fell == pytest.approx(pull * tau * (closes - tau * (1.0 - np.exp(-closes / tau))), rel=0.1)
+
+
+class Pressed(Progress):
+    """A person who stops the motion once the axis has moved."""
+
+    def __init__(self, bench: Bench, at: float) -> None:
+        super().__init__()
+        self._bench, self._at = bench, at
+
+    @property
+    def cancelled(self) -> bool:
+        return bool(self._bench.true) and self._bench.true[-1] > self._at
+
+
+def test_a_person_stops_a_vertical_axis_and_it_is_held_meanwhile() -> None:
+    bench = Bench(hanging(), brake=Brake(0.05, 0.05))
+    played = bench.play(move(), hanging(with_control(bench_loop())), progress=Pressed(bench, 0.01))
+    assert played.aborted is not None
+    assert "by hand" in played.aborted
+    assert "switch on disabled" in played.aborted
+    place = int(np.argmax(np.array(bench.true) > 0.01))
+    after = np.array(bench.true[place:])
+    speed = 0.02 * 1.875 / (600 * T)  # of the move in its middle
+    assert max(after) - 0.01 < speed**2 / (2.0 * WIDE.quick_stop_deceleration) + speed * 8 * T + 1e-3
+    # the weight is carried on the ramp: it does not fall by more than the drive of the brake lets it
+    assert 0.01 - after[-1] < 1e-3
+
+
+def test_a_trip_of_the_guard_ends_the_motion() -> None:
+    guarded = replace(OURS, guard=Guard(velocity_limit=0.03))
+    played = Bench(bench_loop()).play(move(), guarded)
+    assert played.aborted is not None
+    assert "the guard of the control tripped: the velocity" in played.aborted
+    assert 100 < len(played.log) < 400
+
+
+@pytest.mark.parametrize("share", [0.5, 2.0])
+def test_under_a_control_in_the_master_the_following_error_is_watched(share: float) -> None:
+    soft = replace(OURS, law=CascadePPI(Kv=20.0, Kp=8e3, velocity_feedforward=0.0))
+    loop, profile = with_control(bench_loop(), soft), move()
+    lags = float(np.max(np.abs(simulate(loop, profile.reference(), start=(0.0, 0.0))["following_error"])))
+    played = Bench(bench_loop()).play(profile, loop, limits=replace(WIDE, following_error=lags * share))
+    assert (played.aborted is None) == (share > 1.0)
+    if played.aborted:
+        assert "following_error" in played.aborted
+        assert "(set position - 0x6064)" in played.aborted
+
+
+def test_a_force_with_the_wrong_sign_is_switched_off() -> None:
+    bench = Bench(bench_loop())
+    wrong = drive("ethercat", mode="cst", limits=WIDE, scaling=replace(SCALING, force_sign=-1))
+    made = ControlInMaster(OURS, T, force=2000.0, encoders=2)
+    with DriveClient(bench.transport(), wrong, paced=False) as client:
+        played = play_profile(client, move(), control=made)
+    assert played.aborted is not None
+    assert "runs away" in played.aborted
+    assert "switched off at once" in played.aborted
+    assert max(map(abs, bench.true)) < 0.1
+
+
+# what is refused
+
+
+def test_a_control_of_another_sample_time_is_refused() -> None:
+    with pytest.raises(ParameterError, match="runs every 1000 us, and the drive every 500 us"):
+        ControlInMaster(bench_loop(), 5e-4, force=1.0)
+
+
+def test_a_drive_in_csp_closes_its_loops_itself() -> None:
+    with pytest.raises(ParameterError, match="closes all loops by itself"):
+        ControlInMaster(OURS, T, mode="csp", force=1.0)
+
+
+@pytest.mark.parametrize(
+    ("control", "why"),
+    [
+        (Control(law=LinearADRC(mass=100.0, omega_c=60.0, omega_o=300.0, delay_samples=1)), "commands a force"),
+        (replace(OURS, filters=(LowPass(frequency=100.0),)), "control.filters acts on the force"),
+    ],
+)
+def test_in_csv_only_the_outer_loop_of_a_cascade_runs(control: Control, why: str) -> None:
+    with pytest.raises(StructureError, match=why):
+        ControlInMaster(control, T, mode="csv", force=1.0)
+
+
+# the outer loop in csv
+
+
+def test_in_csv_the_position_loop_commands_a_velocity() -> None:
+    made = ControlInMaster(replace(OURS, feedforward=(Inertia(mass=100.0),)), T, mode="csv", force=2000.0)
+    made.begin(0.1, None)
+    made.rest(0.1, None, 0.0)
+    found = made.step(Setpoint(0.102, 0.05, 2.0, 0.0, 0.0), 0.1)
+    # Kv e + the difference of the set position in the last cycle; m a
+    assert found.velocity == pytest.approx(20.0 * 0.002 + 0.05 - 0.5 * T * 2.0, rel=1e-12)
+    assert found.force == pytest.approx(200.0, rel=1e-12)
+
+
+def test_in_csv_an_axis_follows() -> None:
+    played = Bench(bench_loop()).play(move(), OURS, mode="csv")
+    log = played.log
+    assert played.aborted is None
+    # the loop answers three cycles late, and Kv makes up for what that leaves
+    late = 3 * T * float(np.max(np.gradient(move().set_position, T)))
+    assert np.max(np.abs(log["set_position"] - log["reading_load"])) < late
+    assert abs(log["reading_load"][-1] - 0.02) < 0.1 * late
+
+
+# the axis on a bus
+
+
+def drive_file(extra: str = "", scaling: str = "increment_nm = 10\nrated_force = 628.3185307179587") -> str:
+    return (
+        'bus = "ethercat"\ninterface = "virtual"\ncycle_time_ms = 1\n' + extra + f"\n[scaling]\n{scaling}\n"
+        "[limits]\ntravel_mm = 200\nvelocity = 0.5\nforce = 2000\nfollowing_error_mm = 5\nlargest_mass = 120\n"
+        "breakaway_force = 600\nquick_stop_deceleration = 5\n"
+    )
+
+
+GAINS = (
+    '[gains.Kv]\nobject = "0x60FB:1"\nfactor = 0.01\n[gains.Kp]\nobject = "0x60FB:2"\nfactor = 0.1\n'
+    '[gains.Tn]\nobject = "0x60FB:3"\nunit = "us"\n'
+)
+SPINDLE = "counts_per_turn = 1e6\nlead_mm = 10\nrated_torque = 1"
+
+
+def axis_of(bench: Bench, text: str | None = None) -> BusAxis:
+    file = drive_of(parse_toml(text or drive_file(scaling=SPINDLE), "drive.toml"))
+    return BusAxis(file, bench.transport, paced=False)
+
+
+def test_a_drive_is_listened_to_without_writing_to_it() -> None:
+    bench = Bench(bench_loop())
+    axis = axis_of(bench)
+    before, inside = dict(bench.firmware.values), dict(axis.inside())
+    heard = axis.listen(0.3)
+    assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+    assert axis.inside() == inside
+    assert {name: bench.firmware.values[name] for name in before} == before
+    assert len(heard.log) == 300
+    assert set(heard.log.channels) == {"force", "reading_load", "reading_motor", "velocity_load"}
+    assert axis.is_virtual
+
+
+def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
+    axis = axis_of(Bench(bench_loop()))
+    inside = dict(axis.inside())
+    assert axis.play(move()).aborted is None
+    assert axis.play(move(), None, with_control(bench_loop())).aborted is None
+    assert dict(axis.inside()) != inside
+    assert "its objects are as they were" in axis.restore(inside)
+    assert dict(axis.inside()) == inside
+
+
+def test_a_control_that_is_kept_leaves_all_but_gains_as_it_was() -> None:
+    axis = axis_of(Bench(bench_loop()), drive_file(scaling=SPINDLE) + GAINS)
+    inside = dict(axis.inside())
+    assert axis.play(move(), None, with_control(bench_loop())).aborted is None
+    said = axis.keep(Path("x.toml"), Path("export"), inside)
+    assert "0x60FB:1 (Kv), 0x60FB:2 (Kp), 0x60FB:3 (Tn)" in said
+    differs = {place for place, value in axis.inside().items() if value != inside[place]}
+    assert differs == {"0x60FB:01", "0x60FB:02", "0x60FB:03"}
+
+
+def test_the_bus_of_a_virtual_drive_is_no_faster_than_buses_are() -> None:
+    times = [virtual_bus_axis(replace(bench_loop(), sample_time=T)).sample_time for T in (5e-5, 1e-4, 2.5e-4, 5e-4)]
+    np.testing.assert_allclose(times, [2.5e-4, 3e-4, 2.5e-4, 5e-4])
+
+
+def test_a_wrong_gear_and_a_wrong_sign_are_corrected_in_the_drive_file(tmp_path: Path) -> None:
+    bench = Bench(bench_loop())
+    # true: 10 mm of lead; its torque counts against its positions
+    bench.firmware.scaling = replace(SCALING, force_sign=-1)
+    wrong = axis_of(bench, drive_file(scaling="counts_per_turn = 1e6\nlead_mm = 12.5\nrated_torque = 1"))
+    right = wrong.scaled(0.8, -1)
+    assert right.increment == pytest.approx(1e-8)
+    path = tmp_path / "drive.toml"
+    path.write_text(right.text(), encoding="utf-8")
+    scaling = read_drive(path).drive.scaling
+    assert (scaling.lead, scaling.force_sign) == (pytest.approx(0.01), -1)
+    log = right.play(move(), None, with_control(bench_loop())).log
+    assert np.ptp(log["reading_load"]) == pytest.approx(0.02, rel=0.01)
+    accelerating = slice(20, 120)
+    assert np.mean(log["force"][accelerating]) > 0.0
+    assert np.mean(log["commanded"][accelerating]) > 0.0
+
+
+def test_limits_of_an_axis_are_made_tighter_and_not_looser() -> None:
+    axis = axis_of(Bench(bench_loop()))
+    assert float(axis.limited(replace(axis.limits, force=200.0)).limits.force) == 200.0
+    with pytest.raises(ParameterError, match="looser"):
+        axis.limited(replace(axis.limits, force=2001.0))
+
+
+def test_a_real_drive_is_not_run_without_a_clock() -> None:
+    bench = Bench(bench_loop())
+    bench.firmware.read, read = lambda *at: b"drive" if at == (0x1008, 0) else read(*at), bench.firmware.read  # type: ignore[method-assign]
+    with pytest.raises(BusError, match="only a virtual drive"):
+        axis_of(bench).listen(0.1)
+
+
+def test_gains_are_written_into_a_drive_and_read_back() -> None:
+    bench = Bench(bench_loop())
+    axis = axis_of(bench, drive_file(scaling=SPINDLE) + GAINS)
+    inside = dict(axis.inside())
+    assert (inside["0x60FB:01"], inside["0x60FB:02"], inside["0x60FB:03"]) == ("3000", "200000", "20000")
+    played = axis.play(move(), None, with_control(bench_loop()))
+    assert played.aborted is None
+    assert bench.firmware.axis.gains == pytest.approx({"Kv": 20.0, "Kp": 8e3, "Tn": 0.05}, rel=1e-6)
+    assert any("0x60FB:2: Kp = 8000" in remark for remark in played.remarks)
+    # without the time of a bus, and without the set acceleration, which it does not get
+    sent = Recorded(position=move().set_position, velocity=move().velocity, sample_time=T)
+    run = simulate(with_control(bench_loop()), sent, start=(0.0, 0.0))
+    error = played.log["set_position"] - played.log["reading_load"]
+    assert np.max(np.abs(error)) == pytest.approx(np.max(np.abs(run["following_error"])), rel=0.01)
+    axis.restore(inside)
+    assert bench.firmware.axis.gains == pytest.approx({"Kv": 30.0, "Kp": 2e4, "Tn": 0.02}, rel=1e-6)
+
+
+def test_gains_that_a_drive_takes_otherwise_are_refused_and_the_old_ones_restored() -> None:
+    bench = Bench(bench_loop())
+    write = bench.firmware.write
+
+    def coarse(index: int, subindex: int, content: bytes) -> None:
+        counts = int.from_bytes(content, "little")
+        write(
+            index,
+            subindex,
+            (min(counts, 45_000) if (index, subindex) == (0x60FB, 3) else counts).to_bytes(4, "little")
+            if index == 0x60FB
+            else content,
+        )
+
+    bench.firmware.write = coarse  # type: ignore[method-assign]
+    axis = axis_of(bench, drive_file(scaling=SPINDLE) + GAINS)
+    with pytest.raises(BusError, match=r"Tn = 0\.05 s was written to 0x60FB:3 as 50000 and reads back as 45000"):
+        axis.play(move(), None, with_control(bench_loop()))
+    assert bench.firmware.axis.gains == pytest.approx({"Kv": 30.0, "Kp": 2e4, "Tn": 0.02}, rel=1e-6)
+    assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+
+
+@pytest.mark.parametrize(
+    ("gain", "why"),
+    [
+        ('[gains.Kv]\nobject = "60FB"\n', "must be an index and a subindex"),
+        ('[gains.Kv]\nobject = "0x60FB:1"\nunit = "ms"\n', "must be one like 1/s"),
+        ('[gains.Kw]\nobject = "0x60FB:1"\n', "is not known"),
+    ],
+)
+def test_a_gain_that_is_described_wrongly_is_named_with_its_line(gain: str, why: str) -> None:
+    with pytest.raises(ParameterError, match=rf"drive\.toml:\d+.*{why}"):
+        drive_of(parse_toml(drive_file(scaling=SPINDLE) + gain, "drive.toml"))
+
+
+# an axis that turns
+
+
+def test_a_drive_file_describes_an_axis_that_turns() -> None:
+    text = (
+        'bus = "canopen"\ninterface = "can0"\ncycle_time_ms = 1\nrotary = true\n[scaling]\ncounts_per_turn = 1e6\n'
+        "lead_deg = 360\ngear = 90\nrated_torque = 2\n[limits]\ntravel_deg = 90\nvelocity = 1\nforce = 100\n"
+        "following_error_deg = 0.1\nlargest_mass_kg_m2 = 3\n"
+    )
+    described = drive_of(parse_toml(text, "c.toml")).drive
+    assert described.scaling.metre == pytest.approx(2.0 * np.pi / 90e6)  # rad
+    assert described.scaling.newton == pytest.approx(2e-3 * 90.0)  # N m
+    assert float(described.limits.travel) == pytest.approx(0.5 * np.pi)
+
+
+def test_an_axis_that_turns_moves_in_rad_under_a_torque() -> None:
+    loop = read_machine("rotary_table").loop(None)
+    axis, step = virtual_bus_axis(loop), float(loop.sample_time)
+    s = np.linspace(0.0, 1.0, 800)
+    position = 0.05 * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+    profile = Profile("turn", "", step, "N", 0.0 * s, position, np.gradient(position, step))
+    for control in (None, loop):
+        played = axis.play(profile, None, control)
+        assert played.aborted is None
+        assert played.log.units["reading_load"] == "rad"
+        assert played.log.units["force"] == "N m"
+        assert np.ptp(played.log["reading_load"]) == pytest.approx(0.05, rel=0.01)
+    ended = axis.limited(replace(axis.limits, following_error=2e-5)).play(profile, None, loop).aborted
+    assert ended is not None
+    assert " rad" in ended
+    assert " m " not in ended
