@@ -67,7 +67,6 @@ class LinuxcncAxis:
     paced  False to run a simulated axis in virtual time (default), True to run it at the pace of the clock
     """
 
-    increment = 0.0  # HAL gives positions, and not their counts
     delay = 0.0
     rotary = False
 
@@ -85,6 +84,7 @@ class LinuxcncAxis:
         # as HAL computes it
         self.sample_time = round(file.period * 1e9) * 1e-9
         self._units, self._per_output = float(file.units_per_m), float(file.force_per_output)
+        self.increment = 0.0 if file.increment is None else float(file.increment)
         self.where = f"LinuxCNC, {'simulated ' if file.simulated else ''}axis {file.axis}"
 
     @property
@@ -105,13 +105,18 @@ class LinuxcncAxis:
 
     def scaled(self, factor: float, force_sign: int = 1) -> Self:
         """Return the axis with lengths `factor` times as long, and the sign of its force times `force_sign`."""
-        units, per_output = self.file.units_per_m / factor, self.file.force_per_output * force_sign
-        edit = TomlEdit(self._text, self._name)
+        file = self.file
+        changed: dict[str, float] = {}
         if factor != 1.0:
-            edit.set(("units_per_m",), float(units), "1/m", digits=9)
+            changed["units_per_m"] = float(file.units_per_m / factor)
+            if file.increment is not None:
+                changed["increment"] = float(file.increment * factor)
         if force_sign != 1:
-            edit.set(("force_per_output",), float(per_output), "N", digits=9)
-        return self._with(replace(self.file, units_per_m=units, force_per_output=per_output), edit.text)
+            changed["force_per_output"] = float(file.force_per_output * force_sign)
+        edit = TomlEdit(self._text, self._name)
+        for name, value in changed.items():
+            edit.set((name,), value, {"units_per_m": "1/m", "increment": "m", "force_per_output": "N"}[name], digits=9)
+        return self._with(replace(file, **changed), edit.text)
 
     def _with(self, file: LinuxcncFile, content: str) -> Self:
         """Return the axis with another file, on the same HAL."""
@@ -475,6 +480,7 @@ def simulated_linuxcnc_axis(
         period=loop.sample_time,
         units_per_m=float(law.units),
         force_per_output=float(law.force_per_output),
+        increment=getattr(loop.axis.encoder_load, "resolution", None),
         set_position="axis.position.command",
         set_velocity="axis.forward.in1",
         set_acceleration="axis.forward.in0",

@@ -49,6 +49,9 @@ class LinuxcncFile(Section):
     period: Number = number("s", "period of the thread", above=0)
     units_per_m: Number = number("1/m", "machine units in a metre: 1000 for mm", above=0, default=1000)
     force_per_output: Number = number("N", "force at the table per unit of the command to the drive", default=1)
+    increment: Number | None = number(
+        "m", "one count of the encoder at the table; absent: not known", above=0, default=None
+    )
     set_position: str = text("pins that take the set position", shortest=1, example='"pid.x.command"')
     set_velocity: str = text("pins that take the set velocity; empty for none", default="")
     set_acceleration: str = text("pins that take the set acceleration; empty for none", default="")
