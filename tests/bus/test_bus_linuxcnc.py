@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.bus.drive_file import BusLimits
-from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
+from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, reversed_pids, simulated_linuxcnc_axis
 from feeddrive.bus.linuxcnc_file import read_linuxcnc_file
 from feeddrive.bus.linuxcnc_hal import HANDOVER
 from feeddrive.bus.play import Profile
@@ -27,7 +28,7 @@ from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.linuxcnc_pid import stock_law, stock_loop
 from feeddrive.export.linuxcnc_session import session
 from feeddrive.files.machine import read_machine
-from feeddrive.language.errors import BusError, ParameterError
+from feeddrive.language.errors import BusError, ParameterError, StructureError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
@@ -158,7 +159,9 @@ def test_the_gains_of_the_stock_pids_are_tried_and_restored(axis: LinuxcncAxis) 
     slower = read_cascade(softer(linear_motor()))
     law, played = stock_law(slower, units=1.0), profile(axis.sample_time)
     before = axis.inside()
-    tried = axis.play(played, control=Control(law=law))
+    by_gains = axis._with(replace(axis.file, trial="gains"), axis.text())
+    # the cascade becomes the pids that the axis has; their gains are those of an export for stock pids
+    tried = by_gains.play(played, control=slower.loop)
     assert tried.aborted is None
     expected = simulate(stock_loop(slower, law), as_set(played), record=("force", "reading_load"))
     n = len(tried.log)
@@ -170,6 +173,8 @@ def test_the_gains_of_the_stock_pids_are_tried_and_restored(axis: LinuxcncAxis) 
     said = axis.restore(before)
     assert axis.inside() == before
     assert "gains of before" in said
+    with pytest.raises(StructureError, match=r"the control has a filters, and the gains of pids make none"):
+        by_gains.play(played, control=replace(slower.loop.control, filters=(LowPass(frequency=500.0),)))
 
 
 @needs_linuxcnc
@@ -313,6 +318,18 @@ def test_a_file_is_read_with_its_limits_and_written_with_corrections(tmp_path: P
         (tmp_path / "wrong.toml").write_text(wrong)
         with pytest.raises(ParameterError, match=message):
             read_linuxcnc_file(tmp_path / "wrong.toml")
+
+
+@pytest.mark.parametrize("route", ["two", "one"])
+def test_pids_of_a_drive_that_counts_the_other_way_give_the_same_force(route: str) -> None:
+    """Rounding does not know the sign."""
+    cascade, played = read_cascade(linear_motor()), profile(1e-4)
+    law = stock_law(cascade, route=route)
+    other = reversed_pids(law)
+    assert other.force_per_output == -law.force_per_output
+    runs = [simulate(stock_loop(cascade, each), as_set(played), record=("force",))["force"] for each in (law, other)]
+    assert np.array_equal(*runs)
+    assert np.max(np.abs(runs[0])) > 100.0
 
 
 class StopsAfter(Progress):

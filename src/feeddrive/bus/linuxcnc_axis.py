@@ -27,7 +27,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.actuator.direct import Direct
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.controller.stock_pid import StockPid
+from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
@@ -58,6 +62,9 @@ SETTLING = 0.1  # s of rest before and after a motion, and after a switch
 SIMULATED = "feeddrive_axis"
 _GAINS = (*GAINS, "error-previous-target")
 _FORWARD = ("gain0", "gain1", "offset")
+# parameters of a pid that are in units of its output, but for its limit
+_OF_OUTPUT = ("Pgain", "Igain", "Dgain", "FF0", "FF1", "FF2", "FF3", "bias")
+_FED = ("acceleration_gain", "velocity_gain")
 
 
 class LinuxcncAxis:
@@ -166,9 +173,9 @@ class LinuxcncAxis:
     ) -> Played:
         """Switch the axis on, play a profile, and switch it off; return the log.
 
-        control  the control on trial.  One with the law `linuxcnc_pid` is tried by the gains of the axis's own pids,
-                 which are set before, read back, and restored.  Any other is loaded as a component beside the control
-                 of the axis, which holds the axis before and after
+        control  the control on trial.  One with the law `linuxcnc_pid`, and with trial = "gains" a P-PI cascade as
+                 well, is tried by the gains of the axis's own pids, which are set before, read back, and restored.
+                 Any other is loaded as a component beside the control of the axis, which holds it before and after
         acting   for each row of the profile whether the control on trial acts; default: in all
 
         Raises ParameterError for a profile beyond the limits and for a control that this HAL cannot try, BusError if
@@ -182,10 +189,13 @@ class LinuxcncAxis:
         if control is None:
             return self._played(self._rows(profile, None), profile, progress)
         control = control.control if isinstance(control, Loop) else control
-        if isinstance(control.law, LinuxcncPid):
+        law = control.law
+        if self.file.trial == "gains" and not isinstance(law, LinuxcncPid):
+            law = self._as_pids(control)
+        if isinstance(law, LinuxcncPid):
             before = self.inside()
             try:
-                self._set(self._gains(control.law))
+                self._set(self._gains(law))
                 return self._played(self._rows(profile, None), profile, progress)
             finally:
                 self.restore(before)
@@ -371,13 +381,30 @@ class LinuxcncAxis:
         return controller_routine(loop, TRIAL)
 
     def _loop(self, control: Control) -> Loop:
-        """Return a loop with the control, for its encoders; the axis in it is none of this machine."""
+        """Return a loop with the control, for its encoders and its unit; the axis in it is none of this machine."""
+        actuator = Actuator(motor=Direct(force_constant=abs(self._per_output)))
         if not self.file.motor_position:
-            axis = Axis(plant=Rigid(mass=1.0))
+            axis = Axis(plant=Rigid(mass=1.0), actuator=actuator)
         else:
             plant = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=1.0)
-            axis = Axis(plant=plant, encoder_motor=Encoder(), encoder_load=Encoder())
+            axis = Axis(plant=plant, actuator=actuator, encoder_motor=Encoder(), encoder_load=Encoder())
         return Loop(control=control, axis=axis, sample_time=self.sample_time, name=self.file.axis)
+
+    def _as_pids(self, control: Control) -> LinuxcncPid:
+        """Return a P-PI cascade as the pids that the axis has.
+
+        Raises StructureError for a control that is more than pids can be, and the errors of `stock_law`.
+        """
+        more = [name for name in ("prefilter", "compensation", "filters") if getattr(control, name)]
+        more += [block.kind for block in control.feedforward if not isinstance(block, Inertia)]
+        if more:
+            raise StructureError(
+                f"{self.where}: the control has a {more[0]}, and the gains of pids make none: leave it out of the "
+                'control, or write  trial = "component"  into the file of the axis'
+            )
+        route = "two" if self.file.velocity_pid else "one"
+        law = stock_law(read_cascade(self._loop(control)), route=route, units=self._units)
+        return law if self._per_output > 0.0 else reversed_pids(law)
 
     def _gain_pins(self) -> list[str]:
         pins = [f"{pid}.{gain}" for pid in (self.file.position_pid, self.file.velocity_pid) if pid for gain in _GAINS]
@@ -427,6 +454,18 @@ class LinuxcncAxis:
         """Set pins and read them back. Raises BusError, after restoring them, for one that reads back otherwise."""
         if values:
             self._hal.write(values)
+
+
+def reversed_pids(law: LinuxcncPid) -> LinuxcncPid:
+    """Return pids with the same force from a drive whose command counts the other way."""
+
+    def turned(pid: StockPid) -> StockPid:
+        return replace(pid, **{name: -getattr(pid, name) for name in _OF_OUTPUT})
+
+    last = "position" if law.velocity is None else "velocity"
+    fed = {name: -gain for name in _FED if (gain := getattr(law, name)) is not None}
+    pid = turned(law.position if law.velocity is None else law.velocity)
+    return replace(law, force_per_output=-law.force_per_output, **{last: pid}, **fed)
 
 
 def simulated_linuxcnc_axis(

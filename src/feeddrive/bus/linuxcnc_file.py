@@ -74,6 +74,11 @@ class LinuxcncFile(Section):
     position_pid: str = text("the pid on the position, whose gains may be tried; empty for none", default="")
     velocity_pid: str = text("the pid on the velocity, likewise", default="")
     forward: str = text("the sum2 of the feedforward at its bias, likewise", default="")
+    trial: str = choice(
+        "how a control is tried: a component beside the control of the axis, or the gains of its own pids",
+        options=("component", "gains"),
+        default="component",
+    )
     simulated: bool = choice(
         "whether HAL runs in namespaces of its own, which reach no hardware, in virtual time",
         options=(True, False),
