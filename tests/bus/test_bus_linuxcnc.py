@@ -20,7 +20,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.bus.drive_file import BusLimits
-from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, reversed_pids, simulated_linuxcnc_axis
+from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
 from feeddrive.bus.linuxcnc_file import read_linuxcnc_file
 from feeddrive.bus.linuxcnc_hal import HANDOVER
 from feeddrive.bus.play import Profile
@@ -35,7 +35,6 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.routine import controller_routine, run
 from feeddrive.loop.simulate import simulate
 from hal_programs import needs_linuxcnc
-from slow_share import all_but
 
 LIMITS = BusLimits(travel=0.05, velocity=0.5, force=2000.0, following_error=0.02, quick_stop_deceleration=5.0)
 MOVE = SnapLimitedMove(
@@ -289,9 +288,8 @@ MISFITS = [
 
 
 @needs_linuxcnc
-@pytest.mark.parametrize(
-    ("old", "new", "message"), all_but(MISFITS[:1], MISFITS, "a session of HAL for each; the messages are in one place")
-)
+@pytest.mark.slow(reason="a session of HAL for each")
+@pytest.mark.parametrize(("old", "new", "message"), MISFITS)
 def test_a_file_that_does_not_fit_its_hal_is_refused(shop: Path, old: str, new: str, message: str) -> None:
     shop.write_text(shop.read_text().replace(old, new, 1))
     with LinuxcncAxis(read_linuxcnc_file(shop)) as axis, pytest.raises(BusError, match=message):
@@ -320,16 +318,17 @@ def test_a_file_is_read_with_its_limits_and_written_with_corrections(tmp_path: P
             read_linuxcnc_file(tmp_path / "wrong.toml")
 
 
-@pytest.mark.parametrize("route", ["two", "one"])
-def test_pids_of_a_drive_that_counts_the_other_way_give_the_same_force(route: str) -> None:
-    """Rounding does not know the sign."""
-    cascade, played = read_cascade(linear_motor()), profile(1e-4)
-    law = stock_law(cascade, route=route)
-    other = reversed_pids(law)
-    assert other.force_per_output == -law.force_per_output
-    runs = [simulate(stock_loop(cascade, each), as_set(played), record=("force",))["force"] for each in (law, other)]
-    assert np.array_equal(*runs)
-    assert np.max(np.abs(runs[0])) > 100.0
+def test_pids_of_a_drive_that_counts_the_other_way_are_turned(tmp_path: Path) -> None:
+    """Of two pids only the last one's gains, and those of the sum at its bias; no limit."""
+    law = stock_law(read_cascade(linear_motor()))
+    content = 'force_per_output = SIGN100\nvelocity_pid = "pid.v"\nforward = "sum"\n' + OF_HAND_MADE
+    found = []
+    for sign in ("", "-"):
+        (tmp_path / "axis.toml").write_text(content.replace("SIGN", sign))
+        found.append(LinuxcncAxis(read_linuxcnc_file(tmp_path / "axis.toml"))._gains(law))
+    turned = {name for name, value in found[0].items() if value != found[1][name]}
+    assert turned == {"pid.v.Pgain", "pid.v.Igain", "sum.gain0", "sum.gain1"}
+    assert all(found[0][name] == -found[1][name] for name in turned)
 
 
 class StopsAfter(Progress):

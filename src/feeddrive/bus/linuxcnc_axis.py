@@ -30,7 +30,6 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.actuator.direct import Direct
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
-from feeddrive.blocks.controller.stock_pid import StockPid
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
@@ -63,8 +62,7 @@ SIMULATED = "feeddrive_axis"
 _GAINS = (*GAINS, "error-previous-target")
 _FORWARD = ("gain0", "gain1", "offset")
 # parameters of a pid that are in units of its output, but for its limit
-_OF_OUTPUT = ("Pgain", "Igain", "Dgain", "FF0", "FF1", "FF2", "FF3", "bias")
-_FED = ("acceleration_gain", "velocity_gain")
+_OF_OUTPUT = ("Pgain", "Igain", "Dgain", "FF0", "FF1", "FF2", "FF3")
 
 
 class LinuxcncAxis:
@@ -403,8 +401,7 @@ class LinuxcncAxis:
                 'control, or write  trial = "component"  into the file of the axis'
             )
         route = "two" if self.file.velocity_pid else "one"
-        law = stock_law(read_cascade(self._loop(control)), route=route, units=self._units)
-        return law if self._per_output > 0.0 else reversed_pids(law)
+        return stock_law(read_cascade(self._loop(control)), route=route, units=self._units)
 
     def _gain_pins(self) -> list[str]:
         pins = [f"{pid}.{gain}" for pid in (self.file.position_pid, self.file.velocity_pid) if pid for gain in _GAINS]
@@ -432,40 +429,29 @@ class LinuxcncAxis:
                 f"{self.where}: the law feeds the acceleration forward by a sum2 at the pin bias, and the file of the "
                 'axis names none as  forward = "..."'
             )
-        if law.units != self._units or law.force_per_output != self._per_output:
+        if law.units != self._units or law.force_per_output != abs(self._per_output):
             raise ParameterError(
                 f"{self.where}: the gains are for {law.units:.9g} units in a metre and {law.force_per_output:.9g} N "
-                f"per unit of the output, and this axis has {self._units:.9g} and {self._per_output:.9g}"
+                f"per unit of the output, and this axis has {self._units:.9g} and {abs(self._per_output):.9g}"
             )
+        last = law.position if law.velocity is None else law.velocity
+        # of a drive whose command counts against the force
+        sign = 1.0 if self._per_output > 0.0 else -1.0
         values: dict[str, float] = {}
         for name, pid in ((file.position_pid, law.position), (file.velocity_pid, law.velocity)):
             if pid is not None:
-                values |= {f"{name}.{gain}": float(getattr(pid, gain)) for gain in GAINS}
+                signs = dict.fromkeys(_OF_OUTPUT, sign if pid is last else 1.0)
+                values |= {f"{name}.{gain}": signs.get(gain, 1.0) * float(getattr(pid, gain)) for gain in GAINS}
                 values[f"{name}.error-previous-target"] = float(pid.error_previous_target)
-        last = law.position if law.velocity is None else law.velocity
         if file.forward:
             gains = (law.acceleration_gain or 0.0, law.velocity_gain or 0.0, last.bias)
-            values |= {
-                f"{file.forward}.{name}": float(v) for name, v in zip(("gain0", "gain1", "offset"), gains, strict=True)
-            }
+            values |= {f"{file.forward}.{name}": sign * float(gain) for name, gain in zip(_FORWARD, gains, strict=True)}
         return values
 
     def _set(self, values: Mapping[str, float]) -> None:
         """Set pins and read them back. Raises BusError, after restoring them, for one that reads back otherwise."""
         if values:
             self._hal.write(values)
-
-
-def reversed_pids(law: LinuxcncPid) -> LinuxcncPid:
-    """Return pids with the same force from a drive whose command counts the other way."""
-
-    def turned(pid: StockPid) -> StockPid:
-        return replace(pid, **{name: -getattr(pid, name) for name in _OF_OUTPUT})
-
-    last = "position" if law.velocity is None else "velocity"
-    fed = {name: -gain for name in _FED if (gain := getattr(law, name)) is not None}
-    pid = turned(law.position if law.velocity is None else law.velocity)
-    return replace(law, force_per_output=-law.force_per_output, **{last: pid}, **fed)
 
 
 def simulated_linuxcnc_axis(
