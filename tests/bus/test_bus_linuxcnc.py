@@ -22,7 +22,7 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
 from feeddrive.bus.linuxcnc_file import read_linuxcnc_file
-from feeddrive.bus.linuxcnc_hal import HANDOVER
+from feeddrive.bus.linuxcnc_hal import FED, HANDOVER, AxisHal
 from feeddrive.bus.play import Profile
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.linuxcnc_pid import stock_law, stock_loop
@@ -329,6 +329,69 @@ def test_pids_of_a_drive_that_counts_the_other_way_are_turned(tmp_path: Path) ->
     turned = {name for name, value in found[0].items() if value != found[1][name]}
     assert turned == {"pid.v.Pgain", "pid.v.Igain", "sum.gain0", "sum.gain1"}
     assert all(found[0][name] == -found[1][name] for name in turned)
+
+
+def of_shop(folder: Path, content: str = OF_HAND_MADE) -> LinuxcncAxis:
+    """An axis that is not loaded."""
+    (folder / "axis.toml").write_text(content)
+    return LinuxcncAxis(read_linuxcnc_file(folder / "axis.toml"))
+
+
+def test_the_axis_rests_a_tenth_of_a_second_and_a_switch_fades_for_as_long(tmp_path: Path) -> None:
+    """At 0.1 ms: 1,000 rows of rest, and 2,000 for a switch and the rest after it; the brake opens before."""
+    axis, played = of_shop(tmp_path), profile(1e-4)
+    n = played.excitation.size
+    log, new = FED.index("log"), FED.index("new")
+    alone = axis._rows(played, None)
+    assert len(alone) == 1000 + n + 1000 + 1
+    assert np.flatnonzero(alone[:, log])[0] == 1000
+    assert not np.any(alone[:, new])
+    tried = axis._rows(played, np.ones(n))
+    assert len(tried) == 3000 + n + 3000 + 1
+    assert np.array_equal(np.flatnonzero(tried[:, new])[[0, -1]], [1000, 3000 + n + 999])
+    assert np.array_equal(np.flatnonzero(tried[:, log]), 3000 + np.arange(n))
+    braked = of_shop(tmp_path, "brake_time_ms = 50\n" + OF_HAND_MADE)
+    assert len(braked._rows(played, None)) == 500 + len(alone)
+
+
+class Heard:
+    """A session that only hears what it is asked."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.order = folder, dict[str, object]()
+
+    def ask(self, **_order: object) -> dict[str, object]:
+        return {}
+
+    def halcmd(self, *_lines: str) -> str:
+        return ""
+
+    def play(self, _stopped: object, **order: object) -> dict[str, object]:
+        self.order = order
+        np.zeros(0).tofile(self.folder / str(order["out"]))
+        return {"fault": 0}
+
+
+def test_half_a_second_of_rows_is_fed_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the pace of the clock; in virtual time all of them stand in the queue before it begins."""
+    heard = Heard(tmp_path)
+    monkeypatch.setattr(AxisHal, "session", property(lambda _: heard))
+    axis = of_shop(tmp_path)
+    for paced, lead in ((True, 5000), (False, 7000)):
+        axis._hal.paced = paced
+        axis._hal.play(np.zeros((7000, len(FED))), lambda _: False, 1e-4, listens=False)
+        assert heard.order["lead"] == lead
+
+
+@pytest.mark.parametrize(("rows", "played"), [(500_000, True), (530_000, False)])
+def test_a_motion_of_virtual_time_must_fit_into_the_queue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: int, played: bool
+) -> None:
+    heard = Heard(tmp_path)
+    monkeypatch.setattr(AxisHal, "session", property(lambda _: heard))
+    axis = of_shop(tmp_path)
+    with contextlib.nullcontext() if played else pytest.raises(ParameterError, match="longer than the 524288"):
+        axis._hal.play(np.zeros((rows, len(FED))), lambda _: False, 1e-4, listens=False)
 
 
 class StopsAfter(Progress):
