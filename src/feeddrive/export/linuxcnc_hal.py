@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.bus.linuxcnc_file import LinuxcncFile
 from feeddrive.export.c_code import texts
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import controller_comp, core, hal, input_pin, parameter
 from feeddrive.export.linuxcnc import text as template
+from feeddrive.export.linuxcnc_file import LinuxcncFile
 from feeddrive.export.linuxcnc_session import MODULES, HalError, LiveSession
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.quantity import Quantity
@@ -51,10 +51,10 @@ class AxisHal:
     def __init__(self, file: LinuxcncFile, folder: Path, *, paced: bool) -> None:
         self.file, self.folder, self.paced = file, folder, paced
         self._loaded = ""
-        self._work = Path(tempfile.mkdtemp(prefix="feeddrive-hal-"))
+        self.work = Path(tempfile.mkdtemp(prefix="feeddrive-hal-"))
         # the running session, in a list that outlives this object
         self._sessions: list[LiveSession] = []
-        weakref.finalize(self, _ended, self._sessions, self._work)
+        weakref.finalize(self, _ended, self._sessions, self.work)
 
     @property
     def session(self) -> LiveSession:
@@ -62,7 +62,7 @@ class AxisHal:
         if self._runs:
             return self._sessions[0]
         self.close()
-        work, file = self._work, self.file
+        work, file = self.work, self.file
         if not (work / f"{EXCITE}.comp").exists():
             (work / f"{EXCITE}.comp").write_text(template(f"{EXCITE}.comp"), encoding="utf-8")
         ini = f"-i {_quoted(self.folder / file.ini)} " if file.ini else ""

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,11 +21,11 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.bus.drive_file import BusLimits
-from feeddrive.bus.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
-from feeddrive.bus.linuxcnc_file import read_linuxcnc_file
-from feeddrive.bus.linuxcnc_hal import FED, HANDOVER, AxisHal
 from feeddrive.bus.play import Profile
 from feeddrive.export.drive_quantities import read_cascade
+from feeddrive.export.linuxcnc_axis import LinuxcncAxis, simulated_linuxcnc_axis
+from feeddrive.export.linuxcnc_file import read_linuxcnc_file
+from feeddrive.export.linuxcnc_hal import FED, HANDOVER, AxisHal
 from feeddrive.export.linuxcnc_pid import stock_law, stock_loop
 from feeddrive.export.linuxcnc_session import session
 from feeddrive.files.machine import read_machine
@@ -71,7 +72,7 @@ def softer(loop: Loop) -> Loop:
 
 
 @pytest.fixture(scope="module")
-def axis(tmp_path_factory: pytest.TempPathFactory) -> LinuxcncAxis:
+def axis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LinuxcncAxis]:
     """In metres, so that no number is rounded between HAL and `simulate`; closed by each test that wants it fresh."""
     made = simulated_linuxcnc_axis("linear_motor", LIMITS, tmp_path_factory.mktemp("hal"), units=1.0)
     yield made
@@ -158,9 +159,9 @@ def test_the_gains_of_the_stock_pids_are_tried_and_restored(axis: LinuxcncAxis) 
     slower = read_cascade(softer(linear_motor()))
     law, played = stock_law(slower, units=1.0), profile(axis.sample_time)
     before = axis.inside()
-    by_gains = axis._with(replace(axis.file, trial="gains"), axis.text())
-    # the cascade becomes the pids that the axis has; their gains are those of an export for stock pids
-    tried = by_gains.play(played, control=slower.loop)
+    # the cascade as the pids that the axis has: their gains are those of an export for stock pids
+    assert axis.gains(axis.as_pids(slower.loop.control)) == pytest.approx(axis.gains(law), rel=1e-12)
+    tried = axis.play(played, control=Control(law=law))
     assert tried.aborted is None
     expected = simulate(stock_loop(slower, law), as_set(played), record=("force", "reading_load"))
     n = len(tried.log)
@@ -168,12 +169,12 @@ def test_the_gains_of_the_stock_pids_are_tried_and_restored(axis: LinuxcncAxis) 
     assert np.array_equal(tried.log["commanded"], expected["force"][:n])
     assert axis.inside() == before
     assert before["axis.position.Pgain"] == "250.0"
-    axis._set({"axis.position.Pgain": 100.0})
+    axis.hal.write({"axis.position.Pgain": 100.0})
     said = axis.restore(before)
     assert axis.inside() == before
     assert "gains of before" in said
     with pytest.raises(StructureError, match=r"the control has a filters, and the gains of pids make none"):
-        by_gains.play(played, control=replace(slower.loop.control, filters=(LowPass(frequency=500.0),)))
+        axis.as_pids(replace(slower.loop.control, filters=(LowPass(frequency=500.0),)))
 
 
 @needs_linuxcnc
@@ -245,7 +246,7 @@ quick_stop_deceleration = 5
 @pytest.fixture
 def shop(axis: LinuxcncAxis, tmp_path: Path) -> Path:
     """The file of an axis by a shop's own HAL file, with one pid in mm."""
-    made = Path(axis._name).parent
+    made = axis.hal.folder
     for name in ("feeddrive_axis.comp", "feeddrive_axis.h"):
         (tmp_path / name).write_bytes((made / name).read_bytes())
     law = stock_law(read_cascade(linear_motor()), route="one").position
@@ -325,7 +326,7 @@ def test_pids_of_a_drive_that_counts_the_other_way_are_turned(tmp_path: Path) ->
     found = []
     for sign in ("", "-"):
         (tmp_path / "axis.toml").write_text(content.replace("SIGN", sign))
-        found.append(LinuxcncAxis(read_linuxcnc_file(tmp_path / "axis.toml"))._gains(law))
+        found.append(LinuxcncAxis(read_linuxcnc_file(tmp_path / "axis.toml")).gains(law))
     turned = {name for name, value in found[0].items() if value != found[1][name]}
     assert turned == {"pid.v.Pgain", "pid.v.Igain", "sum.gain0", "sum.gain1"}
     assert all(found[0][name] == -found[1][name] for name in turned)
@@ -342,16 +343,16 @@ def test_the_axis_rests_a_tenth_of_a_second_and_a_switch_fades_for_as_long(tmp_p
     axis, played = of_shop(tmp_path), profile(1e-4)
     n = played.excitation.size
     log, new = FED.index("log"), FED.index("new")
-    alone = axis._rows(played, None)
+    alone = axis.rows(played, None)
     assert len(alone) == 1000 + n + 1000 + 1
     assert np.flatnonzero(alone[:, log])[0] == 1000
     assert not np.any(alone[:, new])
-    tried = axis._rows(played, np.ones(n))
+    tried = axis.rows(played, np.ones(n))
     assert len(tried) == 3000 + n + 3000 + 1
     assert np.array_equal(np.flatnonzero(tried[:, new])[[0, -1]], [1000, 3000 + n + 999])
     assert np.array_equal(np.flatnonzero(tried[:, log]), 3000 + np.arange(n))
     braked = of_shop(tmp_path, "brake_time_ms = 50\n" + OF_HAND_MADE)
-    assert len(braked._rows(played, None)) == 500 + len(alone)
+    assert len(braked.rows(played, None)) == 500 + len(alone)
 
 
 class Heard:
@@ -378,8 +379,8 @@ def test_half_a_second_of_rows_is_fed_ahead(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(AxisHal, "session", property(lambda _: heard))
     axis = of_shop(tmp_path)
     for paced, lead in ((True, 5000), (False, 7000)):
-        axis._hal.paced = paced
-        axis._hal.play(np.zeros((7000, len(FED))), lambda _: False, 1e-4, listens=False)
+        axis.hal.paced = paced
+        axis.hal.play(np.zeros((7000, len(FED))), lambda _: False, 1e-4, listens=False)
         assert heard.order["lead"] == lead
 
 
@@ -391,7 +392,7 @@ def test_a_motion_of_virtual_time_must_fit_into_the_queue(
     monkeypatch.setattr(AxisHal, "session", property(lambda _: heard))
     axis = of_shop(tmp_path)
     with contextlib.nullcontext() if played else pytest.raises(ParameterError, match="longer than the 524288"):
-        axis._hal.play(np.zeros((rows, len(FED))), lambda _: False, 1e-4, listens=False)
+        axis.hal.play(np.zeros((rows, len(FED))), lambda _: False, 1e-4, listens=False)
 
 
 class StopsAfter(Progress):
@@ -439,9 +440,9 @@ def test_an_axis_whose_program_fails_brakes(tmp_path: Path, how: str) -> None:
     (tmp_path / "play.py").write_text(
         "import sys\n"
         "from pathlib import Path\n"
-        "from test_bus_linuxcnc import *\n"
+        "from test_export_linuxcnc_axis import *\n"
         "axis = simulated_linuxcnc_axis('linear_motor', LIMITS, Path(sys.argv[1]), paced=True)\n"
-        "print(axis._hal._work, flush=True)\n"
+        "print(axis.hal.work, flush=True)\n"
         f"played = axis.play(profile(axis.sample_time, {move}))\n"
         "print(played.aborted, len(played.log), flush=True)\n"
     )
@@ -487,7 +488,7 @@ def test_on_a_machine_the_components_are_the_installed_ones(shop: Path, tmp_path
     shop.write_text(content)
     (tmp_path / "machine.py").write_text(
         "import sys, numpy as np\n"
-        "from test_bus_linuxcnc import *\n"
+        "from test_export_linuxcnc_axis import *\n"
         f"axis = LinuxcncAxis(read_linuxcnc_file({str(shop)!r}))\n"
         "print('VIRTUAL', axis.is_virtual)\n"
         "heard = axis.listen(0.05)\n"

@@ -35,14 +35,14 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
-from feeddrive.bus.linuxcnc_file import LinuxcncFile, lines_of, read_linuxcnc_file
-from feeddrive.bus.linuxcnc_hal import FED, HANDOVER, TRIAL, AxisHal
 from feeddrive.bus.play import Played, Profile, check_profile, interruption, read_profile
 from feeddrive.export.c_code import texts
 from feeddrive.export.design import require_guard
 from feeddrive.export.drive_quantities import read_cascade
 from feeddrive.export.layout import layout
 from feeddrive.export.linuxcnc import FAULTS, core, hal, plant_comp
+from feeddrive.export.linuxcnc_file import LinuxcncFile, lines_of, read_linuxcnc_file
+from feeddrive.export.linuxcnc_hal import FED, HANDOVER, TRIAL, AxisHal
 from feeddrive.export.linuxcnc_pid import GAINS, hal_fragment, ini_fragment, stock_law
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.log import Log
@@ -79,7 +79,7 @@ class LinuxcncAxis:
         assert file.read_from is not None, "the HAL file stands beside the file of the axis"
         self._text = file.read_from.file.text
         self._name = file.read_from.file.name
-        self._hal = AxisHal(
+        self.hal = AxisHal(
             file, Path(self._name).resolve().parent, paced=not file.simulated if paced is None else paced
         )
         self._take(file)
@@ -140,7 +140,7 @@ class LinuxcncAxis:
 
     def close(self) -> None:
         """Unload HAL, which switches the drive off."""
-        self._hal.close()
+        self.hal.close()
 
     def __enter__(self) -> Self:
         return self
@@ -185,29 +185,29 @@ class LinuxcncAxis:
                 f"{profile.name}: excitation in '{profile.unit}' cannot be played in LinuxCNC: take N or m"
             )
         if control is None:
-            return self._played(self._rows(profile, None), profile, progress)
+            return self._played(self.rows(profile, None), profile, progress)
         control = control.control if isinstance(control, Loop) else control
         law = control.law
         if self.file.trial == "gains" and not isinstance(law, LinuxcncPid):
-            law = self._as_pids(control)
+            law = self.as_pids(control)
         if isinstance(law, LinuxcncPid):
             before = self.inside()
             try:
-                self._set(self._gains(law))
-                return self._played(self._rows(profile, None), profile, progress)
+                self._set(self.gains(law))
+                return self._played(self.rows(profile, None), profile, progress)
             finally:
                 self.restore(before)
-        self._hal.load(self._trial(control), self._units)
+        self.hal.load(self._trial(control), self._units)
         new = np.ones(profile.excitation.size) if acting is None else np.asarray(acting, dtype=float)
-        return self._played(self._rows(profile, new), profile, progress)
+        return self._played(self.rows(profile, new), profile, progress)
 
     def inside(self) -> Mapping[str, str]:
         """Return what the gains of the axis's own pids are now, by pin."""
-        return self._hal.values(self._gain_pins())
+        return self.hal.values(self._gain_pins())
 
     def restore(self, inside: Mapping[str, str]) -> Text:
         """Set the gains that `inside` returned, read them back, and unload the control on trial."""
-        self._hal.unload()
+        self.hal.unload()
         self._set({pin: float(value) for pin, value in inside.items()})
         return Text(
             f"{self.where}: the {len(inside)} gains of before are set, as read back; the control on trial is unloaded"
@@ -235,7 +235,7 @@ class LinuxcncAxis:
         scaling = DriveScaling(increment=1e-9, rated_force=1e-3 * min(1.0, self.limits.force))
         return BusDrive(bus="ethercat", cycle_time=self.sample_time, scaling=scaling, limits=self.limits)
 
-    def _rows(self, profile: Profile, new: np.ndarray | None) -> np.ndarray:
+    def rows(self, profile: Profile, new: np.ndarray | None) -> np.ndarray:
         """Return the rows for the streamer: rest, switch, motion, rest, switch back, and an end.
 
         Set accelerations are central differences of the set position, as `Profile.reference` has them on every drive.
@@ -273,7 +273,7 @@ class LinuxcncAxis:
         fed = rows.copy()
         for name in ("position", "velocity", "acceleration"):
             fed[:, FED.index(name)] *= self._units
-        self._hal.limit(self.file)
+        self.hal.limit(self.file)
         with interruption(keys=True) as interrupted:
 
             def stopped(played: int) -> bool:
@@ -282,7 +282,7 @@ class LinuxcncAxis:
                     progress.show_step(profile.name, min(played, len(rows)), len(rows), "")
                 return interrupted() > 0 or (progress is not None and progress.cancelled)
 
-            ended, taken = self._hal.play(fed, stopped, self.sample_time, listens=listens)
+            ended, taken = self.hal.play(fed, stopped, self.sample_time, listens=listens)
         log, why = self._log(taken, profile), self._why(ended)
         if why:
             log = replace(log, provenance={**log.provenance, "aborted": why})
@@ -388,7 +388,7 @@ class LinuxcncAxis:
             axis = Axis(plant=plant, actuator=actuator, encoder_motor=Encoder(), encoder_load=Encoder())
         return Loop(control=control, axis=axis, sample_time=self.sample_time, name=self.file.axis)
 
-    def _as_pids(self, control: Control) -> LinuxcncPid:
+    def as_pids(self, control: Control) -> LinuxcncPid:
         """Return a P-PI cascade as the pids that the axis has.
 
         Raises StructureError for a control that is more than pids can be, and the errors of `stock_law`.
@@ -407,7 +407,7 @@ class LinuxcncAxis:
         pins = [f"{pid}.{gain}" for pid in (self.file.position_pid, self.file.velocity_pid) if pid for gain in _GAINS]
         return pins + [f"{self.file.forward}.{gain}" for gain in _FORWARD if self.file.forward]
 
-    def _gains(self, law: LinuxcncPid) -> dict[str, float]:
+    def gains(self, law: LinuxcncPid) -> dict[str, float]:
         """Return the values of the pins that make the axis's own pids those of a law.
 
         Raises ParameterError for a law whose pids are not those of the axis.
@@ -440,8 +440,10 @@ class LinuxcncAxis:
         values: dict[str, float] = {}
         for name, pid in ((file.position_pid, law.position), (file.velocity_pid, law.velocity)):
             if pid is not None:
-                signs = dict.fromkeys(_OF_OUTPUT, sign if pid is last else 1.0)
-                values |= {f"{name}.{gain}": signs.get(gain, 1.0) * float(getattr(pid, gain)) for gain in GAINS}
+                turned = _OF_OUTPUT if pid is last else ()
+                values |= {
+                    f"{name}.{gain}": (sign if gain in turned else 1.0) * float(getattr(pid, gain)) for gain in GAINS
+                }
                 values[f"{name}.error-previous-target"] = float(pid.error_previous_target)
         if file.forward:
             gains = (law.acceleration_gain or 0.0, law.velocity_gain or 0.0, last.bias)
@@ -451,7 +453,7 @@ class LinuxcncAxis:
     def _set(self, values: Mapping[str, float]) -> None:
         """Set pins and read them back. Raises BusError, after restoring them, for one that reads back otherwise."""
         if values:
-            self._hal.write(values)
+            self.hal.write(values)
 
 
 def simulated_linuxcnc_axis(
