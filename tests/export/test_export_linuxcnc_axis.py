@@ -205,6 +205,7 @@ loadrt threads name1=servo period1=[HAL]PERIOD
 loadrt feeddrive_axis
 loadrt pid names=pid.x
 loadrt constant names=planner
+loadrt not names=key
 addf feeddrive-axis.read servo
 addf pid.x.do-pid-calcs servo
 addf feeddrive-axis.write servo
@@ -229,6 +230,7 @@ output = "pid.x.output"
 force = "feeddrive-axis.force"
 control_enable = "pid.x.enable"
 held = "feeddrive-axis.held"
+stop = "key.in"
 first = "pid.x.do-pid-calcs"
 write = "feeddrive-axis.write"
 position_pid = "pid.x"
@@ -273,6 +275,9 @@ def test_a_shops_own_hal_file_is_taken_as_it_is(shop: Path) -> None:
         assert tried.aborted is None
         expected = simulate(loop, as_set(played), record=("reading_load", "force"))
         assert np.max(np.abs(tried.log["reading_load"] - expected["reading_load"][: len(tried.log)])) < 5e-8
+        axis.hal.session.halcmd("sets fd-stop 1")
+        assert str(axis.play(played).aborted) == "stopped by hand before it began"
+        axis.hal.session.halcmd("sets fd-stop 0")
         under_pid = axis.play(played)
         assert under_pid.aborted is None
         assert np.max(np.abs(under_pid.log["set_position"] - under_pid.log["reading_load"])) < 1e-4

@@ -286,7 +286,8 @@ class LinuxcncAxis:
         log, why = self._log(taken, profile), self._why(ended)
         if why:
             log = replace(log, provenance={**log.provenance, "aborted": why})
-        remarks = []
+        unwatched = [name for name in ("acceleration", "energy") if getattr(self.limits, name) is not None]
+        remarks = [f"limits.{name} is not watched in LinuxCNC." for name in unwatched]
         if ended["overruns"]:
             remarks.append(f"{ended['overruns']} rows of the log were lost: the program was too slow to take them")
         return Played(log, Text(why) if why else None, 0, None, tuple(remarks))

@@ -63,6 +63,7 @@ class LinuxcncFile(Section):
     control_enable: str = text("pins that enable the control", shortest=1, example='"pid.x.enable"')
     drive_enable: str = text("pins that enable the drive; empty for none", default="")
     drive_fault: str = text("pin of the drive's fault; empty for none", default="")
+    stop: str = text("pin that stops a motion while it is on, of a switch or a key; empty for none", default="")
     brake: str = text("pins that open the brake; empty for none", default="")
     brake_time: Number = number("s", "time in which the brake closes, for which the axis is held", least=0, default=0)
     held: str = text("pins that hold the axis while it is off, of a simulated axis; empty for none", default="")

@@ -121,8 +121,9 @@ class AxisHal:
             "position-fb": self._signal(session, file.position, "fd-position-fb"),
             "old-command": self._signal(session, file.output, "fd-old-command"),
         }
-        if file.drive_fault:
-            read["drive-fault"] = self._signal(session, file.drive_fault, "fd-drive-fault")
+        for pin, source in (("drive-fault", file.drive_fault), ("stop", file.stop)):
+            if source:
+                read[pin] = self._signal(session, source, f"fd-{pin}")
         nets = [f"net {signal} => {e}.{pin}" for pin, signal in read.items()]
         nets += [f"net fd-{pin} {e}.{pin}" for pin in _WRITTEN]
         nets += [f"net fd-{pin} => sampler.0.pin.{i}" for i, pin in _RECORDED.items()]
