@@ -106,7 +106,8 @@ def push_distance(pace: Pace) -> float:
     return pace.speed * ((PUSH_PERIODS + 2) * PUSH_PERIOD + 2.0 * (pace.speed / pace.acceleration + RAMP))
 
 
-STROKE_SPEEDS = (1.0, 0.5, 0.2)  # of the pace: friction is told apart from viscous friction by speeds
+# of the pace: viscous friction shows at the fast ones, the curve near standstill at the slow ones
+STROKE_SPEEDS = (1.0, 0.5, 0.2, 0.05, 0.01)
 
 
 def strokes(travel: float, pace: Pace, sample_time: float) -> Profile:

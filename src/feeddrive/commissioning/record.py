@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.commissioning.trial import Trial
-from feeddrive.files.atomic_io import read_whole, write_whole
+from feeddrive.files.atomic_io import MARKER, read_whole, write_whole
 from feeddrive.files.origins import digest_of
 from feeddrive.files.read_log import MOST_BYTES
 from feeddrive.language.errors import FileError
@@ -69,10 +69,13 @@ def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Record:
-    """What an interrupted commissioning had: what was in the drive at its beginning, and the steps that were done."""
+    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, and the
+    names of the files of all others, which are done again.
+    """
 
     inside: Mapping[str, str]
-    steps: tuple[Step, ...] = ()
+    steps: tuple[Step, ...]
+    stale: tuple[str, ...]
 
 
 def write_record(
@@ -135,7 +138,24 @@ def read_record(folder: Path, drive: str) -> Record | None:
         if any(not _is_same(folder / name, digest) for name, digest in step.files.items()):
             break
         whole.append(step)
-    return Record(inside, tuple(whole))
+    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files))
+
+
+def remove_stale(folder: Path, names: Sequence[str]) -> None:
+    """Remove files of steps that are done again, and the folders that are empty then; all others stay."""
+    root = folder.resolve()
+    for name in names:
+        path = root / name
+        if not path.resolve().is_relative_to(root):
+            continue
+        path.unlink(missing_ok=True)
+        for parent in path.parents:
+            if parent == root or not parent.is_dir():
+                break
+            (parent / MARKER).unlink(missing_ok=True)
+            if any(parent.iterdir()):
+                break
+            parent.rmdir()
 
 
 def _is_same(path: Path, digest: str) -> bool:

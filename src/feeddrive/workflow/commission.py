@@ -8,6 +8,7 @@ Each step leaves the files that the command of its name leaves, so that one can 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -23,28 +24,48 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
+from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
+from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
-from feeddrive.commissioning.record import FILE, Commissioned, Record, Step, digests, read_record, write_record
+from feeddrive.commissioning.record import (
+    FILE,
+    Commissioned,
+    Record,
+    Step,
+    digests,
+    read_record,
+    remove_stale,
+    write_record,
+)
 from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
 from feeddrive.export.design import weight
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, write_log
-from feeddrive.files.machine import MachineLike, machine_of_text, machine_toml, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, machine_of_text, machine_toml, read_machine
+from feeddrive.files.origins import with_origins
+from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
 from feeddrive.identification.motion.identify import own_viscous
-from feeddrive.language import tree
-from feeddrive.language.errors import AbortedError, FeeddriveError, FileError, NotCertifiedError, ParameterError
+from feeddrive.language.errors import (
+    AbortedError,
+    FeeddriveError,
+    FileError,
+    LogError,
+    NotCertifiedError,
+    NotIdentifiableError,
+    ParameterError,
+)
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, resolve
+from feeddrive.language.units import turning
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -69,6 +90,7 @@ USED = 0.4  # of limits.following_error that a motion may use: the monitor acts 
 WORK = 0.5  # of limits.force beyond holding force and friction, that a motion may use
 REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
+SURE = 0.1  # error of a mass by strokes, above which the rough one stays
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
 SHORT = 0.25  # of the travel, that the slowest strokes take
@@ -128,7 +150,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if request.virtual is not None:
         return virtual_axis(request.virtual)
     if isinstance(request.drive, str | Path):
-        return BusAxis(read_drive(request.drive))
+        return BusAxis.read(request.drive)
     if isinstance(request.drive, DriveFile):
         return BusAxis(request.drive)
     assert request.drive is not None
@@ -150,6 +172,12 @@ class _RefusedError(Exception):
         self.why = why
 
 
+def _excited(path: Path) -> Profile:
+    """Return the profile of a file that `write_excitation` wrote."""
+    log = read_log(path)
+    return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
+
+
 class _Gentle(NamedTuple):
     """The log of the first move, and the share of the force limit under which it moved."""
 
@@ -160,18 +188,6 @@ class _Gentle(NamedTuple):
 def _carried(told: SmallMove, force: float) -> float:
     """Return the force that carries and slides an axis, as a share of a force (N)."""
     return (abs(told.holding) + 3.0 * abs(told.friction)) / force
-
-
-def _with_viscous_plant(axis: Axis) -> Axis:
-    """Return a rigid axis with its viscous friction in the plant, to which responses are fitted, and not beside it."""
-    plant, friction = axis.plant, axis.friction_load
-    if not isinstance(plant, Rigid) or friction is None:
-        return axis
-    # of both directions what they have in common
-    shares = {name: float(value) for name, value in tree.leaves(friction) if name.startswith("viscous")}
-    common = min(shares.values(), default=0.0)
-    dry = replace(friction, **{name: value - common for name, value in shares.items()})
-    return replace(axis, plant=replace(plant, viscous=float(plant.viscous) + common), friction_load=dry)
 
 
 class _Chain:
@@ -199,6 +215,8 @@ class _Chain:
             self._check_inside(record)
             self.inside = dict(record.inside)
             before = {step.name: step for step in record.steps}
+        if record is not None:
+            remove_stale(self.folder, record.stale)
         refusal = ""
         try:
             for number, (name, work) in enumerate(STEPS.items()):
@@ -426,7 +444,7 @@ class _Chain:
         question = Text(
             f"The drive counts a move of {Quantity(counted, 'm'):4 mm}. Measure it: by how much did the axis move?"
         )
-        measured = self.progress.measured(question, counted, "m")
+        measured = self.progress.measured(question, counted, turning("m") if self.axis.rotary else "m")
         if measured is None:
             return 1.0
         factor = ratio_by_ruler(measured, counted)
@@ -469,12 +487,7 @@ class _Chain:
     def start_law(self) -> tuple[str, Mapping[str, float]]:
         """Compute a safe start law from the rough mass; nothing moves."""
         facts = self.facts
-        axis = Axis(
-            plant=Rigid(mass=facts["rough_mass"]),
-            actuator=Actuator(dead_time=UNKNOWN_DELAY + 2.0 * self.T),
-            friction_load=Coulomb(coulomb=facts["friction"]),
-            forces=(Gravity(force=-facts["holding"]),) if abs(facts["holding"]) > 0.2 * facts["friction"] else (),
-        )
+        axis = self._rigid(facts["rough_mass"], facts["friction"], 0.0, UNKNOWN_DELAY + 2.0 * self.T)
         loop = self._started(axis, ROUGH)
         with new_directory(self.place) as folder:
             write_whole(folder / "machine.toml", self._machine(loop, "safe start law of feeddrive commission"))
@@ -483,6 +496,17 @@ class _Chain:
             f"P-PI with Kv {Quantity(float(law.Kv), '1/s'):3}, Kp {Quantity(float(law.Kp), 'N s/m'):3}, which bears a "
             f"mass that is {Quantity(ROUGH, 'share'):2} off {Quantity(facts['rough_mass'], 'kg'):2}"
         ), {}
+
+    def _rigid(self, mass: float, coulomb: float, viscous: float, dead_time: float) -> Axis:
+        """Return a rigid axis; its viscous friction is in the plant, to which responses are fitted."""
+        held = self.facts["holding"]
+        return Axis(
+            plant=Rigid(mass=mass, viscous=viscous),
+            actuator=Actuator(dead_time=dead_time),
+            friction_load=Coulomb(coulomb=coulomb),
+            forces=(Gravity(force=-held),) if abs(held) > 0.2 * coulomb else (),
+            rotary=self.axis.rotary,
+        )
 
     def _machine(self, loop: Loop, source: str) -> str:
         return machine_toml(Machine.of({AXIS: loop}), self.axis.where, source)
@@ -526,28 +550,46 @@ class _Chain:
         )
         played = self._strokes(loop.control, pace, travel)
         self._kept(strokes=played.log)
-        outcome = identify.run(
-            IdentifyRequest(
-                (self.place / "strokes.parquet",),
-                machine=machine,
-                axis=AXIS,
-                force="commanded",
-                out=self.place / "identified",
-            ),
-            self.progress.quiet(),
-        )
-        found = outcome.result
-        if outcome.judgment.bad or "Machine" not in outcome.files:
-            raise _RefusedError(Text(f"mass and friction: {outcome.verdict} {' '.join(outcome.notes)}"))
-        facts = {
-            "mass": found.mass.value,
-            "mass_error": found.mass.error,
-            "dead_time": max(0.0, found.delay.dead_time) * self.T,
-        }
+        facts, told = self._identified(machine)
+        if facts["mass_error"] > SURE * facts["mass"]:
+            # the responses will tell it: until then the law for the rough mass has moved the axis safely
+            facts |= {"mass": self.facts["rough_mass"], "mass_error": ROUGH * self.facts["rough_mass"]}
         return Text(
-            f"mass {Quantity(found.mass.value, 'kg', found.mass.error)}, dead time "
-            f"{Quantity(facts['dead_time'], 's'):2}. {outcome.verdict}"
+            f"mass {Quantity(facts['mass'], 'kg', facts['mass_error'])}, friction "
+            f"{Quantity(facts['coulomb'], 'N'):3}, viscous {Quantity(facts['viscous'], 'N s/m'):3}, dead time "
+            f"{Quantity(facts['dead_time'], 's'):2}. {told}"
         ), facts
+
+    def _identified(self, machine: MachineFile) -> tuple[dict[str, float], str]:
+        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model."""
+        facts = {
+            "mass": self.facts["rough_mass"],
+            "mass_error": math.inf,
+            "coulomb": self.facts["friction"],
+            "viscous": 0.0,
+            "dead_time": UNKNOWN_DELAY,
+        }
+        try:
+            outcome = identify.run(
+                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, force="commanded"),
+                self.progress.quiet(),
+            )
+        except LogError as error:
+            return facts, f"{error}"
+        found = outcome.result
+        values = {estimate.name: float(estimate.value) for estimate in found.rigid.estimates}
+
+        def mean(name: str) -> float:
+            sides = [value for key, value in values.items() if key.startswith(name)]
+            return max(0.0, sum(sides) / len(sides)) if sides else 0.0
+
+        return {
+            "mass": float(found.mass.value),
+            "mass_error": float(found.mass.error),
+            "coulomb": mean("coulomb"),
+            "viscous": mean("viscous"),
+            "dead_time": max(0.0, float(found.delay.dead_time)) * self.T,
+        }, f"{outcome.verdict}"
 
     def _strokes(self, control: Control, pace: Pace, travel: float) -> Played:
         """Play strokes at growing paces, as far as the following error of the last ones allows; return the fastest."""
@@ -585,8 +627,11 @@ class _Chain:
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
-        identified = read_machine(self._in("friction_and_mass", "identified/machine.toml")).loop(AXIS).axis
-        loop = self._started(_with_viscous_plant(identified), SPREAD)
+        facts = self.facts
+        loop = self._started(
+            self._rigid(facts["mass"], facts["coulomb"], facts["viscous"], UNKNOWN_DELAY + 2.0 * self.T),
+            max(SPREAD, 2.0 * facts["mass_error"] / facts["mass"]),
+        )
         made = self._designed(loop)
         machine = self._machine(loop, "start law for the identified axis")
         write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
@@ -626,7 +671,7 @@ class _Chain:
         """Play the excitation under the start law, and estimate the frequency responses."""
         control = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
-        profiles = [self.axis.read(path) for path in files]
+        profiles = [_excited(path) for path in files]
         self._ask(
             Text(
                 f"Responses: the axis moves slowly by up to "
@@ -660,8 +705,26 @@ class _Chain:
                 if best is not tried[-1]:
                     place = self._places()[tried.index(best)]
                     best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
-                return Text(f"{best.verdict}"), {"model_band": share * float(frequency[-1])}
+                return Text(f"{best.verdict} {self._with_friction()}"), {"model_band": share * float(frequency[-1])}
         raise _RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+
+    def _with_friction(self) -> str:
+        """Fit the friction of the model to the strokes, write it into the machine file, and return a sentence on it."""
+        model = read_machine(self.place / "machine.toml").loop(AXIS)
+        control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
+        strokes = self._in("friction_and_mass", "strokes.parquet")
+        control = replace(control, law=replace(control.law, velocity_encoder=model.control.law.velocity_encoder))
+        try:
+            fit = fit_friction(replace(model, control=control), read_log(strokes), self.facts["coulomb"])
+        except NotIdentifiableError as error:
+            return f"Its friction is that of the strokes alone: {error}."
+        text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
+        inputs = (self._in("responses", "responses/frf.csv"), strokes)
+        write_whole(self.place / "machine.toml", with_origins(text, inputs))
+        return Text(
+            f"Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves {Quantity(fit.left, 'm'):3} "
+            "RMS of the strokes."
+        )
 
     def _responses(self) -> dict[str, FRF]:
         return read_frfs(self._in("responses", "responses/frf.csv"))
@@ -710,28 +773,29 @@ class _Chain:
             ),
             self.progress.quiet(),
         )
-        if outcome.judgment.bad or "Certificate" not in outcome.files:
+        if outcome.judgment.bad or "Machine" not in outcome.files:
             raise _RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
         return Text(f"{outcome.verdict}"), {}
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
         """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
         machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
-        try:
-            certify.run(
-                CertifyRequest(machine, axis=AXIS, measured=responses, out=self.place),
-                self.progress.quiet(),
-            )
-        except NotCertifiedError as error:
-            # the responses hold modes that the model lacks: they were certified with the tuning
-            outcome = check.run(CheckRequest(self._in("tune", "certificate.json")), self.progress.quiet())
-            told = Text(f"of the fitted responses (not of the model: {error})")
+        whys = list[str]()
+        for fit in (False, True):
+            try:
+                certify.run(
+                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
+                    self.progress.quiet(),
+                )
+                break
+            except NotCertifiedError as error:
+                whys.append(str(error))
         else:
-            outcome = check.run(
-                CheckRequest(self.place / "certificate.json", machine=machine, source=(responses,)),
-                self.progress.quiet(),
-            )
-            told = Text(f"{outcome.verdict}")
+            raise _RefusedError(Text(f"certificate: {'; '.join(whys)}"))
+        # a fit of the responses alone is not the model of the machine file, to which it is not compared then
+        compared = {} if whys else {"machine": machine, "source": (responses,)}
+        outcome = check.run(CheckRequest(self.place / "certificate.json", **compared), self.progress.quiet())
+        told = Text(f"of a fit of the responses (not of the model: {whys[0]})" if whys else f"{outcome.verdict}")
         if outcome.judgment.bad:
             raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
         return told, {}

@@ -1,0 +1,83 @@
+"""The friction of an axis whose other parts are known, by simulating the strokes that it made.
+
+Where friction acts, and whether it falls from a breakaway level, is told by evidence: each candidate is fitted by
+output error, and a richer one is taken only if it leaves clearly less of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from feeddrive.blocks.friction.coulomb import Coulomb
+from feeddrive.blocks.friction.stribeck import Stribeck
+from feeddrive.files.log import Log
+from feeddrive.identification.motion.motion_log import MotionLog
+from feeddrive.identification.motion.output_error import Refinement, refine
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.loop import Loop
+
+_CLEARLY = 0.95  # of what a simpler candidate leaves: a richer one must leave less
+_BREAKAWAY, _STRIBECK = 1.3, 3e-3  # times the level, and m/s, with which a fit begins
+_SETTLED = 0.2  # s at the beginning of the log, in which a start differs from that of the simulation
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """The axis with its friction, the body on which it acts, its curve, and what is left of the position, m RMS."""
+
+    axis: Axis
+    body: str
+    curve: str
+    left: float
+    without: float
+
+
+def fit_friction(ran: Loop, log: Log, coulomb: float) -> FrictionFit:
+    """Return the axis of the loop that ran with the friction that explains the log of its strokes best.
+
+    ran      the loop as it ran, with the plant that is known; its friction is replaced
+    coulomb  N, from which the fits begin
+
+    Raises NotIdentifiableError if no candidate can be fitted.
+    """
+    motion = MotionLog(
+        name=log.name,
+        position=log["reading_load"] - log["set_position"][0],
+        force=log["commanded"],
+        sample_time=log.sample_time,
+        set_position=log["set_position"] - log["set_position"][0],
+        rotary=ran.axis.rotary,
+        turning=ran.axis.rotary,
+    )
+    two = ran.axis.plant.mechanics().motor != ran.axis.plant.mechanics().load
+    skip = round(_SETTLED / log.sample_time)
+    best: FrictionFit | None = None
+    why = ""
+    for body in ("load", "motor") if two else ("load",):
+        for curve in ("coulomb", "stribeck"):
+            try:
+                fit = _fitted(ran, motion, body, curve, coulomb, skip)
+            except FeeddriveError as error:
+                why = str(error)
+                continue
+            left = fit.by_delay[0]
+            if best is None or left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
+                best = FrictionFit(fit.loop.axis, body, curve, left, 0.0 if best is None else best.left)
+    if best is None:
+        raise NotIdentifiableError(f"no friction explains the strokes: {why}")
+    return best
+
+
+def _fitted(ran: Loop, log: MotionLog, body: str, curve: str, coulomb: float, skip: int) -> Refinement:
+    friction = (
+        Coulomb(coulomb=coulomb)
+        if curve == "coulomb"
+        else Stribeck(coulomb=coulomb, breakaway=_BREAKAWAY * coulomb, stribeck_velocity=_STRIBECK)
+    )
+    places = {"friction_load": None, "friction_motor": None, f"friction_{body}": friction}
+    loop = replace(ran, axis=replace(ran.axis, **places))
+    place = f"{loop.place_of('axis')}.friction_{body}"
+    names = [f"{place}.coulomb", f"{place}.viscous"]
+    names += [f"{place}.breakaway", f"{place}.stribeck_velocity"] if curve == "stribeck" else []
+    return refine(loop, log, names, delays=(0,), skip=skip)
