@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -55,6 +55,7 @@ _COLUMNS = {
 }
 
 
+@runtime_checkable
 class LiveAxis(Protocol):
     """An axis with a drive: it can be listened to, moved, and given a control on trial."""
 
