@@ -360,6 +360,19 @@ def test_the_axis_rests_a_tenth_of_a_second_and_a_switch_fades_for_as_long(tmp_p
     assert len(braked.rows(played, None)) == 500 + len(alone)
 
 
+def test_a_control_of_another_sample_time_is_not_tried(tmp_path: Path) -> None:
+    loop = replace(softer(linear_motor()), sample_time=2e-4)
+    with pytest.raises(ParameterError, match="made for a sample time of 200 us, and the thread has 100 us"):
+        of_shop(tmp_path).play(profile(1e-4), control=loop)
+
+
+def test_a_control_without_a_guard_is_not_tried(tmp_path: Path) -> None:
+    """What it would do with a broken reading is not defined; nothing is loaded for it."""
+    loop = linear_motor()
+    with pytest.raises(StructureError, match="the control of axis x has no guard"):
+        of_shop(tmp_path).play(profile(1e-4), control=replace(loop.control, guard=None))
+
+
 class Heard:
     """A session that only hears what it is asked."""
 

@@ -125,6 +125,10 @@ def cases() -> dict[str, Motion]:
     made["dry"] = Motion()
     made["dry"]["row"][BEGUN:] = BEGUN - 1
     made["dry"].braked(BEGUN)
+    made["jumping row"] = Motion()
+    made["jumping row"]["row-position"][BEGUN:] += 5.0
+    made["jumping row"]["row-velocity"][BEGUN:] = np.nan
+    made["jumping row"].braked(BEGUN)
     # 3 periods and v²/2a before the end of the travel: 10.02 mm - 0.15 mm - 1.25 mm
     made["travel"] = Motion(220)
     made["travel"].braked(174)
@@ -246,7 +250,14 @@ def test_the_old_control_takes_over_from_one_that_fails(seen: dict[str, dict[str
 @needs_linuxcnc
 @pytest.mark.parametrize(
     ("how", "row", "code"),
-    [("stopped", BEGUN, 1.0), ("cancelled", BEGUN, 1.0), ("dry", BEGUN, 2.0), ("travel", 173, 3.0), ("ends", 73, 12.0)],
+    [
+        ("stopped", BEGUN, 1.0),
+        ("cancelled", BEGUN, 1.0),
+        ("dry", BEGUN, 2.0),
+        ("travel", 173, 3.0),
+        ("ends", 73, 12.0),
+        ("jumping row", BEGUN, 13.0),
+    ],
 )
 def test_the_axis_brakes_along_a_ramp(seen: dict[str, dict[str, np.ndarray]], how: str, row: int, code: float) -> None:
     """At 1 m/s² from 50 mm/s: 1.25 mm and 50 periods, 10 of rest and 4 of the brake, without the excitation."""

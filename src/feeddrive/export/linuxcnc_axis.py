@@ -186,7 +186,13 @@ class LinuxcncAxis:
             )
         if control is None:
             return self._played(self.rows(profile, None), profile, progress)
-        control = control.control if isinstance(control, Loop) else control
+        if isinstance(control, Loop):
+            if abs(control.sample_time - self.sample_time) > 1e-3 * self.sample_time:
+                raise ParameterError(
+                    f"{self.where}: the control is made for a sample time of {Quantity(control.sample_time, 's'):6 us}, "
+                    f"and the thread has {Quantity(self.sample_time, 's'):6 us}: tune it for that, or change the thread"
+                )
+            control = control.control
         law = control.law
         if self.file.trial == "gains" and not isinstance(law, LinuxcncPid):
             law = self.as_pids(control)
@@ -369,6 +375,10 @@ class LinuxcncAxis:
             12: Text(
                 f"position = {Quantity(length, 'm'):6 SI}, where the axis could come to rest{row}, is beyond "
                 "limits.position_least or position_most; the axis was braked"
+            ),
+            13: Text(
+                f"the row after {ended['played']} asks for {Quantity(abs(length), 'm/s'):SI}, more than "
+                f"limits.velocity = {Quantity(limits.velocity, 'm/s'):SI}; the axis was braked"
             ),
         }
         return words[code]

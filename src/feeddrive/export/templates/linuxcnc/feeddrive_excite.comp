@@ -38,7 +38,7 @@ pin out float excitation "force of the excitation, N";
 pin out float handover "difference to the control that was left, which fades away, N";
 pin out unsigned active "0 the old control acts, 1 the one on trial";
 pin out bit fault "on from a fault until reset";
-pin out signed fault-code "why: 0 none, 1 stopped by hand, 2 no row came, 3 travel, 4 velocity, 5 force at its limit, 6 following error, 7 position is not a number, 8 a control's output is not a number, 9 fault of the control on trial, 10 fault of the drive, 11 runaway, 12 position out of its ends";
+pin out signed fault-code "why: 0 none, 1 stopped by hand, 2 no row came, 3 travel, 4 velocity, 5 force at its limit, 6 following error, 7 position is not a number, 8 a control's output is not a number, 9 fault of the control on trial, 10 fault of the drive, 11 runaway, 12 position out of its ends, 13 a row asks for more than the velocity";
 pin out float fault-value "value that exceeded its limit, in the unit of the limit";
 pin out unsigned ended "number of motions that have ended";
 pin out unsigned played "number of the last row that was played";
@@ -68,7 +68,7 @@ author "feeddrive";
 ;;
 
 enum { STATE_OFF, STATE_LISTENS, STATE_PLAYS, STATE_BRAKES, STATE_CLOSES, STATE_COASTS };
-enum { BY_HAND = 1, DRY, TRAVEL, VELOCITY, FORCE, ERROR, READING, COMMAND, NEW_FAULT, DRIVE_FAULT, RUNAWAY, ENDS };
+enum { BY_HAND = 1, DRY, TRAVEL, VELOCITY, FORCE, ERROR, READING, COMMAND, NEW_FAULT, DRIVE_FAULT, RUNAWAY, ENDS, JUMP };
 enum { WINDOW = 8 }; /* periods over which the velocity is a mean */
 
 static int state;
@@ -149,18 +149,21 @@ FUNCTION(set)
         }
     } else if (state == STATE_PLAYS || state == STATE_LISTENS) {
         const int next = state == STATE_PLAYS ? STATE_BRAKES : STATE_COASTS;
+        const double asked = (start + row_position - target) / T;
         if (halted) {
             trip(BY_HAND, 0.0, next, rest_time);
         } else if (row != next_row) {
             trip(DRY, (double)played, next, rest_time);
         } else if (row_last) {
             rest(brake_time);
+        } else if (state == STATE_PLAYS && !(fabs(asked) <= (1.0 + 1e-9) * velocity_limit)) {
+            trip(JUMP, asked, STATE_BRAKES, rest_time);
         } else {
             next_row = row + 1;
             played = row;
             logging = row_log;
             if (state == STATE_PLAYS) {
-                speed = (start + row_position - target) / T;
+                speed = asked;
                 target = start + row_position;
                 set_velocity = row_velocity;
                 set_acceleration = row_acceleration;
@@ -223,7 +226,7 @@ FUNCTION(act)
     if (state == STATE_PLAYS || state == STATE_BRAKES || state == STATE_CLOSES) {
         /* a control that trips gives no force of a control: the last one is held until the old control runs */
         const double leaving = active == 0 ? old_force : failed ? last_own : (double)new_force;
-        if (wanted && failed)
+        if (wanted && failed && state != STATE_CLOSES)
             trip(NEW_FAULT, 0.0, STATE_BRAKES, rest_time);
         if (faded < handover_rows)
             faded++;
