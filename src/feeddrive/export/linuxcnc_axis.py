@@ -187,10 +187,11 @@ class LinuxcncAxis:
         if control is None:
             return self._played(self.rows(profile, None), profile, progress)
         if isinstance(control, Loop):
-            if abs(control.sample_time - self.sample_time) > 1e-3 * self.sample_time:
+            made, there = Quantity(control.sample_time, "s"), Quantity(self.sample_time, "s")
+            if round(1e9 * control.sample_time) != round(1e9 * self.sample_time):
                 raise ParameterError(
-                    f"{self.where}: the control is made for a sample time of {Quantity(control.sample_time, 's'):6 us}, "
-                    f"and the thread has {Quantity(self.sample_time, 's'):6 us}: tune it for that, or change the thread"
+                    f"{self.where}: the control is made for a sample time of {made:6 us}, and the thread has "
+                    f"{there:6 us}: tune it for that, or change the thread"
                 )
             control = control.control
         law = control.law

@@ -152,7 +152,9 @@ class AxisHal:
         found = re.search(rf"^\s*(\d+)\s+\S+\s+{re.escape(self.file.thread)}\b", printed, re.MULTILINE)
         if found is None:
             raise HalError(f"there is no thread '{self.file.thread}' after {self.file.hal}")
-        if abs(float(found[1]) * 1e-9 - self.file.period) > 1e-3 * self.file.period:
+        wanted = round(1e9 * self.file.period)
+        # the tolerance of the exported component
+        if abs(int(found[1]) - wanted) > max(wanted // 1000, 1):
             there, said = Quantity(float(found[1]) * 1e-9, "s"), Quantity(self.file.period, "s")
             raise HalError(
                 Text(
