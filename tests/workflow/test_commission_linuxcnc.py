@@ -14,7 +14,7 @@ from feeddrive.export.linuxcnc_pid import stock_law
 from feeddrive.files.machine import read_machine
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
-from feeddrive.workflow.commission import commission
+from feeddrive.workflow.commission import CommissionRequest, commission
 from hal_programs import needs_linuxcnc
 
 
@@ -24,7 +24,7 @@ class Person(Progress):
     def confirm(self, question: str) -> bool:
         return True
 
-    def measured(self, text: str, expected: float, unit: str) -> float:
+    def measured(self, question: str, expected: float, unit: str) -> float:
         return expected
 
 
@@ -47,9 +47,10 @@ def test_an_axis_of_linuxcnc_is_commissioned_by_its_file(tmp_path: Path) -> None
     file = tmp_path / "axis.toml"
     lines = file.read_text().splitlines(keepends=True)
     file.write_text("".join(line for line in lines if not line.startswith("increment")))
-    done = commission(file, out=tmp_path / "done", target="linuxcnc", progress=Person())
+    done = commission.run(CommissionRequest(file, out=tmp_path / "done", target="linuxcnc"), Person()).result
     assert done.kept, done.refusal
     assert done.trial is not None
+    assert done.trial.before is not None
     assert done.trial.agrees
     assert done.trial.measured.following_rms < 0.5 * done.trial.before.following_rms
     assert done.questions <= 8
