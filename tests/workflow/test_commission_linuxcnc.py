@@ -39,15 +39,20 @@ def slower(loop: Loop, share: float) -> Loop:
 @needs_linuxcnc
 @pytest.mark.slow(reason="a commissioning from end to end, with a tuning and a session of HAL")
 @pytest.mark.timeout(600)
-def test_an_axis_of_linuxcnc_is_commissioned_by_its_file(tmp_path: Path) -> None:
-    """The shop's pids are at half of what the axis bears; its file does not say what a count of the encoder is."""
+@pytest.mark.parametrize(("trial", "target"), [("component", "linuxcnc"), ("gains", "linuxcnc-pid")])
+def test_an_axis_of_linuxcnc_is_commissioned_by_its_file(tmp_path: Path, trial: str, target: str) -> None:
+    """The shop's pids are at half of what the axis bears; its file does not say what a count of the encoder is.
+
+    By the exported component beside them, and by their gains alone.
+    """
     limits = BusLimits(travel=0.1, velocity=0.5, force=2000.0, following_error=5e-3, quick_stop_deceleration=5.0)
     old = stock_law(read_cascade(slower(read_machine("linear_motor").loop("x"), 0.5)))
     simulated_linuxcnc_axis("linear_motor", limits, tmp_path, old=old)
     file = tmp_path / "axis.toml"
     lines = file.read_text().splitlines(keepends=True)
-    file.write_text("".join(line for line in lines if not line.startswith("increment")))
-    done = commission.run(CommissionRequest(file, out=tmp_path / "done", target="linuxcnc"), Person()).result
+    content = "".join(line for line in lines if not line.startswith("increment"))
+    file.write_text(content.replace("trial = 'component'", f"trial = '{trial}'"))
+    done = commission.run(CommissionRequest(file, out=tmp_path / "done", target=target), Person()).result
     assert done.kept, done.refusal
     assert done.trial is not None
     assert done.trial.before is not None
@@ -55,4 +60,4 @@ def test_an_axis_of_linuxcnc_is_commissioned_by_its_file(tmp_path: Path) -> None
     assert done.trial.measured.following_rms < 0.5 * done.trial.before.following_rms
     assert done.questions <= 8
     exported = next((tmp_path / "done").glob("*_export"))
-    assert (exported / "axis_x.comp").is_file()
+    assert (exported / ("axis_x.comp" if trial == "component" else "axis-x.ini")).is_file()

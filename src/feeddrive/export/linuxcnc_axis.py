@@ -30,6 +30,7 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.actuator.direct import Direct
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
+from feeddrive.blocks.families import Feedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
@@ -96,6 +97,11 @@ class LinuxcncAxis:
     def is_virtual(self) -> bool:
         """True for a simulated axis: its HAL reaches no hardware."""
         return self.file.simulated
+
+    @property
+    def feeds(self) -> tuple[type[Feedforward], ...]:
+        """What a control on trial may feed forward: gains of pids are those of a mass and a viscous friction."""
+        return (Inertia,) if self.file.trial == "gains" else (Feedforward,)
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""
@@ -229,12 +235,14 @@ class LinuxcncAxis:
         """
         if inside is not None:
             self.restore(inside)
-        hal_files = sorted(file.name for file in export.glob("*.hal") if file.name != "desk.hal")
+        hal_files = sorted(
+            file.name for end in ("hal", "ini") for file in export.glob(f"*.{end}") if file.stem != "desk"
+        )
         components = sorted(file.name for file in export.glob("*.comp") if not file.stem.endswith("_plant"))
         install = "".join(f"sudo halcompile --install {export / name}; " for name in components)
         return Text(
-            f"{self.where}: {install}take {', '.join(hal_files) or 'the export'} of {export} into your HAL files in "
-            f"place of the old control (made from {machine_file.name}). Until then LinuxCNC has the old one."
+            f"{self.where}: {install}take {', '.join(hal_files) or 'the export'} of {export} into your HAL and ini "
+            f"files in place of the old control (made from {machine_file.name}). Until then LinuxCNC has the old one."
         )
 
     def _judged(self) -> BusDrive:

@@ -544,6 +544,8 @@ class _Chain:
             Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
         )
+        # gains in a drive are those of its own structure
+        fed = tuple(block for block in fed if isinstance(block, self.axis.feeds))
         held = float(weight(axis))
         guard = Guard(following_error_limit=limits.following_error, velocity_limit=limits.velocity, safe_force=held)
         return replace(started.loop, control=replace(started.loop.control, feedforward=fed, guard=guard), name=AXIS)
