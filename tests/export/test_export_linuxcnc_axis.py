@@ -154,6 +154,39 @@ def test_a_switch_in_motion_does_not_step_the_force(axis: LinuxcncAxis) -> None:
 
 
 @needs_linuxcnc
+def test_a_switch_at_rest_under_load_neither_steps_the_force_nor_lets_the_axis_go(axis: LinuxcncAxis) -> None:
+    """With 200 N on the table that the control on trial does not know: it starts from a force of 0.
+
+    A force that fades by at most pi d/(2 HANDOVER) N/s moves an axis under P-PI by that over Kp Kv/Tn: as the integral
+    of its position error takes it over.  Friction and a count are added.
+    """
+    loop, T = softer(linear_motor()), axis.sample_time
+    rest = np.zeros(6000)
+    acting = rest.copy()
+    over, back = 1000, 3500
+    acting[over:back] = 1.0
+    axis.hal.session.halcmd("setp feeddrive-axis.load-force -200")
+    try:
+        tried = axis.play(Profile("rest", "", T, "N", rest, rest, rest), control=loop, acting=acting)
+    finally:
+        axis.hal.session.halcmd("setp feeddrive-axis.load-force 0")
+    assert tried.aborted is None
+    log, law = tried.log, loop.control.law
+    assert isinstance(law, CascadePPI)
+    assert law.Tn is not None
+    fading = HANDOVER / T
+    for row, gain in ((over, law.Kp * law.Kv / law.Tn), (back, 4e4 * 250.0 / 4e-3)):
+        difference = abs(log["handover"][row])
+        assert 150.0 < difference < 250.0, "N: without a hand-over this would be the jump"
+        assert log["force"][row] == pytest.approx(log["force"][row - 1], abs=1e-9)
+        after = slice(row, row + 1500)
+        own = np.abs(np.diff(log["control_force"][after]))
+        assert np.all(np.abs(np.diff(log["force"][after])) <= own + np.pi * difference / (2.0 * fading) + 1e-9)
+        way = np.max(np.abs(log["reading_load"][after] - log["reading_load"][row]))
+        assert way < np.pi * difference / (2.0 * HANDOVER) / gain + 1e-8
+
+
+@needs_linuxcnc
 def test_the_gains_of_the_stock_pids_are_tried_and_restored(axis: LinuxcncAxis) -> None:
     axis.close()
     slower = read_cascade(softer(linear_motor()))
@@ -262,6 +295,7 @@ def shop(axis: LinuxcncAxis, tmp_path: Path) -> Path:
 
 
 @needs_linuxcnc
+@pytest.mark.slow(reason="a session of HAL of its own, with all components compiled once more")
 def test_a_shops_own_hal_file_is_taken_as_it_is(shop: Path) -> None:
     """Its links to the planner and to the card are undone in the session; the trial is the simulation in mm, too.
 
