@@ -461,6 +461,7 @@ def test_what_the_readers_of_other_files_refuse_their_schemas_refuse(
         "study": FORMS,
         "channels": CHANNELS,
         "drive": DRIVE,
+        "linuxcnc": LINUXCNC,
         "limits": LIMITS,
         "rules": RULES.read_text(encoding="utf-8"),
     }[kind]
