@@ -11,6 +11,7 @@ from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from feeddrive.blocks.families import Feedforward
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
@@ -87,6 +88,11 @@ class LiveAxis(Protocol):
     @property
     def rotary(self) -> bool:
         """True for an axis that turns: lengths are angles in rad, forces torques in N m."""
+        ...
+
+    @property
+    def feeds(self) -> tuple[type[Feedforward], ...]:
+        """What a control on trial may feed forward."""
         ...
 
     def limited(self, limits: BusLimits) -> LiveAxis:
@@ -185,6 +191,11 @@ class BusAxis:
             with self._opened():
                 pass
         return bool(self._virtual)
+
+    @property
+    def feeds(self) -> tuple[type[Feedforward], ...]:
+        """What a control on trial may feed forward: nothing, if only its gains go into the drive."""
+        return () if self.file.gains else (Feedforward,)
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""

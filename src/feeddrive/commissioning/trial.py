@@ -122,7 +122,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
 
 def _counted(sensor: object, increment: float, noise: float) -> Encoder:
     base = sensor if isinstance(sensor, Encoder) else Encoder()
-    return replace(base, resolution=increment, noise=noise or None)
+    return replace(base, resolution=increment or None, noise=noise or None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,7 +24,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.bus.drive_file import BusLimits, DriveFile
+from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
@@ -43,6 +43,8 @@ from feeddrive.commissioning.record import (
 )
 from feeddrive.commissioning.trial import Figures, Trial, figures, filled, predicted
 from feeddrive.export.design import weight
+from feeddrive.export.linuxcnc_axis import LinuxcncAxis
+from feeddrive.export.linuxcnc_file import read_linuxcnc_file
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
@@ -50,6 +52,7 @@ from feeddrive.files.log import Log, write_log
 from feeddrive.files.machine import MachineFile, MachineLike, machine_of_text, machine_toml, read_machine
 from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import read_log
+from feeddrive.files.toml_file import read_toml
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import (
@@ -114,7 +117,9 @@ AXIS = "x"
 class CommissionRequest(Request, more=limit_options(), after="goal"):
     """The drive, the goal and limits of the tuning, and where the results go."""
 
-    drive: Path | DriveFile | LiveAxis | None = argument("A drive file (TOML): bus, scaling, limits", default=None)
+    drive: Path | DriveFile | LiveAxis | None = argument(
+        "A drive file (TOML): bus, scaling, limits; or the file of an axis of LinuxCNC", default=None
+    )
     virtual: MachineLike | None = option(
         "a virtual drive with the plant of this machine file or bundled machine, in place of a drive", default=None
     )
@@ -157,11 +162,18 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if request.virtual is not None:
         return virtual_axis(request.virtual)
     if isinstance(request.drive, str | Path):
-        return BusAxis.read(request.drive)
+        return _axis_of(request.drive)
     if isinstance(request.drive, DriveFile):
         return BusAxis(request.drive)
     assert request.drive is not None
     return request.drive
+
+
+def _axis_of(path: str | Path) -> LiveAxis:
+    """Return the axis of a drive file, or of the file of an axis of LinuxCNC."""
+    if isinstance(read_toml(path).content.get("hal"), str):
+        return LinuxcncAxis(read_linuxcnc_file(path))
+    return BusAxis(read_drive(path))
 
 
 def virtual_axis(machine: MachineLike) -> LiveAxis:
@@ -539,6 +551,8 @@ class _Chain:
             Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
         )
+        # gains in a drive are those of its own structure
+        fed = tuple(block for block in fed if isinstance(block, self.axis.feeds))
         held = float(weight(axis))
         guard = Guard(following_error_limit=limits.following_error, velocity_limit=limits.velocity, safe_force=held)
         return replace(started.loop, control=replace(started.loop.control, feedforward=fed, guard=guard), name=AXIS)
