@@ -152,10 +152,18 @@ lag = 2
 lost_frames = 4
 late_cycles = 5
 watchdog_ms = 200
+rotary = false
+brake_time_ms = 80
 [scaling]
 counts_per_turn = 1048576
 lead_mm = 10
 rated_torque = 2.4
+force_sign = -1
+[gains.Kp]
+object = "0x60FB:2"
+type = "f32"
+factor = 0.1
+unit = "N m s/rad"
 [limits]
 travel_mm = 100
 velocity = 0.2

@@ -7,16 +7,16 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
-from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of, read_drive
+from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.gains import gains_of, write_gains
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
 from feeddrive.bus.sampling import Sampler
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
@@ -55,6 +55,7 @@ _COLUMNS = {
 }
 
 
+@runtime_checkable
 class LiveAxis(Protocol):
     """An axis with a drive: it can be listened to, moved, and given a control on trial."""
 
@@ -100,6 +101,10 @@ class LiveAxis(Protocol):
         """Return its drive file, with the corrections."""
         ...
 
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile (`read_profile`) for a motion of this axis under the control of its drive."""
+        ...
+
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the axis with its drive switched off; nothing is written to the drive."""
         ...
@@ -141,11 +146,6 @@ class BusAxis:
         self._virtual: bool | None = None
         self._encoders: int | None = None
         self._where = self._transport(file.drive).where
-
-    @classmethod
-    def read(cls, path: str | Path, *, paced: bool = True) -> Self:
-        """Return the axis of a drive file. Raises FileError and ParameterError with file and line."""
-        return cls(read_drive(path), paced=paced)
 
     @property
     def where(self) -> str:
@@ -219,6 +219,10 @@ class BusAxis:
         """Return the drive file, with the corrections of `scaled`; empty if it was not read from a file."""
         return self._text
 
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for a motion in csp. Raises what `read_profile` does."""
+        return read_profile(path, replace(self.file.drive, mode="csp"))
+
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the drive as it is: its actual values are mapped, and nothing else is written. Raises BusError."""
         drive = self.file.drive
@@ -279,7 +283,12 @@ class BusAxis:
         if control is not None and not gains:
             # compiled before the bus is opened for the motion: a drive does not wait for that
             leading = ControlInMaster(
-                control, self.sample_time, mode=mode, force=float(drive.limits.force), encoders=self._positions()
+                control,
+                self.sample_time,
+                mode=mode,
+                force=float(drive.limits.force),
+                encoders=self._positions(),
+                lost_frames=drive.lost_frames,
             )
         if gains and control is not None:
             wanted = gains_of(control.control if isinstance(control, Loop) else control)
