@@ -75,13 +75,14 @@ def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Record:
-    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, and the
-    names of the files of all others, which are done again.
+    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, the
+    names of the files of all others, which are done again, and the first file that is not as it was written.
     """
 
     inside: Mapping[str, str]
     steps: tuple[Step, ...]
     stale: tuple[str, ...]
+    changed: str = ""
 
 
 def write_record(
@@ -126,11 +127,13 @@ def read_record(folder: Path, drive: str) -> Record | None:
             "or remove that directory to begin anew"
         )
     whole: list[Step] = []
+    changed = ""
     for step in steps:
-        if any(not _is_same(folder / name, digest) for name, digest in step.files.items()):
+        changed = next((name for name, digest in step.files.items() if not _is_same(folder / name, digest)), "")
+        if changed:
             break
         whole.append(step)
-    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files))
+    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files), changed)
 
 
 def read_commissioned(folder: Path) -> Commissioned:

@@ -77,10 +77,9 @@ def commissioning_trial_chart(runs: Mapping[str, Log]) -> Chart:
         forces.append(_curve(pushed, _force(pushed), "", number, look))
         away = pushed["reading_load"] - log["reading_load"]
         deflections.append(_curve(log, 1e6 * (away - np.mean(away[:10])), "", number, look))
-    error = alone["set_position"] - alone["reading_load"]
     velocity = 1e3 * np.gradient(alone["set_position"], alone.sample_time)
     panels = (
-        Panel(f"following error\n({unit_name('m')})", tuple(errors), share=2.0, caption=_sizes(error)),
+        Panel(f"following error\n({unit_name('m')})", tuple(errors), share=2.0),
         Panel(f"deflection by the pulse\n({unit_name('m')})", tuple(deflections), share=2.0),
         Panel(f"force with the pulse\n({unit_name('N')})", tuple(forces), share=1.5),
         Panel(f"set velocity\n({unit_name('m/s')})", (_curve(alone, velocity, "", NEUTRAL, DASHED),)),

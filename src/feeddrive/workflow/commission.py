@@ -56,6 +56,7 @@ from feeddrive.identification.excitation.excitation import Excitation, design_ex
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import (
     AbortedError,
+    CancelledError,
     FeeddriveError,
     FileError,
     LogError,
@@ -220,6 +221,11 @@ class _Chain:
             self.inside = dict(record.inside)
             before = {step.name: step for step in record.steps}
         if record is not None:
+            if record.changed:
+                self.progress.remark(
+                    f"- {self.folder / record.changed} is not what its step wrote: that step and all after it are done "
+                    "again."
+                )
             remove_stale(self.folder, record.stale)
         refusal = ""
         try:
@@ -235,6 +241,8 @@ class _Chain:
             self._decide()
         except _RefusedError as refused:
             refusal = refused.why
+        except CancelledError:
+            refusal = "it was stopped by hand; the same command goes on with the step that was stopped"
         except FeeddriveError as error:
             # what was measured so far stays, and the reason is the result
             if isinstance(error, AbortedError) and not self.steps:

@@ -11,7 +11,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.plot import commissioning as plot
-from feeddrive.report.report import Facts, Picture, Remarks, Report, Section, Verdict
+from feeddrive.report.report import Facts, Marked, Picture, Remarks, Report, Section, Verdict
 
 
 def commission_report(commissioned: Commissioned, folder: Path | None = None) -> Report:
@@ -24,7 +24,7 @@ def commission_report(commissioned: Commissioned, folder: Path | None = None) ->
         Verdict((verdict(commissioned),), good=_good(commissioned)),
         (
             Section("figures", "Predicted, measured, before", _figures(commissioned)),
-            Section("steps", "Steps", (Table("Steps", ["step", "result"], steps),) if steps else ()),
+            Section("steps", "Steps", (Marked(Table("", ["step", "result"], steps), text=True),) if steps else ()),
             Section("pictures", "What was measured", tuple(picture for picture in others if picture is not None)),
             Section("files", "Files", () if folder is None else (Facts(_files(commissioned, folder)),)),
         ),

@@ -183,7 +183,10 @@ class Commission(Room):
             if self._read is None or self._read[0] != known:
                 result = read_commissioned(out)
                 shown = shown_report(commission_report(result, out), bad=bool(result.refusal))
-                self._read = known, replace(shown, result={step.name: step.says for step in result.steps})
+                sections = [part for part in shown.words["sections"] if part["key"] != "steps"]
+                done = {step.name: step.says for step in result.steps}
+                # the steps stand in the list of the page
+                self._read = known, replace(shown, words={**shown.words, "sections": sections}, result=done)
         except (OSError, FeeddriveError):
             # the first step has not ended yet, or its files are just being replaced: the last report stays
             return None if self._read is None else self._read[1]
