@@ -307,7 +307,9 @@ def serve_at(
             forget()
             progress.remark("No browser was found on this machine: open this address in one.")
 
-    app = make_app(bench, door, request.folder, brought=brought, live=live, drives=request.commission, tour=request.tour)
+    app = make_app(
+        bench, door, request.folder, brought=brought, live=live, drives=request.commission, tour=request.tour
+    )
     try:
         # Ctrl-C is the usual end
         with suppress(KeyboardInterrupt):

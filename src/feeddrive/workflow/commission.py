@@ -25,7 +25,7 @@ from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.bus.drive_file import BusLimits, DriveFile
+from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
@@ -80,8 +80,8 @@ from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
-from feeddrive.workflow.excite import excitation_report, write_excitation
 from feeddrive.workflow.commission_report import commission_report, verdict
+from feeddrive.workflow.excite import excitation_report, write_excitation
 from feeddrive.workflow.export import ExportRequest, export
 from feeddrive.workflow.frf import FrfRequest, frf
 from feeddrive.workflow.identify import identify
@@ -155,7 +155,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if request.virtual is not None:
         return virtual_axis(request.virtual)
     if isinstance(request.drive, str | Path):
-        return BusAxis.read(request.drive)
+        return BusAxis(read_drive(request.drive))
     if isinstance(request.drive, DriveFile):
         return BusAxis(request.drive)
     assert request.drive is not None
@@ -278,10 +278,15 @@ class _Chain:
         now, last = dict(self.axis.inside()), record.steps[-1]
         if now == last.inside:
             return
-        if now == record.inside:
+        others = [
+            name
+            for name in {*now, *last.inside}
+            if now.get(name) not in (last.inside.get(name), record.inside.get(name))
+        ]
+        if not others:
             self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
             return
-        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        name = min(others)
         raise FileError(
             f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
             f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "

@@ -45,9 +45,7 @@ def verdict(commissioned: Commissioned) -> str:
         if trial.before is None:
             return told
         before = trial.before
-        return Text(
-            f"{told}; before {Quantity(before.following_rms, 'm'):3} and {Quantity(before.stiffness, 'N/m'):3}"
-        )
+        return Text(f"{told}; before {Quantity(before.following_rms, 'm'):3} and {Quantity(before.stiffness, 'N/m'):3}")
     if commissioned.refusal:
         return Text(f"{Judgment.NOT_COMMISSIONED.says}: {commissioned.refusal}")
     if not commissioned.steps:
@@ -75,7 +73,7 @@ def _pictures(commissioned: Commissioned) -> Iterator[Picture]:
         yield Picture(
             "trial",
             "Trial of the new control",
-            "Wide: measured on the drive. Thin: predicted before the trial. Deflection: the reading with the pulse less "
+            "Wide: measured on the drive. Thin: predicted before. Deflection: the reading with the pulse less "
             "that without it.",
             "Following error, deflection by a pulse of force, force and velocity over time, predicted and measured.",
             lambda: plot.commissioning_trial_chart(found.runs),

@@ -31,9 +31,7 @@ _OWN = "the axis of this page"
 _BRAKING = 20.0  # s in which a commissioning that is stopped may brake and put back what was in the drive
 _RULERS = {"m": ("mm", "m", "in"), "rad": ("deg", "rad")}  # units in which a person measures, the usual one first
 # the noise of the encoders is not known before the drive is
-_LIMITS = {
-    figure.limit.option: figure for figure in limitable() if figure.limit is not None and not figure.limit.noise
-}
+_LIMITS = {figure.limit.option: figure for figure in limitable() if figure.limit is not None and not figure.limit.noise}
 _FIELDS = {field.name: field for field in fields_of(CommissionRequest)}
 
 
@@ -58,9 +56,7 @@ class Commission(Room):
             "goals": list(goals()),
             "goal": _FIELDS["goal"].default,
             "targets": list(TARGETS),
-            "steps": [
-                {"name": name, "does": _does(work), "says": done.get(name, "")} for name, work in STEPS.items()
-            ],
+            "steps": [{"name": name, "does": _does(work), "says": done.get(name, "")} for name, work in STEPS.items()],
             "going": self._going,
             "rulers": _RULERS,
             "source": "" if self.request is None else _source(self.request),
