@@ -27,22 +27,8 @@ from feeddrive.language.errors import BusError, FileError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.commission import STEPS, CommissionRequest, commission
+from small_axis import MACHINE
 
-# two masses under a P-PI at 1 kHz: few samples, so that all of it takes half a minute
-MACHINE = """
-name = "a small axis"
-source = "made up"
-sample_time_ms = 1
-[axis.x]
-plant = { kind = "two_mass", mass_motor_kg = 60, mass_load_kg = 40, stiffness_N_per_um = 20, damping = 2000, viscous_motor = 300 }
-friction_load = { kind = "coulomb", coulomb_N = 40 }
-encoder_motor = { kind = "encoder", resolution_nm = 10 }
-encoder_load = { kind = "encoder", resolution_nm = 10 }
-[axis.x.control]
-force_limit_N = 1500
-guard = { following_error_limit_mm = 2, velocity_limit = 0.5 }
-law = { kind = "cascade_ppi", Kv = 30, Kp = 2e4, Tn_ms = 20 }
-"""  # noqa: E501  # as a person writes it
 LOOP = machine_of_text(MACHINE, "small.toml").loop(None)
 SCALING = scaling_of(LOOP)
 TEXT = drive_text(LOOP, SCALING, "ethercat", "virtual", 1, 1e-3)
@@ -312,12 +298,12 @@ def test_the_whole_chain_ends_in_a_control_that_is_as_predicted_and_stops_anywhe
     assert read_commissioned(out).table().rows == result.table().rows
 
     # the control of another machine in place of the exported one: named, and written again before it moves anything
-    foreign = out / "10_export" / "feeddrive.h"
+    foreign = out / "10_export" / "axis_x.h"
     assert foreign.is_file()
     foreign.write_text("/* of another machine */")
     again, second = Drive(), Person("trial")
     result = begun(again.axis, out, second)
-    assert any("10_export/feeddrive.h is not what its step wrote" in remark for remark in second.remarks)
+    assert any("10_export/axis_x.h is not what its step wrote" in remark for remark in second.remarks)
     assert "of another machine" not in foreign.read_text()
     assert not result.kept
     assert again.is_as_it_was()

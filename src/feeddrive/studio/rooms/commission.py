@@ -43,6 +43,7 @@ class Commission(Room):
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
         self.request: CommissionRequest | None = None  # the one that runs, or the last
+        self.source = ""  # its drive, by the name that the page shows
         self._page: object = None  # that began it
         self._read: tuple[tuple[int, int], Shown] | None = None  # of the record that was shown last
         desk.left.append(self._left)
@@ -59,7 +60,7 @@ class Commission(Room):
             "steps": [{"name": name, "does": _does(work), "says": done.get(name, "")} for name, work in STEPS.items()],
             "going": self._going,
             "rulers": _RULERS,
-            "source": "" if self.request is None else _source(self.request),
+            "source": self.source,
             "folder": "" if self.request is None else str(self.request.out),
             "line": "" if self.request is None else self.request.command_line("commission"),
             "found": None if found is None else found.words,
@@ -79,11 +80,10 @@ class Commission(Room):
         yes = asked.yes("yes")
         if yes and not virtual:
             raise ParameterError(f"{name} may move something real: its questions are answered one by one")
-        out = self.desk.folder / f"commission_{Path(name).stem}"
-        if asked.yes("anew") or (self.request is not None and _source(self.request) != name):
-            out = free_name(self.desk.folder, out.name)
-        elif self.request is not None and self.request.out is not None:
-            out = self.request.out
+        # the same drive goes on where it was
+        out = self.request.out if self.request is not None and name == self.source else None
+        if out is None or asked.yes("anew"):
+            out = free_name(self.desk.folder, f"commission_{Path(name).stem}".replace(" ", "_"))
         limits = {option: self.desk.limits.bound(figure) for option, figure in _LIMITS.items()}
         request = CommissionRequest(
             None if virtual else Path(name),
@@ -100,7 +100,7 @@ class Commission(Room):
 
         work = partial(commissioned, request)
         self.desk.start(self.name, f"commission {name}", work, then, patience=_BRAKING)
-        self.request, self._page = request, asked.page
+        self.request, self.source, self._page = request, name, asked.page
 
     @act
     def answer(self, asked: Asked) -> None:
@@ -192,10 +192,6 @@ class Commission(Room):
 def _does(work: Any) -> str:
     """Return what a step will do: the first paragraph of its docstring."""
     return " ".join(inspect.getdoc(work).partition("\n\n")[0].split())
-
-
-def _source(request: CommissionRequest) -> str:
-    return str(request.drive or request.virtual)
 
 
 @cache
