@@ -47,9 +47,8 @@ def test_a_person_answers_on_the_page_and_another_tab_cannot(served: Any, tmp_pa
     assert "value must be a number" in page.inner_text("#error")
     page.click("#commission-answer-none")
     page.wait_for_selector("#commission-answer-no:enabled", timeout=LONG)
-    page.wait_for_function(
-        "() => document.querySelector('#commission-asked')?.textContent.startsWith('Friction and mass')", timeout=LONG
-    )
+    begins = "() => document.querySelector('#commission-asked')?.textContent.startsWith('Friction and mass')"
+    page.wait_for_function(begins, timeout=LONG)
     opened.settled()
     page.click("#commission-answer-no")
     assert opened.ended() == "done"

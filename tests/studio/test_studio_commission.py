@@ -139,7 +139,8 @@ from test_studio_commission import braking, began
 from feeddrive.studio.server import Session
 from pathlib import Path
 if __name__ == "__main__":
-    job, _ = began(Session(Path({str(tmp_path)!r}) / "page"), partial(braking, {str(tmp_path / "told")!r}), patience=30.0)
+    work = partial(braking, {str(tmp_path / "told")!r})
+    job, _ = began(Session(Path({str(tmp_path)!r}) / "page"), work, patience=30.0)
     while job.state.state != "running":
         time.sleep(0.01)
     print("runs", flush=True)

@@ -313,7 +313,8 @@ def test_the_whole_chain_ends_in_a_control_that_is_as_predicted_and_stops_anywhe
         place = tmp_path / name
         shutil.copytree(out, place)
         for step in list(STEPS)[list(STEPS).index(name) :]:
-            shutil.rmtree(next(place.glob(f"*_{step}")), ignore_errors=True)
+            for left in place.glob(f"*_{step}"):
+                shutil.rmtree(left)
         stopped = Drive()
         result = begun(stopped.axis, place, Person(stops=True))
         assert [step.name for step in result.steps] == list(STEPS)[: list(STEPS).index(name)], name
