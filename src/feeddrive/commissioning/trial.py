@@ -80,7 +80,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
         seed=seed,
-        record=["set_position", "reading_load", "force"],
+        record=["set_position", "reading_load", "force", "velocity_load"],
         name=played.name,
     )
     rows = slice(0, played.set_position.size)
@@ -88,11 +88,19 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
     channels = {
         "set_position": run["set_position"][rows],
         "reading_load": run["reading_load"][rows],
+        "velocity_load": run["velocity_load"][rows],
         "force": force,
         "commanded": force + played.excitation[: force.size],
         "excitation": played.excitation[: force.size],
     }
-    units = {"set_position": "m", "reading_load": "m", "force": "N", "commanded": "N", "excitation": "N"}
+    units = {
+        "set_position": "m",
+        "reading_load": "m",
+        "velocity_load": "m/s",
+        "force": "N",
+        "commanded": "N",
+        "excitation": "N",
+    }
     return Log(name=played.name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 

@@ -19,9 +19,11 @@ from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 
+from feeddrive.bus.drive_file import read_drive
 from feeddrive.evaluation.scheduler import is_loopback
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.growing import Pipe
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
@@ -191,7 +193,10 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         else:
             raise FileError(f"{request.source}: no such file")
     check_followed(request.follow)
-    check_followed(request.commission)
+    for path in request.commission:
+        # the file of an axis of LinuxCNC is read when it is commissioned
+        if "hal" not in read_toml(path).content:
+            read_drive(path)
     password = "" if request.password_file is None else read_password(request.password_file)
     if not (PAGE / "index.html").is_file():
         raise ParameterError(

@@ -90,7 +90,7 @@ from feeddrive.workflow.tune import TuneRequest, limit_options, tune
 
 SHARE = 0.1  # of limits.force, for the small move
 TRIES = 3  # of the small move, each with twice the force: a hanging axis may need more than a tenth
-RULED = 0.01  # m of the small move, which a ruler measures to 2 %
+RULED, TURNED = 0.01, 0.2  # m and rad of the small move, which a person measures to 2 %
 USED = 0.4  # of limits.following_error that a motion may use: the monitor acts at 0.75 of it
 WORK = 0.5  # of limits.force beyond holding force and friction, that a motion may use
 REACH = 0.6  # of limits.travel: the rest is for braking
@@ -101,7 +101,14 @@ NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in t
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
-TOP, BAND = 1000.0, 0.45  # Hz, and share of the rate of the bus: highest line of the excitation
+# Hz: at most this share of the rate of the bus, and this over the dead time: three times what a crossover can be
+BAND, DELAYS = 0.45, 0.4
+SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
+PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
+FAST = 0.7  # of limits.velocity: the rest is for overshoot, and for a pulse of force
+DRAWN = 4  # realisations, every other one the other way, so that they need no more travel
+DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
+STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 8), (1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
@@ -402,7 +409,7 @@ class _Chain:
     def small_move(self) -> tuple[str, Mapping[str, float]]:
         """Move slowly under the drive's own control, with little force: holding force, friction, sign, gear."""
         limits = self.limits
-        distance = min(RULED, SHARE * limits.travel)
+        distance = min(TURNED if self.axis.rotary else RULED, SHARE * limits.travel)
         pace = Pace(min(2.0 * limits.following_error, 0.1 * limits.velocity), 0.25 * limits.quick_stop_deceleration)
         self._ask(
             Text(
@@ -478,7 +485,7 @@ class _Chain:
         measured = self.progress.measured(question, counted, turning("m") if self.axis.rotary else "m")
         if measured is None:
             return 1.0
-        factor = ratio_by_ruler(measured, counted)
+        factor = ratio_by_ruler(measured, counted, rotary=self.axis.rotary)
         if not factor > 0.0:
             raise _RefusedError(
                 Text(
@@ -512,7 +519,7 @@ class _Chain:
                 )
             )
         # three lengths of acceleration within the travel
-        speed = min(0.8 * limits.velocity, (acceleration * REACH * limits.travel / 3.0) ** 0.5)
+        speed = min(FAST * limits.velocity, (acceleration * REACH * limits.travel / 3.0) ** 0.5)
         return Pace(share * speed, share * acceleration)
 
     def start_law(self) -> tuple[str, Mapping[str, float]]:
@@ -600,9 +607,14 @@ class _Chain:
             "viscous": 0.0,
             "dead_time": UNKNOWN_DELAY,
         }
+        columns = (
+            {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
+            if self.axis.rotary
+            else {"force": "commanded"}
+        )
         try:
             outcome = identify.run(
-                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, force="commanded"),
+                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, **columns),
                 self.progress.quiet(),
             )
         except LogError as error:
@@ -654,7 +666,9 @@ class _Chain:
         """Return True if a predicted motion stays within following error and force."""
         error = float(np.max(np.abs(log["set_position"] - log["reading_load"])))
         force = float(np.max(np.abs(log["commanded"])))
-        return error <= USED * self.limits.following_error and force <= self.limits.force
+        fastest = float(np.max(np.abs(log["velocity_load"])))
+        limits = self.limits
+        return error <= USED * limits.following_error and force <= limits.force and fastest <= 0.9 * limits.velocity
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
@@ -670,33 +684,61 @@ class _Chain:
         return Text(
             f"{made.lines.size} lines up to {Quantity(made.frequency[-1], 'Hz'):3}, at most "
             f"{Quantity(made.amplitude, 'N'):3}, in {len(made.drawings)} realisations"
-        ), {"amplitude": made.amplitude}
+        ), {"amplitude": made.amplitude, "period": float(made.period)}
 
     def _designed(self, loop: Loop) -> Excitation:
-        """Return the largest excitation within the limits; of equal size the one with more lines."""
+        """Return the excitation whose highest lines stand out of the noise most, within the limits.
+
+        A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
+        reading.  Where no line stands out enough the band ends lower.
+        """
+        mass, noise = float(loop.axis.plant.rigid_mass()), math.hypot(self.facts["noise"], self.axis.increment / 3.5)
+
+        def stands_out(excited: Excitation) -> float:
+            samples = len(excited.drawings) * excited.periods * excited.period
+            line = excited.amplitude / (excited.crest * math.sqrt(0.5 * excited.lines.size))
+            moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
+            return moved / (noise * math.sqrt(4.0 / samples))
+
+        top = min(BAND / self.T, DELAYS / (self.facts["dead_time"] + self.T))
+        for _ in range(SIZES):
+            made = [excited for lines in LINES if (excited := self._largest(loop, top, *lines)) is not None]
+            if not made:
+                break
+            best = max(made, key=stands_out)
+            if stands_out(best) >= STANDS_OUT:
+                return best
+            top *= SMALLER
+        raise _RefusedError(
+            Text(
+                f"no excitation within limits.travel = {Quantity(self.limits.travel, 'm'):3 mm} and limits.force = "
+                f"{Quantity(self.limits.force, 'N'):3} stands out of the noise of the reading, "
+                f"{Quantity(noise, 'm'):2} RMS: raise them if the machine allows it"
+            )
+        )
+
+    def _largest(self, loop: Loop, top: float, resolution: float, periods: int) -> Excitation | None:
+        """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
-        top = min(TOP, BAND / self.T)
         free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
-        why = ""
-        # many lines first: a smaller force is made up for by periods, too few lines by nothing
-        for resolution, periods in LINES:
-            for attempt in range(SIZES):
-                try:
-                    return design_excitation(
-                        loop,
-                        band=(3.0 * resolution, top),
-                        amplitude=free * SMALLER**attempt,
-                        resolution=resolution,
-                        periods=periods,
-                        realisations=2,
-                        travel=REACH * limits.travel,
-                        speed=0.8 * limits.velocity,
-                        force=0.8 * limits.force,
-                        name=AXIS,
-                    )
-                except ParameterError as error:
-                    why = str(error)
-        raise _RefusedError(Text(f"no excitation fits into the limits: {why}"))
+        for attempt in range(SIZES):
+            try:
+                return design_excitation(
+                    loop,
+                    band=(max(3.0 * resolution, top / DECADES), top),
+                    amplitude=free * SMALLER**attempt,
+                    resolution=resolution,
+                    periods=periods,
+                    realisations=DRAWN,
+                    travel=REACH * limits.travel,
+                    speed=0.8 * limits.velocity,
+                    force=0.8 * limits.force,
+                    name=AXIS,
+                )
+            except ParameterError:
+                # a limit is exceeded
+                continue
+        return None
 
     def responses(self) -> tuple[str, Mapping[str, float]]:
         """Play the excitation under the start law, and estimate the frequency responses."""
@@ -716,7 +758,13 @@ class _Chain:
         outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
         outcome = frf.run(
             FrfRequest(
-                measured, input="commanded", output=outputs, reference=("excitation",), out=self.place / "responses"
+                measured,
+                input="commanded",
+                output=outputs,
+                reference=("excitation",),
+                method="periodic",
+                period=round(self.facts["period"]),
+                out=self.place / "responses",
             ),
             self.progress.quiet(),
         )
@@ -793,43 +841,101 @@ class _Chain:
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune within the limits of the request on the measured responses; nothing moves."""
         limits = {figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable()}
-        outcome = tune.run(
-            TuneRequest(
-                self._in("responses", "responses/frf.csv"),
-                baseline=self._in("model", "machine.toml"),
-                axis=AXIS,
-                goal=self.request.goal,
-                out=self.place,
-                **limits,
-            ),
-            self.progress.quiet(),
-        )
-        if outcome.judgment.bad or "Machine" not in outcome.files:
-            raise _RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{outcome.verdict}"), {}
+        model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
 
-    def certificate(self) -> tuple[str, Mapping[str, float]]:
-        """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
-        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        def tuned(source: Path, **more: Any) -> Outcome[Any]:
+            request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
+            return tune.run(request, self.progress.quiet())
+
         whys = list[str]()
+        try:
+            outcome = tuned(responses, baseline=model)
+            whys += self._not_certified(self.place / "machine.toml", outcome)
+        except FeeddriveError as error:
+            # noise, distortion, or a band that ends early: the model is fitted to all lines, and the certificate holds
+            # it against them
+            whys.append(str(error))
+        for peak in PEAKS:
+            if not whys:
+                break
+            least = min(peak, limits["max_ms"] or peak)
+            outcome = tuned(model, max_ms=least)
+            told = self._not_certified(self.place / "machine.toml", outcome)
+            if not told:
+                why = Text(
+                    f"On the model with Ms <= {Quantity(least):3}, as the responses do not suffice ({whys[0]}). "
+                )
+                return Text(f"{why}{outcome.verdict}"), {}
+            whys += told
+        if not whys:
+            return Text(f"{outcome.verdict}"), {}
+        for slower in SLOWER:
+            self._start_again(slower)
+            told = self._not_certified(self.place / "machine.toml")
+            if not told:
+                return Text(
+                    f"A safe start law for the model, {Quantity(slower, 'share'):2} as fast as its rule: no tuned "
+                    f"control can be certified within the responses ({whys[-1]})."
+                ), {}
+            whys += told
+        raise _RefusedError(Text(f"tuning: {whys[-1]}"))
+
+    def _start_again(self, slower: float) -> None:
+        """Write the model with a safe start law, all of whose rates are a share of those of its rule."""
+        model = self._in("model", "machine.toml")
+        loop = self._started(read_machine(model).loop(AXIS).axis, SPREAD)
+        law: Any = loop.control.law
+        law = replace(law, Kv=slower * law.Kv, Kp=slower * law.Kp, Tn=law.Tn / slower)
+        loop = replace(loop, control=replace(loop.control, law=law, feedforward=()))
+        with new_directory(self.place) as folder:
+            text = self._machine(loop, "safe start law of feeddrive commission for the identified axis")
+            write_whole(folder / "machine.toml", with_origins(text, (model,)))
+
+    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None) -> list[str]:
+        """Return why a machine file cannot be certified by the responses; nothing if it can.
+
+        outcome  of the tuning that wrote it
+        """
+        if outcome is not None and (outcome.judgment.bad or "Machine" not in outcome.files):
+            return [Text(f"{outcome.verdict} {outcome.failure}")]
+        try:
+            self._certificate(machine, None)
+        except NotCertifiedError as error:
+            return [str(error)]
+        return []
+
+    def _certificate(self, machine: Path, out: Path | None) -> str:
+        """Certify the model within the uncertainty that the responses give it, or a fit of the responses alone.
+
+        Returns the reason for the latter, "" for the former. Raises NotCertifiedError if neither can be certified.
+        """
+        responses, why = self._in("responses", "responses/frf.csv"), ""
         for fit in (False, True):
             try:
                 certify.run(
-                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
-                    self.progress.quiet(),
+                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=out), self.progress.quiet()
                 )
-                break
             except NotCertifiedError as error:
-                whys.append(str(error))
-        else:
-            raise _RefusedError(Text(f"certificate: {'; '.join(whys)}"))
+                if fit:
+                    raise
+                why = str(error)
+            else:
+                break
+        return why
+
+    def certificate(self) -> tuple[str, Mapping[str, float]]:
+        """Prove stability, write the certificate and check it against its sources; nothing moves."""
+        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        try:
+            why = self._certificate(machine, self.place)
+        except NotCertifiedError as error:
+            raise _RefusedError(Text(f"certificate: {error}")) from None
         # a fit of the responses alone is not the model of the machine file, to which it is not compared then
-        compared = {} if whys else {"machine": machine, "source": (responses,)}
+        compared: dict[str, Any] = {} if why else {"machine": machine, "source": (responses,)}
         outcome = check.run(CheckRequest(self.place / "certificate.json", **compared), self.progress.quiet())
-        told = Text(f"of a fit of the responses (not of the model: {whys[0]})" if whys else f"{outcome.verdict}")
         if outcome.judgment.bad:
             raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
-        return told, {}
+        return Text(f"of a fit of the responses (not of the model: {why})" if why else f"{outcome.verdict}"), {}
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
@@ -857,7 +963,7 @@ class _Chain:
         axis = self._under_control()
         alone, pushed = (self._play(axis, profile, loop.control).log for profile in (motion.alone, motion.pushed))
         logs = {"alone": alone, "pushed": pushed}
-        before = self._before(motion, logs)
+        before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
         self._kept(**logs, predicted_alone=simulated[0], predicted_pushed=simulated[1])
         self.trial = Trial(expected, figures(motion, alone, pushed), before)
         told = {f"predicted_{name}": value for name, value in asdict(self.trial.predicted).items()}
@@ -889,21 +995,26 @@ class _Chain:
             )
         )
 
-    def _before(self, motion: motions.TrialMotion, logs: dict[str, Log]) -> Figures | None:
-        """Return the figures of the control that the drive has, if it can follow the trial; its logs are added."""
-        played = list[Log]()
+    def _before(self, motion: motions.TrialMotion, mass: float, logs: dict[str, Log]) -> Figures | None:
+        """Return the figures of the control that the drive has, if it can follow the trial; its logs are added.
+
+        Its law is not known: the pulse is so small that even a free mass stays within the limit of the velocity.
+        """
         speed = float(np.max(np.abs(motion.alone.velocity)))
         if self.facts["lag"] * speed > USED * self.limits.following_error:
             self.progress.remark("- The control before cannot follow the trial within limits.following_error.")
             return None
-        for profile in (motion.alone, motion.pushed):
+        force = min(motion.force, 0.5 * (self.limits.velocity - speed) * mass / motions.PULSE)
+        weaker = motion.weaker(force)
+        played = list[Log]()
+        for profile in (weaker.alone, weaker.pushed):
             done = self.axis.play(profile, self.progress)
             if done.aborted:
                 self.progress.remark(Text(f"- The control before was not measured: {done.aborted}"))
                 return None
             played.append(done.log)
         logs |= {"before_alone": played[0], "before_pushed": played[1]}
-        return figures(motion, *played)
+        return figures(weaker, *played)
 
     def _decide(self) -> None:
         """Keep the new control if the trial is as predicted and the user says so; otherwise put the old one back."""
