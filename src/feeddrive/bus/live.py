@@ -410,9 +410,18 @@ class BusAxis:
             transport.open()
             self._virtual = identify(transport, self.file.drive).get("name") == cia402.VIRTUAL
             self._refuse_unpaced()
+            self._refuse_enabled(transport)
             yield transport
         finally:
             transport.close()
+
+    def _refuse_enabled(self, transport: Transport) -> None:
+        state = cia402.state_of(read_object(transport, "statusword"))
+        if state in (cia402.PowerState.ENABLED, cia402.PowerState.QUICK_STOP):
+            raise BusError(
+                f"{self.where}: is '{state.words}' already: another master or the tool of its maker commands it; "
+                "switch it off there first"
+            )
 
     def _refuse_unpaced(self) -> None:
         if not self._paced and not self._virtual:

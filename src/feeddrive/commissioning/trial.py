@@ -156,13 +156,14 @@ class Trial(Result):
             title, unit = UNITS[field.name]
             values = [Quantity(getattr(which, field.name), unit) for which in (self.predicted, self.measured)]
             before = "-" if self.before is None else Quantity(getattr(self.before, field.name), unit)
-            rows.append([title, *values, Quantity(self.ratio(field.name)), before, UNIT])
+            ratio = self.ratio(field.name)
+            rows.append([title, *values, Quantity(ratio) if np.isfinite(ratio) else "-", before, UNIT])
         heads = [
             "trial",
-            Column("predicted", form="4 SI"),
-            Column("measured", form="4 SI"),
+            Column("predicted", form="4"),
+            Column("measured", form="4"),
             Column("ratio", form="3"),
-            Column("before", form="4 SI"),
+            Column("before", form="4"),
             "unit",
         ]
         return Table("Closed-loop trial", heads, rows)

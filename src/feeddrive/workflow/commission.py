@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
+from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
@@ -57,6 +59,7 @@ from feeddrive.identification.excitation.excitation import Excitation, design_ex
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import (
     AbortedError,
+    CancelledError,
     FeeddriveError,
     FileError,
     LogError,
@@ -75,10 +78,12 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.report.page import html
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
+from feeddrive.workflow.commission_report import commission_report, verdict
 from feeddrive.workflow.excite import excitation_report, write_excitation
 from feeddrive.workflow.export import ExportRequest, export
 from feeddrive.workflow.frf import FrfRequest, frf
@@ -235,6 +240,11 @@ class _Chain:
             self.inside = dict(record.inside)
             before = {step.name: step for step in record.steps}
         if record is not None:
+            if record.changed:
+                self.progress.remark(
+                    f"- {self.folder / record.changed} is not what its step wrote: that step and all after it are done "
+                    "again."
+                )
             remove_stale(self.folder, record.stale)
         refusal = ""
         try:
@@ -250,6 +260,8 @@ class _Chain:
             self._decide()
         except _RefusedError as refused:
             refusal = refused.why
+        except CancelledError:
+            refusal = "it was stopped by hand; the same command goes on with the step that was stopped"
         except FeeddriveError as error:
             # what was measured so far stays, and the reason is the result
             if isinstance(error, AbortedError) and not self.steps:
@@ -285,10 +297,15 @@ class _Chain:
         now, last = dict(self.axis.inside()), record.steps[-1]
         if now == last.inside:
             return
-        if now == record.inside:
+        others = [
+            name
+            for name in {*now, *last.inside}
+            if now.get(name) not in (last.inside.get(name), record.inside.get(name))
+        ]
+        if not others:
             self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
             return
-        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        name = min(others)
         raise FileError(
             f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
             f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "
@@ -304,7 +321,13 @@ class _Chain:
         self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
 
     def _write(self, refusal: str) -> None:
-        closing: dict[str, Any] = {"refusal": refusal, "kept": self.kept, "questions": self.questions}
+        closing: dict[str, Any] = {
+            "where": self.axis.where,
+            "rotary": self.axis.rotary,
+            "refusal": refusal,
+            "kept": self.kept,
+            "questions": self.questions,
+        }
         if self.trial is not None:
             closing["predicted"] = asdict(self.trial.predicted)
             closing["measured"] = asdict(self.trial.measured)
@@ -313,29 +336,37 @@ class _Chain:
         write_record(self.folder, self.stated, self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
-        result = Commissioned(self.axis.where, tuple(self.steps), self.trial, self.kept, self.questions, refusal)
+        result = Commissioned(
+            self.axis.where,
+            tuple(self.steps),
+            self.trial,
+            self.kept,
+            self.questions,
+            refusal,
+            read_evidence(self.folder),
+            self.axis.rotary,
+        )
+        page = partial(commission_report, result, self.folder if kept else None)
         tables = [result.table(), *([] if self.trial is None else [self.trial.table()])]
         judgment = Judgment.COMMISSIONED if self.kept else Judgment.NOT_COMMISSIONED
-        verdict = Text(f"{Judgment.COMMISSIONED.says}: {self._gain()}") if self.kept else ""
-        failure = "" if self.kept else Text(f"{Judgment.NOT_COMMISSIONED.says}: {refusal}")
+        told = verdict(result)
         files: dict[str, str | Path] = {}
         if kept:
             files["Record"] = self.folder / FILE
-            report = self.folder / "8_tune" / "report.html"
+            files["Report"] = self.folder / "report.html"
+            write_whole(files["Report"], html(page()))
+            report = self._in("tune", "report.html")
             if report.is_file():
                 files["Report of the tuning"] = report
-        return Outcome(result, tables, verdict=verdict, files=files, judgment=judgment, failure=failure)
-
-    def _gain(self) -> str:
-        assert self.trial is not None
-        measured, before = self.trial.measured, self.trial.before
-        told = Text(
-            f"following error {Quantity(measured.following_rms, 'm'):3} RMS, stiffness "
-            f"{Quantity(measured.stiffness, 'N/m'):3}"
+        return Outcome(
+            result,
+            tables,
+            verdict=told if self.kept else "",
+            files=files,
+            judgment=judgment,
+            failure="" if self.kept else told,
+            page=page,
         )
-        if before is None:
-            return told
-        return Text(f"{told}; before {Quantity(before.following_rms, 'm'):3} and {Quantity(before.stiffness, 'N/m'):3}")
 
     # asking and moving
 
@@ -933,7 +964,8 @@ class _Chain:
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
         loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
-        motion, expected = self._trial_motion(loop)
+        motion, simulated = self._trial_motion(loop)
+        expected = figures(motion, *simulated)
         far = float(np.ptp(motion.alone.set_position))
         self._ask(
             Text(
@@ -946,7 +978,7 @@ class _Chain:
         alone, pushed = (self._play(axis, profile, loop.control).log for profile in (motion.alone, motion.pushed))
         logs = {"alone": alone, "pushed": pushed}
         before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
-        self._kept(**logs)
+        self._kept(**logs, predicted_alone=simulated[0], predicted_pushed=simulated[1])
         self.trial = Trial(expected, figures(motion, alone, pushed), before)
         told = {f"predicted_{name}": value for name, value in asdict(self.trial.predicted).items()}
         told |= {f"measured_{name}": value for name, value in asdict(self.trial.measured).items()}
@@ -955,8 +987,8 @@ class _Chain:
             f"{Quantity(self.trial.ratio('stiffness'), 'share'):3} of what was predicted"
         ), told
 
-    def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, Figures]:
-        """Return the fastest motion and the largest pulse that stay within the limits by simulation."""
+    def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, tuple[Log, Log]]:
+        """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
         noise = self.facts["noise"]
         for attempt in range(SIZES):
@@ -969,7 +1001,7 @@ class _Chain:
                 predicted(loop, profile, self.axis.increment, noise) for profile in (motion.alone, motion.pushed)
             )
             if travel <= REACH * limits.travel and self._fits(alone) and self._fits(pushed):
-                return motion, figures(motion, alone, pushed)
+                return motion, (alone, pushed)
         raise _RefusedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
