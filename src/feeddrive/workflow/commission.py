@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Filter
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.force.gravity import Gravity
@@ -169,7 +170,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if isinstance(request.drive, str | Path):
         return _axis_of(request.drive)
     if isinstance(request.drive, DriveFile):
-        return BusAxis(request.drive)
+        return _on_bus(request.drive)
     assert request.drive is not None
     return request.drive
 
@@ -178,7 +179,17 @@ def _axis_of(path: str | Path) -> LiveAxis:
     """Return the axis of a drive file, or of the file of an axis of LinuxCNC."""
     if isinstance(read_toml(path).content.get("hal"), str):
         return LinuxcncAxis(read_linuxcnc_file(path))
-    return BusAxis(read_drive(path))
+    return _on_bus(read_drive(path))
+
+
+def _on_bus(file: DriveFile) -> BusAxis:
+    """Return the axis of a drive file. Raises ParameterError for csv: the plant of a loop there is a velocity loop."""
+    if file.drive.mode == "csv":
+        raise ParameterError(
+            f'{file.name}: mode = "csv": commission closes its loops by force (cst), or by gains in the drive '
+            '([gains]): write mode = "csp"'
+        )
+    return BusAxis(file)
 
 
 def virtual_axis(machine: MachineLike) -> LiveAxis:
@@ -267,6 +278,10 @@ class _Chain:
             if isinstance(error, AbortedError) and not self.steps:
                 raise
             refusal = str(error)
+        except BaseException:
+            # a fault of this program, or an interrupt: the drive is not left with the limits of a step
+            self._put_back("")
+            raise
         if not self.kept:
             refusal = self._put_back(refusal)
         self._write(refusal)
@@ -588,7 +603,7 @@ class _Chain:
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
         )
         # gains in a drive are those of its own structure
-        fed = tuple(block for block in fed if isinstance(block, self.axis.feeds))
+        fed = tuple(block for block in fed if isinstance(block, self.axis.takes))
         held = float(weight(axis))
         guard = Guard(following_error_limit=limits.following_error, velocity_limit=limits.velocity, safe_force=held)
         return replace(started.loop, control=replace(started.loop.control, feedforward=fed, guard=guard), name=AXIS)
@@ -859,8 +874,12 @@ class _Chain:
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune within the limits of the request on the measured responses; nothing moves."""
-        limits = {figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable()}
+        limits: dict[str, Any] = {
+            figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable() if figure.limit
+        }
         model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
+
+        limits["filters"] = "placed" if Filter in self.axis.takes else "kept"
 
         def tuned(source: Path, **more: Any) -> Outcome[Any]:
             request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
