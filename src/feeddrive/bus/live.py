@@ -11,7 +11,7 @@ from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.families import Feedforward, Filter
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
@@ -25,6 +25,7 @@ from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scalin
 from feeddrive.files.log import Log
 from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language import units
+from feeddrive.language.block import Block
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -91,8 +92,8 @@ class LiveAxis(Protocol):
         ...
 
     @property
-    def feeds(self) -> tuple[type[Feedforward], ...]:
-        """What a control on trial may feed forward."""
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: feedforward and filters, some kinds of them, or nothing."""
         ...
 
     def limited(self, limits: BusLimits) -> LiveAxis:
@@ -193,9 +194,9 @@ class BusAxis:
         return bool(self._virtual)
 
     @property
-    def feeds(self) -> tuple[type[Feedforward], ...]:
-        """What a control on trial may feed forward: nothing, if only its gains go into the drive."""
-        return () if self.file.gains else (Feedforward,)
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: nothing, if only its gains go into the drive."""
+        return () if self.file.gains else (Feedforward, Filter)
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""

@@ -30,7 +30,7 @@ import numpy as np
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.actuator.direct import Direct
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid
-from feeddrive.blocks.families import Feedforward
+from feeddrive.blocks.families import Feedforward, Filter
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
@@ -49,6 +49,7 @@ from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.log import Log
 from feeddrive.files.machine import MachineLike, read_machine
 from feeddrive.files.toml_file import TomlEdit
+from feeddrive.language.block import Block
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -99,9 +100,9 @@ class LinuxcncAxis:
         return self.file.simulated
 
     @property
-    def feeds(self) -> tuple[type[Feedforward], ...]:
-        """What a control on trial may feed forward: gains of pids are those of a mass and a viscous friction."""
-        return (Inertia,) if self.file.trial == "gains" else (Feedforward,)
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: gains of pids feed a mass and a viscous friction forward."""
+        return (Inertia,) if self.file.trial == "gains" else (Feedforward, Filter)
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""
