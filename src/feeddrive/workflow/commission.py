@@ -898,7 +898,7 @@ class _Chain:
         whys = list[str]()
         try:
             outcome = tuned(responses, baseline=model)
-            whys += self._not_certified(self.place / "machine.toml", outcome)
+            whys += self._not_certified(self.place / "machine.toml", outcome, fitted=True)
         except FeeddriveError as error:
             # noise, distortion, or a band that ends early: the model is fitted to all lines, and the certificate holds
             # it against them
@@ -939,18 +939,19 @@ class _Chain:
             text = self._machine(loop, "safe start law of feeddrive commission for the identified axis")
             write_whole(folder / "machine.toml", with_origins(text, (model,)))
 
-    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None) -> list[str]:
+    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None, *, fitted: bool = False) -> list[str]:
         """Return why a machine file cannot be certified by the responses; nothing if it can.
 
         outcome  of the tuning that wrote it
+        fitted   a fit of the responses may stand for the model: for a control that was tuned on them
         """
         if outcome is not None and (outcome.judgment.bad or "Machine" not in outcome.files):
             return [Text(f"{outcome.verdict} {outcome.failure}")]
         try:
-            self._certificate(machine, None)
+            why = self._certificate(machine, None)
         except NotCertifiedError as error:
             return [str(error)]
-        return []
+        return [why] if why and not fitted else []
 
     def _certificate(self, machine: Path, out: Path | None) -> str:
         """Certify the model within the uncertainty that the responses give it, or a fit of the responses alone.
