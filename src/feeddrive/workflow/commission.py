@@ -114,7 +114,7 @@ FAST, FASTEST, PUSHED = 0.6, 0.85, 0.1
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
-LINES = ((1.0, 8), (1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
+LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
 HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
@@ -731,7 +731,7 @@ class _Chain:
         ), {"amplitude": made.amplitude, "period": float(made.period)}
 
     def _designed(self, loop: Loop) -> Excitation:
-        """Return the excitation whose highest lines stand out of the noise most, within the limits.
+        """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
 
         A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
         reading.  Where no line stands out enough the band ends lower.
@@ -746,12 +746,11 @@ class _Chain:
 
         top = min(BAND / self.T, DELAYS / (self.facts["dead_time"] + self.T))
         for _ in range(SIZES):
-            made = [excited for lines in LINES if (excited := self._largest(loop, top, *lines)) is not None]
-            if not made:
-                break
-            best = max(made, key=stands_out)
-            if stands_out(best) >= STANDS_OUT:
-                return best
+            # the finest grid that stands out: a mode with little damping lies between coarse lines
+            for resolution, periods in LINES:
+                made = self._largest(loop, top, resolution, periods)
+                if made is not None and stands_out(made) >= STANDS_OUT:
+                    return made
             top *= SMALLER
         raise _RefusedError(
             Text(
