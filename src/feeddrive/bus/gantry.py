@@ -29,7 +29,6 @@ from feeddrive.bus.ethercat import Segment
 from feeddrive.bus.live import BusAxis
 from feeddrive.bus.monitor import Skew
 from feeddrive.bus.play import Played, Profile, play_together
-from feeddrive.files.log import Log
 from feeddrive.language import tree
 from feeddrive.language.block import Block
 from feeddrive.language.errors import BusError, ParameterError
@@ -61,7 +60,6 @@ class Gantry:
     first, second  the axes of both drives, whose positions count the same way
     shares         of the whole force that each side gets
     free           first minus second position at which the beam is free of force, m; None: where it stands
-    held           force that the beam may take from one side to the other, N; a drive that stands against it is not dead
 
     Raises ParameterError for drives that cannot be moved in lockstep, and without limits.skew.
     """
@@ -70,7 +68,6 @@ class Gantry:
     second: BusAxis
     shares: tuple[float, float] = (0.5, 0.5)
     free: float | None = None
-    held: float = 0.0
 
     def __post_init__(self) -> None:
         one, other = (side.file for side in self.sides)
@@ -119,6 +116,19 @@ class Gantry:
     def with_sides(self, first: BusAxis, second: BusAxis) -> Self:
         """Return the gantry with other descriptions of its drives."""
         return replace(self, first=first, second=second)
+
+    def profiles(self, common: Profile | None = None, skew: Profile | None = None) -> tuple[Profile, Profile]:
+        """Return the profiles of both sides for motions and forces of the whole, of which one may rest."""
+        there = [(name, each) for name, each in (("common", common), ("skew", skew)) if each is not None]
+        made = list[Profile]()
+        for side in (0, 1):
+            parts = [(_weights(name, self.shares), each) for name, each in there]
+            excitation = sum(w.force[side] * each.excitation for w, each in parts)
+            position = sum(w.motion[side] * each.set_position for w, each in parts)
+            velocity = sum(w.motion[side] * each.velocity for w, each in parts)
+            first = there[0][1]
+            made.append(replace(first, excitation=excitation, set_position=position, velocity=velocity))
+        return made[0], made[1]
 
     def play(
         self,
@@ -169,6 +179,13 @@ class _Weights(NamedTuple):
     whole: tuple[float, float]
 
 
+def _weights(which: str, shares: tuple[float, float]) -> _Weights:
+    s1, s2 = shares
+    if which == "common":
+        return _Weights((s1, s2), (1.0, 1.0), (s1, s2), (1.0, 1.0))
+    return _Weights((1.0, -1.0), (s2, -s1), (s1 * s2, -s1 * s2), (1.0 / s1, -1.0 / s2))
+
+
 @dataclass(frozen=True)
 class GantryMotion:
     """One motion of a gantry as an axis; see `LiveAxis` and the head of this file.
@@ -182,10 +199,7 @@ class GantryMotion:
 
     @property
     def _weights(self) -> _Weights:
-        s1, s2 = self.gantry.shares
-        if self.which == "common":
-            return _Weights((s1, s2), (1.0, 1.0), (s1, s2), (1.0, 1.0))
-        return _Weights((1.0, -1.0), (s2, -s1), (s1 * s2, -s1 * s2), (1.0 / s1, -1.0 / s2))
+        return _weights(self.which, self.gantry.shares)
 
     @property
     def where(self) -> str:
@@ -200,7 +214,8 @@ class GantryMotion:
     @property
     def increment(self) -> float:
         """The increment whose rounding has the variance of that of both sides together, m."""
-        return math.hypot(*(w * side.increment for w, side in zip(self._weights.position, self.gantry.sides, strict=True)))
+        parts = zip(self._weights.position, self.gantry.sides, strict=True)
+        return math.hypot(*(weight * side.increment for weight, side in parts))
 
     @property
     def rotary(self) -> bool:
@@ -237,22 +252,18 @@ class GantryMotion:
 
     def limited(self, limits: BusLimits) -> GantryMotion:
         """Return the same motion under tighter limits."""
-        weights, held = self._weights, self.gantry.held
         made = list[BusAxis]()
-        for i, side in enumerate(self.gantry.sides):
-            mine, share = side.limits, self.gantry.shares[i]
-            force = min(float(mine.force), limits.force * abs(weights.force[i]))
-            known = limits.largest_mass is not None and limits.breakaway_force is not None
+        for side, share in zip(self.gantry.sides, self._weights.force, strict=True):
+            mine = side.limits
             changed = replace(
                 mine,
-                force=force,
+                force=min(float(mine.force), limits.force * abs(share)),
                 following_error=min(float(mine.following_error), float(limits.following_error)),
-                largest_mass=share * float(limits.largest_mass or 0.0) if known else mine.largest_mass,
-                # the beam may hold a side against all of its force
-                breakaway_force=min(force, share * float(limits.breakaway_force or 0.0) + held)
-                if known
-                else mine.breakaway_force,
             )
+            # one side may have to drag the other by the beam: what is known of the whole holds for either
+            for name in ("largest_mass", "breakaway_force"):
+                if getattr(limits, name) is not None:
+                    changed = replace(changed, **{name: getattr(limits, name)})
             made.append(side.limited(changed))
         return replace(self, gantry=self.gantry.with_sides(*made), stated=limits)
 
@@ -271,24 +282,21 @@ class GantryMotion:
         return self._merged(tuple(side.listen(seconds, progress) for side in self.gantry.sides), "listened")
 
     def play(
-        self, profile: Profile, progress: Progress | None = None, control: Control | Loop | None = None
+        self,
+        profile: Profile,
+        progress: Progress | None = None,
+        control: Control | Loop | None = None,
+        along: Profile | None = None,
     ) -> Played:
-        """Play a motion under the controls of the drives or, on trial, under the shares of ours; see `LiveAxis`."""
-        weights = self._weights
+        """Play a motion under the controls of the drives or, on trial, under the shares of ours; see `LiveAxis`.
+
+        along  what the other motion of the gantry does meanwhile; default: it rests
+        """
         if isinstance(control, Loop):
             control = control.control
-        profiles = [
-            replace(
-                profile,
-                excitation=force * profile.excitation,
-                set_position=motion * profile.set_position,
-                velocity=motion * profile.velocity,
-            )
-            for motion, force in zip(weights.motion, weights.force, strict=True)
-        ]
         controls = [None if control is None else share_of(control, share) for share in self.gantry.shares]
-        played = self.gantry.play((profiles[0], profiles[1]), progress, (controls[0], controls[1]))
-        return self._merged(played, profile.name)
+        profiles = self.gantry.profiles(**{self.which: profile, "common" if self.which == "skew" else "skew": along})
+        return self._merged(self.gantry.play(profiles, progress, (controls[0], controls[1])), profile.name)
 
     def inside(self) -> Mapping[str, str]:
         """Return the objects that a motion writes, of both drives."""
@@ -343,7 +351,8 @@ class GantryMotion:
             channels["lost"], known["lost"] = np.maximum(*lost), ""
         provenance: dict[str, Any] = {**logs[0].provenance, "bus": self.where, "increment_m": self.increment}
         provenance |= {"gantry": self.which, "shares": list(self.gantry.shares)}
-        log = replace(logs[0], name=name, time=logs[0].time[:rows], channels=channels, units=known, provenance=provenance)
+        time = logs[0].time[:rows]
+        log = replace(logs[0], name=name, time=time, channels=channels, units=known, provenance=provenance)
         # the reason of the side that caused the end is that of both
         aborted = next((each.aborted for each in played if each.aborted), None)
         remarks = tuple(dict.fromkeys(remark for each in played for remark in each.remarks))

@@ -504,7 +504,8 @@ def _trouble(kept: Sequence[_Rows], faults: Sequence[Fault | None]) -> str:
     rows, fault = next((rows, fault) for rows, fault in zip(kept, faults, strict=True) if fault is not None)
     # the client knows the bus, and the words for the error code of the drive
     reason = (rows.client.trouble() if fault.kind in ("frames", "drive") else "") or fault.message
-    return reason if len(kept) == 1 or fault.kind in ("stop", "skew") else Text(f"{rows.client.transport.where}: {reason}")
+    of_all = len(kept) == 1 or fault.kind in ("stop", "skew")
+    return reason if of_all else Text(f"{rows.client.transport.where}: {reason}")
 
 
 def _reactions(faults: Sequence[Fault | None]) -> list[str]:

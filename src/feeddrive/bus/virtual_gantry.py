@@ -117,15 +117,18 @@ class DrivenSide(DrivenAxis):
 
     @property
     def has_sign(self) -> bool:
+        """True if the law is a cascade."""
         return self.has_velocity_loop
 
     @property
     def gains(self) -> dict[str, float]:
+        """The gains of a cascade in SI, as they are now."""
         whole = self._whole
         places = {name: whole.places.get(f"{self._law}{name}") for name in ("Kv", "Kp", "Tn")}
         return {name: float(whole.constants[row, 0]) for name, row in places.items() if row is not None}
 
     def set_gain(self, name: str, value: float) -> None:
+        """Change a gain of the cascade from the next cycle on."""
         self._whole.constants[self._whole.places[f"{self._law}{name}"]] = value
 
     def change(self, constants: np.ndarray, alone: bool, sign: float) -> None:
@@ -138,6 +141,7 @@ class DrivenSide(DrivenAxis):
             constants[places[f"{self._law}Kp"]] *= sign
 
     def stand(self, samples: int, force: float = 0.0) -> Sample:
+        """Refuse to stand on a brake."""
         raise StructureError(f"axis {self.name}: a side of a virtual gantry has no brake")
 
     def follow(
@@ -149,11 +153,13 @@ class DrivenSide(DrivenAxis):
         alone: bool = False,
         sign: float = 1.0,
     ) -> Sample:
+        """Ask for one sample for each set position; see `DrivenAxis`."""
         asked = _Asked(position, np.asarray(velocity), sign * added_force * enable, enable, alone, sign)
         self.last = self._whole.ask(self, asked)
         return self.last
 
     def push(self, force: float, samples: int) -> Sample:
+        """Ask for a force (N) with the control switched off."""
         still = np.full(samples, self.last.position)
         # the control is off: only the added force acts
         self.last = self._whole.ask(self, _Asked(still, np.zeros(samples), force, False, False, 1.0))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.bus.drive_file import BusLimits, DriveFile
+from feeddrive.bus.gantry import Gantry, GantryMotion
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
@@ -108,8 +109,13 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
     """The drive, the goal and limits of the tuning, and where the results go."""
 
     drive: Path | DriveFile | LiveAxis | None = argument("A drive file (TOML): bus, scaling, limits", default=None)
+    second: Path | DriveFile | BusAxis | None = option(
+        "the drive file of the second drive of a gantry, on the same beam", default=None
+    )
     virtual: MachineLike | None = option(
-        "a virtual drive with the plant of this machine file or bundled machine, in place of a drive", default=None
+        "a virtual drive with the plant of this machine file or bundled machine, in place of a drive; two of them for "
+        "a machine with a cross_beam",
+        default=None,
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
     target: str = option("target of the export, as of feeddrive export", default="c", short="-t")
@@ -125,6 +131,8 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
         """Raise ParameterError unless there is one drive, real or virtual."""
         if (self.drive is None) == (self.virtual is None):
             raise ParameterError("give either a drive file, or --virtual with a machine, whose drive is then simulated")
+        if self.virtual is not None and self.second is not None:
+            raise ParameterError("--second is a drive; a virtual gantry is a machine with a cross_beam")
 
 
 @command(CommissionRequest)
@@ -140,31 +148,55 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     axis = _axis(request)
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
+    chain = _chain_of(axis)
     if request.out is None:
         with TemporaryDirectory() as folder:
-            return _Chain(request, axis, Path(folder), progress).run(kept=False)
-    return _Chain(request, axis, request.out, progress).run(kept=True)
+            return chain(request, axis, Path(folder), progress).run(kept=False)
+    return chain(request, axis, request.out, progress).run(kept=True)
+
+
+def _chain_of(axis: LiveAxis) -> type[Chain]:
+    """Return the steps for an axis: those of one drive, or of the two drives of a gantry."""
+    if not isinstance(axis, GantryMotion):
+        return Chain
+    # imported on use: it continues this module
+    from feeddrive.workflow.commission_gantry import GantryChain
+
+    return GantryChain
 
 
 def _axis(request: CommissionRequest) -> LiveAxis:
     if request.virtual is not None:
         return virtual_axis(request.virtual)
-    if isinstance(request.drive, str | Path):
-        return BusAxis.read(request.drive)
-    if isinstance(request.drive, DriveFile):
-        return BusAxis(request.drive)
     assert request.drive is not None
-    return request.drive
+    if request.second is None:
+        return _axis_of(request.drive)
+    sides = _axis_of(request.drive), _axis_of(request.second)
+    if not (isinstance(sides[0], BusAxis) and isinstance(sides[1], BusAxis)):
+        raise ParameterError("--second: the two drives of a gantry are CiA 402 drives on one EtherCAT segment")
+    return Gantry(*sides).common
+
+
+def _axis_of(drive: Path | DriveFile | LiveAxis) -> LiveAxis:
+    """Return the axis of one drive, by its file or as it is."""
+    if isinstance(drive, str | Path):
+        return BusAxis.read(drive)
+    return BusAxis(drive) if isinstance(drive, DriveFile) else drive
 
 
 def virtual_axis(machine: MachineLike) -> LiveAxis:
-    """Return a virtual drive with the plant of a machine file, in virtual time."""
+    """Return a virtual drive with the plant of a machine file, or both drives of a gantry, in virtual time."""
     from feeddrive.bus.live import virtual_bus_axis
+    from feeddrive.bus.virtual_gantry import beam_of, virtual_gantry
 
-    return virtual_bus_axis(read_machine(machine).loop(None))
+    file = read_machine(machine)
+    whole = file.machine() if file.couplings else None
+    if whole is not None and beam_of(whole) is not None:
+        return virtual_gantry(whole).common
+    return virtual_bus_axis(file.loop(None))
 
 
-class _RefusedError(Exception):
+class RefusedError(Exception):
     """A reason to stop, with the control before in place."""
 
     def __init__(self, why: str) -> None:
@@ -172,7 +204,7 @@ class _RefusedError(Exception):
         self.why = why
 
 
-def _excited(path: Path) -> Profile:
+def excited(path: Path) -> Profile:
     """Return the profile of a file that `write_excitation` wrote."""
     log = read_log(path)
     return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
@@ -190,7 +222,7 @@ def _carried(told: SmallMove, force: float) -> float:
     return (abs(told.holding) + 3.0 * abs(told.friction)) / force
 
 
-class _Chain:
+class Chain:
     """The steps of one commissioning, in order, with what they told so far."""
 
     def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
@@ -219,17 +251,17 @@ class _Chain:
             remove_stale(self.folder, record.stale)
         refusal = ""
         try:
-            for number, (name, work) in enumerate(STEPS.items()):
+            for number, (name, work) in enumerate(self.work.items()):
                 self.place = self._in(name, "")
                 # a trial is of the moment: it is run again
                 if name in before and len(self.steps) == number and name != "trial":
                     self._resume(before[name])
                     continue
-                self.progress.step(name.replace("_", " "), number, len(STEPS))
-                says, told = work(self)
+                self.progress.step(name.replace("_", " "), number, len(self.work))
+                says, told = work()
                 self._record(name, says, told)
             self._decide()
-        except _RefusedError as refused:
+        except RefusedError as refused:
             refusal = refused.why
         except FeeddriveError as error:
             # what was measured so far stays, and the reason is the result
@@ -240,6 +272,23 @@ class _Chain:
             refusal = self._put_back(refusal)
         self._write(refusal)
         return self._outcome(refusal, kept=kept)
+
+    @property
+    def work(self) -> Mapping[str, Callable[[], tuple[str, Mapping[str, float]]]]:
+        """The steps in order. Each returns a sentence with its result, and its figures in SI."""
+        return {
+            "listen": self.listen,
+            "small_move": self.small_move,
+            "start_law": self.start_law,
+            "friction_and_mass": self.friction_and_mass,
+            "excitation": self.excitation,
+            "responses": self.responses,
+            "model": self.model,
+            "tune": self.tune,
+            "certificate": self.certificate,
+            "export": self.export,
+            "trial": self.run_trial,
+        }
 
     # the record
 
@@ -287,10 +336,10 @@ class _Chain:
     def _write(self, refusal: str) -> None:
         closing: dict[str, Any] = {"refusal": refusal, "kept": self.kept, "questions": self.questions}
         if self.trial is not None:
-            closing["predicted"] = asdict(self.trial.predicted)
-            closing["measured"] = asdict(self.trial.measured)
+            closing["predicted"] = self.trial.predicted.values()
+            closing["measured"] = self.trial.measured.values()
             if self.trial.before is not None:
-                closing["before"] = asdict(self.trial.before)
+                closing["before"] = self.trial.before.values()
         write_record(self.folder, self.stated, self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
@@ -330,10 +379,10 @@ class _Chain:
             raise AbortedError(f"{self.axis.where}: it was not confirmed; the axis stays as it is")
 
     def _play(self, axis: LiveAxis, profile: Profile, control: Control | None = None) -> Played:
-        """Play a profile; raise _RefusedError with the reason if the motion ended early."""
+        """Play a profile; raise RefusedError with the reason if the motion ended early."""
         played = axis.play(profile, self.progress, control)
         if played.aborted:
-            raise _RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+            raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
         return played
 
     @property
@@ -359,7 +408,7 @@ class _Chain:
         reading = played.log["reading_load"]
         noise, drift = float(np.std(reading)), float(reading[-1] - reading[0])
         if abs(drift) > self.limits.following_error:
-            raise _RefusedError(
+            raise RefusedError(
                 Text(
                     f"the axis moves by {Quantity(drift, 'm'):3 mm} in a second while the drive is off: hold it, or "
                     "look at its brake"
@@ -405,13 +454,17 @@ class _Chain:
             "length_factor": factor,
         }
         self.axis = self.axis.scaled(1.0, rough.force_sign)
-        write_whole(self.place / "drive.toml", self.axis.text())
+        self._write_drive()
         sign = "" if rough.force_sign > 0 else "; its force counts against its positions, which is taken into account"
         gear = "" if factor == 1.0 else Text(f"; lengths are {Quantity(factor):4} times those of the drive file")
         return Text(
             f"it follows; holding force {Quantity(facts['holding'], 'N'):3}, friction "
             f"{Quantity(facts['friction'], 'N'):3}, roughly {Quantity(facts['rough_mass'], 'kg'):2}{sign}{gear}"
         ), facts
+
+    def _write_drive(self) -> None:
+        """Write the drive file with what was found."""
+        write_whole(self.place / "drive.toml", self.axis.text())
 
     def _at(self, share: float) -> LiveAxis:
         """Return the axis under a share of its force limit."""
@@ -425,7 +478,7 @@ class _Chain:
             if not played.aborted:
                 return _Gentle(played.log, share)
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force: {played.aborted}"))
-        raise _RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+        raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
 
     def _push(self, told: SmallMove, share: float) -> motions.Push:
         """Return a push that keeps sliding as far as following error and travel allow."""
@@ -449,7 +502,7 @@ class _Chain:
             return 1.0
         factor = ratio_by_ruler(measured, counted)
         if not factor > 0.0:
-            raise _RefusedError(
+            raise RefusedError(
                 Text(
                     f"by the ruler it moved by {Quantity(measured, 'm'):4 mm}, against its counts of "
                     f"{Quantity(counted, 'm'):4 mm}: turn the direction of the encoder or of the drive (0x607E)"
@@ -473,7 +526,7 @@ class _Chain:
         if limits.acceleration is not None:
             acceleration = min(acceleration, 0.5 * limits.acceleration)
         if not acceleration > 0.0:
-            raise _RefusedError(
+            raise RefusedError(
                 Text(
                     f"limits.force = {Quantity(limits.force, 'N'):3} leaves nothing beyond the holding force "
                     f"{Quantity(abs(facts['holding']), 'N'):3} and friction {Quantity(facts['friction'], 'N'):3}"
@@ -610,14 +663,18 @@ class _Chain:
         for attempt in range(SIZES):
             pace = self._pace(float(loop.axis.plant.rigid_mass()), SMALLER**attempt)
             strokes = motions.strokes(REACH * self.limits.travel, pace, self.T)
-            if self._fits(predicted(loop, strokes, self.axis.increment, self.facts["noise"])):
+            if self._fits(self._predicted(loop, strokes)):
                 return pace
-        raise _RefusedError(
+        raise RefusedError(
             Text(
                 f"limits.following_error = {Quantity(self.limits.following_error, 'm'):3} is too small for a safe "
                 f"start law, even at {Quantity(pace.speed, 'm/s'):2}: raise it for the commissioning"
             )
         )
+
+    def _predicted(self, loop: Loop, profile: Profile) -> Log:
+        """Return the log of a motion as a loop is predicted to answer it."""
+        return predicted(loop, profile, self.axis.increment, self.facts["noise"])
 
     def _fits(self, log: Log) -> bool:
         """Return True if a predicted motion stays within following error and force."""
@@ -665,13 +722,13 @@ class _Chain:
                     )
                 except ParameterError as error:
                     why = str(error)
-        raise _RefusedError(Text(f"no excitation fits into the limits: {why}"))
+        raise RefusedError(Text(f"no excitation fits into the limits: {why}"))
 
     def responses(self) -> tuple[str, Mapping[str, float]]:
         """Play the excitation under the start law, and estimate the frequency responses."""
         control = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
-        profiles = [_excited(path) for path in files]
+        profiles = [excited(path) for path in files]
         self._ask(
             Text(
                 f"Responses: the axis moves slowly by up to "
@@ -690,7 +747,7 @@ class _Chain:
             self.progress.quiet(),
         )
         if outcome.judgment.bad:
-            raise _RefusedError(Text(f"responses: {outcome.verdict} {outcome.failure}"))
+            raise RefusedError(Text(f"responses: {outcome.verdict} {outcome.failure}"))
         return Text(f"{' and '.join(outputs)}: {outcome.verdict}"), {}
 
     def model(self) -> tuple[str, Mapping[str, float]]:
@@ -706,7 +763,7 @@ class _Chain:
                     place = self._places()[tried.index(best)]
                     best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
                 return Text(f"{best.verdict} {self._with_friction()}"), {"model_band": share * float(frequency[-1])}
-        raise _RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+        raise RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
 
     def _with_friction(self) -> str:
         """Fit the friction of the model to the strokes, write it into the machine file, and return a sentence on it."""
@@ -767,6 +824,7 @@ class _Chain:
                 self._in("responses", "responses/frf.csv"),
                 baseline=self._in("model", "machine.toml"),
                 axis=AXIS,
+                at=self._beside(),
                 goal=self.request.goal,
                 out=self.place,
                 **limits,
@@ -774,8 +832,12 @@ class _Chain:
             self.progress.quiet(),
         )
         if outcome.judgment.bad or "Machine" not in outcome.files:
-            raise _RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
+            raise RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
         return Text(f"{outcome.verdict}"), {}
+
+    def _beside(self) -> tuple[Path, ...]:
+        """Return further responses under the same control, for which its limits hold as well."""
+        return ()
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
         """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
@@ -784,31 +846,38 @@ class _Chain:
         for fit in (False, True):
             try:
                 certify.run(
-                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
+                    CertifyRequest(machine, axis=AXIS, measured=responses, at=self._beside(), fit=fit, out=self.place),
                     self.progress.quiet(),
                 )
                 break
             except NotCertifiedError as error:
                 whys.append(str(error))
         else:
-            raise _RefusedError(Text(f"certificate: {'; '.join(whys)}"))
+            raise RefusedError(Text(f"certificate: {'; '.join(whys)}"))
         # a fit of the responses alone is not the model of the machine file, to which it is not compared then
         compared = {} if whys else {"machine": machine, "source": (responses,)}
         outcome = check.run(CheckRequest(self.place / "certificate.json", **compared), self.progress.quiet())
         told = Text(f"of a fit of the responses (not of the model: {whys[0]})" if whys else f"{outcome.verdict}")
         if outcome.judgment.bad:
-            raise _RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
+            raise RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
         return told, {}
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
         outcome = export.run(
-            ExportRequest(self._in("tune", "machine.toml"), target=self.request.target, axis=AXIS, out=self.place),
+            self._export_request(),
             self.progress.quiet(),
         )
         if outcome.judgment.bad:
-            raise _RefusedError(Text(f"export: {outcome.verdict} {outcome.failure}"))
+            raise RefusedError(Text(f"export: {outcome.verdict} {outcome.failure}"))
         return Text(f"for {self.request.target}, in {self.place.name}"), {}
+
+    def _controlled(self) -> Path:
+        """Return the machine file whose control is exported and tried."""
+        return self._in("tune", "machine.toml")
+
+    def _export_request(self) -> ExportRequest:
+        return ExportRequest(self._controlled(), target=self.request.target, axis=AXIS, out=self.place)
 
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
@@ -823,94 +892,84 @@ class _Chain:
             )
         )
         axis = self._under_control()
-        alone, pushed = (self._play(axis, profile, loop.control).log for profile in (motion.alone, motion.pushed))
-        logs = {"alone": alone, "pushed": pushed}
+        logs = self._tried(motion, axis, loop.control)
+        measured = self._figures(motion, logs)
         before = self._before(motion, logs)
         self._kept(**logs)
-        self.trial = Trial(expected, figures(motion, alone, pushed), before)
-        told = {f"predicted_{name}": value for name, value in asdict(self.trial.predicted).items()}
-        told |= {f"measured_{name}": value for name, value in asdict(self.trial.measured).items()}
-        return Text(
-            f"following error {Quantity(self.trial.ratio('following_rms'), 'share'):3} and stiffness "
-            f"{Quantity(self.trial.ratio('stiffness'), 'share'):3} of what was predicted"
-        ), told
+        self.trial = Trial(expected, measured, before)
+        told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
+        told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
+        return self.trial.sentence(), told
+
+    def _tried(self, motion: motions.TrialMotion, axis: LiveAxis, control: Control | None = None) -> dict[str, Log]:
+        """Play the motions of a trial; return their logs by name."""
+        return {
+            name: self._play(axis, profile, control).log
+            for name, profile in (("alone", motion.alone), ("pushed", motion.pushed))
+        }
+
+    def _figures(self, motion: motions.TrialMotion, logs: Mapping[str, Log]) -> Figures:
+        """Return the figures of a trial from its logs, measured or predicted."""
+        return figures(motion, logs["alone"], logs["pushed"])
 
     def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, Figures]:
         """Return the fastest motion and the largest pulse that stay within the limits by simulation."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
-        noise = self.facts["noise"]
         for attempt in range(SIZES):
             share = SMALLER**attempt
             pace = self._pace(mass, share)
             travel = max(REACH * limits.travel * share, motions.least_travel(pace))
             force = share * WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
             motion = motions.trial(travel, pace, force, self.T)
-            alone, pushed = (
-                predicted(loop, profile, self.axis.increment, noise) for profile in (motion.alone, motion.pushed)
-            )
-            if travel <= REACH * limits.travel and self._fits(alone) and self._fits(pushed):
-                return motion, figures(motion, alone, pushed)
-        raise _RefusedError(
+            logs = self._expected(loop, motion)
+            if travel <= REACH * limits.travel and all(map(self._fits, logs.values())):
+                return motion, self._figures(motion, logs)
+        raise RefusedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
                 f"= {Quantity(limits.following_error, 'm'):3} or limits.travel = {Quantity(limits.travel, 'm'):3 mm}"
             )
         )
 
+    def _expected(self, loop: Loop, motion: motions.TrialMotion) -> dict[str, Log]:
+        """Return the logs of a trial as the loop is predicted to answer it."""
+        return {"alone": self._predicted(loop, motion.alone), "pushed": self._predicted(loop, motion.pushed)}
+
     def _before(self, motion: motions.TrialMotion, logs: dict[str, Log]) -> Figures | None:
         """Return the figures of the control that the drive has, if it can follow the trial; its logs are added."""
-        played = list[Log]()
         speed = float(np.max(np.abs(motion.alone.velocity)))
         if self.facts["lag"] * speed > USED * self.limits.following_error:
             self.progress.remark("- The control before cannot follow the trial within limits.following_error.")
             return None
-        for profile in (motion.alone, motion.pushed):
-            done = self.axis.play(profile, self.progress)
-            if done.aborted:
-                self.progress.remark(Text(f"- The control before was not measured: {done.aborted}"))
-                return None
-            played.append(done.log)
-        logs |= {"before_alone": played[0], "before_pushed": played[1]}
-        return figures(motion, *played)
+        try:
+            played = self._tried(motion, self.axis)
+        except RefusedError as refused:
+            self.progress.remark(Text(f"- The control before was not measured: {refused.why}"))
+            return None
+        logs |= {f"before_{name}": log for name, log in played.items()}
+        return self._figures(motion, played)
 
     def _decide(self) -> None:
         """Keep the new control if the trial is as predicted and the user says so; otherwise put the old one back."""
         assert self.trial is not None
         if not self.trial.agrees:
-            raise _RefusedError(
+            raise RefusedError(
                 Text(
-                    f"the trial is not as predicted: following error {Quantity(self.trial.ratio('following_rms')):3} "
-                    f"and stiffness {Quantity(self.trial.ratio('stiffness')):3} times the prediction, where 0.9 to 1.1 "
-                    "is asked for; the control before stays"
+                    f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for; the "
+                    "control before stays"
                 )
             )
         if not self.request.yes:
             self.questions += 1
             self.progress.remark(self.trial.table())
             if not self.progress.confirm("Keep the new control?"):
-                raise _RefusedError("the new control was not kept; the control before stays")
-        self.progress.remark(self.axis.keep(self._in("tune", "machine.toml"), self._in("export", ""), self.inside))
+                raise RefusedError("the new control was not kept; the control before stays")
+        self.progress.remark(self.axis.keep(self._controlled(), self._in("export", ""), self.inside))
         self.kept = True
 
     def _in(self, name: str, file: str) -> Path:
         """Return a file of the step with this name."""
-        return self.folder / f"{list(STEPS).index(name) + 1}_{name}" / file
-
-
-STEPS: Mapping[str, Callable[[_Chain], tuple[str, Mapping[str, float]]]] = {
-    "listen": _Chain.listen,
-    "small_move": _Chain.small_move,
-    "start_law": _Chain.start_law,
-    "friction_and_mass": _Chain.friction_and_mass,
-    "excitation": _Chain.excitation,
-    "responses": _Chain.responses,
-    "model": _Chain.model,
-    "tune": _Chain.tune,
-    "certificate": _Chain.certificate,
-    "export": _Chain.export,
-    "trial": _Chain.run_trial,
-}
-"""The steps of a commissioning in order. Each returns a sentence with its result, and its figures in SI."""
+        return self.folder / f"{list(self.work).index(name) + 1}_{name}" / file
 
 
 def _check_folder(folder: Path) -> None:
