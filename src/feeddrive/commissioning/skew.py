@@ -1,9 +1,9 @@
 """The skew of a gantry: the small moves that find the stiffness of its beam, and the model of both sides.
 
-    f1 = a1 + k1 d + c1 sgn d',    f2 = a2 + k2 d + c2 sgn d',    d = x1 - x2,    while they move against each other
+    f1 = a1 + k1 d + c1 sgn x1',    f2 = a2 + k2 d + c2 sgn x2',    d = x1 - x2,    each while the other one holds
 
 A beam of stiffness k resists the skew with  k1 = k  and  k2 = -k:  a side with the other sign has a drive whose force
-counts against its positions.  If a common move meets this stiffness, and a move against each other does not, the
+counts against its positions.  If a common move meets this stiffness, and one of a side alone does not, the
 positions of the drives count against each other.
 """
 
@@ -34,15 +34,28 @@ TWISTED = (1 / 32, 1 / 16, 1 / 8, 1 / 4)  # of limits.skew, by which the first m
 _TIME = 0.3  # s of a move of the skew: slow, so that the drives' own integrals follow
 _MOVING = 0.3  # of the largest speed, from which on friction has its sign
 _BEGIN = 10  # rows at rest at the beginning of a motion
+_MOVED = 0.2  # of the skew, that each side moves by itself
 _SMOOTH = 0.02  # s over which a speed is taken
 _STIFFER = 3.0  # times the stiffness in common: that of a beam
 _ALIKE = 1.5  # times the stiffness by the other side's force
 
 
-def skew_moves(far: float, sample_time: float) -> tuple[Profile, Profile]:
-    """Return the first moves of a gantry, slow and to and fro: one in common, and one of the sides against each other.
+class SkewMoves(NamedTuple):
+    """The first moves of a gantry, slow and to and fro: both sides the same way, and a skew."""
 
-    far  m, by which either of them twists the beam at most, whichever way the drives count
+    same: Profile
+    skew: Profile
+
+    def alone(self, side: str, shares: tuple[float, float]) -> Profile:
+        """Return the common motion that makes the skew a motion of one side, while the other one holds."""
+        way = shares[0] if side == SIDES[0] else -shares[1]
+        return replace(self.skew, set_position=way * self.skew.set_position, velocity=way * self.skew.velocity)
+
+
+def skew_moves(far: float, sample_time: float) -> SkewMoves:
+    """Return the first moves of a gantry.
+
+    far  m, by which any of them twists the beam at most, whichever way the drives count
     """
     pace = Pace(far / _TIME, far / (0.2 * _TIME**2))
     half = Pace(0.5 * pace.speed, 0.5 * pace.acceleration)
@@ -50,7 +63,7 @@ def skew_moves(far: float, sample_time: float) -> tuple[Profile, Profile]:
     def to_and_fro(reach: float, at: Pace) -> np.ndarray:
         return path([(reach, at), (-reach, at), (0.0, at)], sample_time, _TIME)
 
-    return (
+    return SkewMoves(
         profile("small common move", to_and_fro(0.5 * far, half), sample_time),
         profile("small skew", to_and_fro(far, pace), sample_time),
     )
@@ -74,29 +87,29 @@ class SkewFacts:
     shown: float
 
 
-def skew_facts(common: Log, twisted: Log) -> SkewFacts:
-    """Return what the moves of `skew_moves` told from their logs.
+def skew_facts(common: Log, alone: tuple[Log, Log]) -> SkewFacts:
+    """Return what the moves of `skew_moves` told: from the log of both sides the same way, and those of each alone.
 
     Raises NotIdentifiableError for a beam that does not show, for drives that count against each other, and for forces
     of both sides that contradict each other.
     """
-    apart = twisted["reading_load"]
-    first, second = (_line(apart, twisted[f"force_{side}"], twisted.sample_time) for side in SIDES)
-    together = [_line(common["reading_load"], common[f"force_{side}"], common.sample_time) for side in SIDES]
+    apart = [log["reading_first"] - log["reading_second"] for log in alone]
+    first, second = (_line(log, at, side) for log, at, side in zip(alone, apart, SIDES, strict=True))
+    together = [_line(common, common["reading_load"], side) for side in SIDES]
     stiff, alike = (sum(abs(line.slope) for line in lines) for lines in ((first, second), together))
-    shown = 0.5 * stiff * float(np.ptp(apart))
+    far = min(float(np.ptp(at)) for at in apart)
+    shown, noise = 0.25 * stiff * far, max(first.left, second.left)
     if alike > _STIFFER * stiff:
         raise NotIdentifiableError(
-            "a move of both drives the same way meets the stiffness of the beam, and one against each other does not: "
+            "a move of both drives the same way meets the stiffness of the beam, and one of a drive alone does not: "
             "their positions count against each other; turn the direction of the second drive (0x607E)"
         )
-    noise = max(first.left, second.left)
     if not (stiff > _STIFFER * alike and shown > noise):
         raise NotIdentifiableError(
             Text(
-                f"twisted by {Quantity(float(np.ptp(apart)), 'm'):3 SI}, the beam resists with "
-                f"{Quantity(shown, 'N'):3}, beside {Quantity(noise, 'N'):3} of other forces: it does not show; allow a "
-                "larger limits.skew, or commission each drive alone if nothing couples them"
+                f"twisted by {Quantity(far, 'm'):3 SI}, the beam resists with {Quantity(shown, 'N'):3}, beside "
+                f"{Quantity(noise, 'N'):3} of other forces: it does not show; allow a larger limits.skew, or "
+                "commission each drive alone if nothing couples them"
             )
         )
     signs = (1 if first.slope > 0.0 else -1, 1 if second.slope < 0.0 else -1)
@@ -109,36 +122,35 @@ def skew_facts(common: Log, twisted: Log) -> SkewFacts:
                 "drives"
             )
         )
-    stiffness = 0.5 * (one + other)
-    level = signs[0] * first.level - signs[1] * second.level
-    return SkewFacts(
-        stiffness,
-        float(np.mean(apart)) - level / (2.0 * stiffness),
-        (abs(first.friction), abs(second.friction)),
-        signs,
-        shown,
-    )
+    free = [line.at - line.level / line.slope for line in (first, second)]
+    friction = (abs(first.friction), abs(second.friction))
+    return SkewFacts(0.5 * (one + other), 0.5 * (free[0] + free[1]), friction, signs, shown)
 
 
 class _Line(NamedTuple):
-    """A force over a position: level at the mean position (N), slope (N/m), friction (N), and what is left, N RMS."""
+    """A force over a position: level (N) at the mean position (m), slope (N/m), friction, and what is left, N RMS."""
 
+    at: float
     level: float
     slope: float
     friction: float
     left: float
 
 
-def _line(position: np.ndarray, force: np.ndarray, sample_time: float) -> _Line:
-    width = max(1, round(_SMOOTH / sample_time))
-    speed = np.zeros(position.size)
-    speed[width:-width] = position[2 * width :] - position[: -2 * width]
+def _line(log: Log, position: np.ndarray, side: str) -> _Line:
+    """Return the force of a side over a position (m), from the rows in which the side itself slides."""
+    own, force = log[f"reading_{side}"], log[f"force_{side}"]
+    if float(np.ptp(own)) <= _MOVED * float(np.ptp(position)):
+        raise NotIdentifiableError(f"the {side} side stands still: its friction holds it")
+    width = max(1, round(_SMOOTH / log.sample_time))
+    speed = np.zeros(own.size)
+    speed[width:-width] = own[2 * width :] - own[: -2 * width]
     moving = np.abs(speed) > _MOVING * float(np.max(np.abs(speed)))
     x = position - float(np.mean(position))
     columns = np.column_stack([np.ones(x.size), x, np.sign(speed)])[moving]
     found, *_ = np.linalg.lstsq(columns, force[moving], rcond=None)
     left = float(np.std(force[moving] - columns @ found))
-    return _Line(float(found[0]), float(found[1]), float(found[2]), left)
+    return _Line(float(np.mean(position)), float(found[0]), float(found[1]), float(found[2]), left)
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,7 @@ FOLLOWER = "x2"  # the second side in machine files
 DAMPED = 0.01  # damping ratio of the skew, until it is measured: that of a welded beam
 LATE = (0.3, 1.0)  # of the dead time, until it is measured: a mode is damped by the one and driven by the other
 TWIST = 0.5  # of limits.skew, that a motion is planned to use
+PULLED = 0.4  # of limits.force, that a side may pull against the beam at first
 CLEAR = 1.0  # times the friction, that the beam's force makes once its stiffness is told well
 UNEVEN = 1.5  # times its half, that a side may carry before its mass is known
 SLOWER = 1.5  # times the dead time, for which a start law is computed while the skew is unstable
@@ -99,27 +100,30 @@ class GantryChain(Chain):
         most = TWISTED[-1] * self.gantry.skew
         self._ask(
             Text(
-                f"Skew: the drives' own controls move both sides slowly the same way and against each other, by at "
-                f"most {Quantity(most, 'm'):3 SI} of skew (limits.skew {Quantity(self.gantry.skew, 'm'):3 SI}), with "
-                f"at most {Quantity(SHARE, 'share'):3} of limits.force."
+                f"Skew: the drives' own controls move both sides slowly the same way, and then each alone, by at most "
+                f"{Quantity(most, 'm'):3 SI} of skew (limits.skew {Quantity(self.gantry.skew, 'm'):3 SI}), with at "
+                f"most {Quantity(PULLED, 'share'):3} of limits.force."
             )
         )
         told: SkewFacts | None = None
         why = ""
         for share in TWISTED:
-            same, against = skew_moves(share * self.gantry.skew, self.T)
-            # the force of the beam grows with the skew: it may take what friction leaves
-            common = self._play(self._at(SHARE), same).log
+            moves = skew_moves(share * self.gantry.skew, self.T)
+            common = self._play(self._at(SHARE), moves.same).log
             twist = self.gantry.twist
-            played = twist.limited(replace(twist.limits, force=4.0 * SHARE * twist.limits.force)).play(
-                against, self.progress
-            )
-            if played.aborted:
-                why = why or Text(f"the {against.name} ended early: {played.aborted}")
+            # the force of the beam grows with the skew, and is what is looked for
+            twist = twist.limited(replace(twist.limits, force=PULLED * twist.limits.force))
+            alone = [
+                twist.play(moves.skew, self.progress, None, moves.alone(side, self.gantry.shares)) for side in SIDES
+            ]
+            aborted = next((played.aborted for played in alone if played.aborted), None)
+            if aborted:
+                why = why or Text(f"the {moves.skew.name} ended early: {aborted}")
                 break
-            self._kept(common=common, against=played.log)
+            first, second = (played.log for played in alone)
+            self._kept(common=common, first=first, second=second)
             try:
-                told = skew_facts(common, played.log)
+                told = skew_facts(common, (first, second))
             except NotIdentifiableError as error:
                 why = str(error)
                 continue
@@ -211,10 +215,11 @@ class GantryChain(Chain):
             "friction_first": first.coulomb / rubs if sure and rubs > 0.0 else 0.5,
         }
         self._know_sides(facts)
+        masses = (Quantity(side.mass, "kg", side.error) for side in (first, second))
         sides = Text(
-            f"The sides: {Quantity(first.mass, 'kg', first.error)} and {Quantity(second.mass, 'kg', second.error)} with "
-            f"friction {Quantity(first.coulomb, 'N'):3} and {Quantity(second.coulomb, 'N'):3}; the first gets "
-            f"{Quantity(facts['share_first'], 'share'):3} of the force."
+            f"The sides: {' and '.join(map(str, masses))}, friction {Quantity(first.coulomb, 'N'):3} and "
+            f"{Quantity(second.coulomb, 'N'):3}; the first gets {Quantity(facts['share_first'], 'share'):3} of the "
+            "force."
         )
         return Text(f"{told} {sides}"), facts
 
