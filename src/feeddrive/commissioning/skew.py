@@ -29,11 +29,13 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point
 
-TWISTED = (1 / 32, 1 / 16, 1 / 8, 1 / 4)  # of limits.skew, by which the first moves twist the beam, until it shows
+TWISTED = (1 / 16, 1 / 4)  # of limits.skew, by which the first moves twist the beam, until it shows
 _TIME = 0.3  # s of a move of the skew: slow, so that the drives' own integrals follow
 _MOVING = 0.3  # of the largest speed, from which on friction has its sign
 _BEGIN = 10  # rows at rest at the beginning of a motion
+_LOWEST, _BELOW = 2e-3, 30  # of the first measured line of the skew, and lines from there on
 _MOVED = 0.2  # of the skew, that each side moves by itself
 _SMOOTH = 0.02  # s over which a speed is taken
 _STIFFER = 3.0  # times the stiffness in common: that of a beam
@@ -244,6 +246,30 @@ def fit_skew(response: FRF, dead_time: float) -> Beam:
             )
         )
     return Beam(float(mass), float(stiffness), max(0.0, damping))
+
+
+def skew_point(response: FRF, beam: Beam, dead_time: float) -> OperatingPoint:
+    """Return the skew as an operating point of the axis: its measured lines, and below the first of them the beam's.
+
+    A beam is a spring at low frequencies, where its answer to a force is small and known.
+    """
+    T = float(response.sample_time or 0.0)
+    first = float(response.frequency[0])
+    below = np.geomspace(_LOWEST * first, first, _BELOW, endpoint=False)
+    s = 2j * np.pi * below
+    still = np.exp(-s * (dead_time + 0.5 * T)) / (beam.mass * s * s + beam.damping * s + beam.stiffness)
+    variance = None if response.variance is None else np.concatenate([np.zeros(below.size), response.variance])
+    whole = FRF(
+        np.concatenate([below, response.frequency]),
+        np.concatenate([still, response.response]),
+        response.input,
+        response.output,
+        "m/N",
+        T,
+        None,
+        variance,
+    )
+    return measured_point(whole, sample_time=T, name="skew")
 
 
 def gantry_machine(

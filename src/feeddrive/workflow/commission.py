@@ -73,6 +73,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
@@ -835,8 +836,8 @@ class Chain:
             raise RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
         return Text(f"{outcome.verdict}"), {}
 
-    def _beside(self) -> tuple[Path, ...]:
-        """Return further responses under the same control, for which its limits hold as well."""
+    def _beside(self) -> tuple[OperatingPoint, ...]:
+        """Return further operating points under the same control, for which its limits hold as well."""
         return ()
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
@@ -846,7 +847,7 @@ class Chain:
         for fit in (False, True):
             try:
                 certify.run(
-                    CertifyRequest(machine, axis=AXIS, measured=responses, at=self._beside(), fit=fit, out=self.place),
+                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
                     self.progress.quiet(),
                 )
                 break

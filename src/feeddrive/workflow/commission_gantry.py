@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -21,6 +22,7 @@ from feeddrive.bus.live import LiveAxis
 from feeddrive.bus.play import Profile
 from feeddrive.commissioning.first_facts import SmallMove
 from feeddrive.commissioning.motions import Push, TrialMotion
+from feeddrive.commissioning.record import Step
 from feeddrive.commissioning.skew import (
     TWISTED,
     Beam,
@@ -33,6 +35,7 @@ from feeddrive.commissioning.skew import (
     skew_figures,
     skew_moves,
     skew_of,
+    skew_point,
 )
 from feeddrive.commissioning.trial import Figures, figures
 from feeddrive.export.targets import TARGETS
@@ -46,8 +49,10 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.commission import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, excited
 from feeddrive.workflow.export import ExportRequest
 from feeddrive.workflow.frf import FrfRequest, frf
@@ -86,7 +91,7 @@ class GantryChain(Chain):
         """Both drives."""
         return self.motion.gantry
 
-    def _resume(self, done) -> None:
+    def _resume(self, done: Step) -> None:
         super()._resume(done)
         if done.name == "skew":
             self._know_skew(done.figures)
@@ -261,9 +266,7 @@ class GantryChain(Chain):
         )
         if outcome.judgment.bad:
             raise RefusedError(Text(f"skew responses: {outcome.verdict} {outcome.failure}"))
-        found = read_frfs(self._beside()[0])
-        response = next((each for name, each in found.items() if "load" in name), next(iter(found.values())))
-        beam = fit_skew(replace(response, sample_time=self.T), float(model.axis.actuator.delay()))
+        beam = self._fitted_beam(self._skew_response())
         return Text(
             f"the skew swings at {Quantity(beam.frequency, 'Hz'):3} with {Quantity(beam.damping_ratio, 'share'):2} of "
             f"damping; the beam has {Quantity(s1 * s2 * beam.stiffness, 'N/m'):3} against it, and what swings is "
@@ -308,8 +311,21 @@ class GantryChain(Chain):
 
     # for both motions
 
-    def _beside(self):
-        return (self._in("skew_responses", "responses/frf.csv"),)
+    def _skew_response(self) -> FRF:
+        """Return the measured response of the skew."""
+        found = read_frfs(self._in("skew_responses", "responses/frf.csv"))
+        response = next((each for name, each in found.items() if "load" in name), next(iter(found.values())))
+        return replace(response, sample_time=self.T)
+
+    def _dead_time(self) -> float:
+        return float(read_machine(self._in("model", "machine.toml")).loop(AXIS).axis.actuator.delay())
+
+    def _fitted_beam(self, response: FRF) -> Beam:
+        return fit_skew(response, self._dead_time())
+
+    def _beside(self) -> tuple[OperatingPoint, ...]:
+        response = self._skew_response()
+        return (skew_point(response, self._fitted_beam(response), self._dead_time()),)
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune on the responses of both motions, and write the machine of both sides."""
@@ -324,7 +340,7 @@ class GantryChain(Chain):
         )
         return told
 
-    def _controlled(self):
+    def _controlled(self) -> Path:
         return self._in("tune", "gantry.toml")
 
     def _export_request(self) -> ExportRequest:
