@@ -3,8 +3,8 @@
     f1 = a1 + k1 d + c1 sgn x1',    f2 = a2 + k2 d + c2 sgn x2',    d = x1 - x2,    each while the other one holds
 
 A beam of stiffness k resists the skew with  k1 = k  and  k2 = -k:  a side with the other sign has a drive whose force
-counts against its positions.  If a common move meets this stiffness, and one of a side alone does not, the
-positions of the drives count against each other.
+counts against its positions.  If a move of both the same way meets this stiffness twice, the positions of the drives
+count against each other.
 """
 
 from __future__ import annotations
@@ -101,12 +101,13 @@ def skew_facts(common: Log, alone: tuple[Log, Log]) -> SkewFacts:
     stiff, alike = (sum(abs(line.slope) for line in lines) for lines in ((first, second), together))
     far = min(float(np.ptp(at)) for at in apart)
     shown, noise = 0.25 * stiff * far, max(first.left, second.left)
-    if alike > _STIFFER * stiff:
+    # both sides then twist the beam, by twice the way of one
+    if shown > noise and alike > stiff:
         raise NotIdentifiableError(
-            "a move of both drives the same way meets the stiffness of the beam, and one of a drive alone does not: "
-            "their positions count against each other; turn the direction of the second drive (0x607E)"
+            "a move of both drives the same way twists the beam, more than one of a drive alone: their positions count "
+            "against each other; turn the direction of the second drive (0x607E)"
         )
-    if not (stiff > _STIFFER * alike and shown > noise):
+    if not (shown > noise and stiff > _STIFFER * alike):
         raise NotIdentifiableError(
             Text(
                 f"twisted by {Quantity(far, 'm'):3 SI}, the beam resists with {Quantity(shown, 'N'):3}, beside "

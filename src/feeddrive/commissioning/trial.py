@@ -113,7 +113,7 @@ def counted(axis: Axis, increment: float, noise: float) -> Axis:
 
 def _counted(sensor: object, increment: float, noise: float) -> Encoder:
     base = sensor if isinstance(sensor, Encoder) else Encoder()
-    return replace(base, resolution=increment, noise=noise or None)
+    return replace(base, resolution=increment or None, noise=noise or None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
