@@ -22,7 +22,7 @@ STIFFNESS, DAMPING = 4e6, 1200.0  # N/m, N s/m: 44 Hz, damped by 4 %
 COUNT = 1e-7  # m
 
 
-def side(mass: float, coulomb: float, viscous: float) -> Loop:
+def side(mass: float, coulomb: float, viscous: float, sample_time: float = T) -> Loop:
     guard = Guard(following_error_limit=3e-3, velocity_limit=1.0)
     return Loop(
         control=Control(law=CascadePPI(Kv=15.0, Kp=60.0 * mass, Tn=0.06), force_limit=2000.0, guard=guard),
@@ -33,11 +33,11 @@ def side(mass: float, coulomb: float, viscous: float) -> Loop:
             encoder_load=Encoder(resolution=COUNT),
             substeps=4,
         ),
-        sample_time=T,
+        sample_time=sample_time,
     )
 
 
-def gantry(stiffness: float = STIFFNESS, damping: float = DAMPING) -> Machine:
-    y, y2 = (side(*each) for each in zip(MASSES, COULOMB, VISCOUS, strict=True))
+def gantry(stiffness: float = STIFFNESS, damping: float = DAMPING, sample_time: float = T) -> Machine:
+    y, y2 = (side(*each, sample_time) for each in zip(MASSES, COULOMB, VISCOUS, strict=True))
     beam = CrossBeam(axis="y", follower="y2", stiffness=stiffness, damping=damping)
     return Machine.of({"y": y, "y2": y2}, (beam,))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -56,6 +56,7 @@ _COLUMNS = {
 }
 
 
+@runtime_checkable
 class LiveAxis(Protocol):
     """An axis with a drive: it can be listened to, moved, and given a control on trial."""
 

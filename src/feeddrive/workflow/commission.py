@@ -352,7 +352,7 @@ class Chain:
         files: dict[str, str | Path] = {}
         if kept:
             files["Record"] = self.folder / FILE
-            report = self.folder / "8_tune" / "report.html"
+            report = self._in("tune", "report.html")
             if report.is_file():
                 files["Report of the tuning"] = report
         return Outcome(result, tables, verdict=verdict, files=files, judgment=judgment, failure=failure)
