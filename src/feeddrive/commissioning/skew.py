@@ -29,13 +29,14 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
-from feeddrive.tuning.operating_point import OperatingPoint, measured_point
 
 TWISTED = (1 / 16, 1 / 4)  # of limits.skew, by which the first moves twist the beam, until it shows
 _TIME = 0.3  # s of a move of the skew: slow, so that the drives' own integrals follow
 _MOVING = 0.3  # of the largest speed, from which on friction has its sign
 _BEGIN = 10  # rows at rest at the beginning of a motion
+_NEAR = 2.0  # times the frequency of the skew, up to which lines tell its mass and stiffness
 _LOWEST, _BELOW = 2e-3, 30  # of the first measured line of the skew, and lines from there on
+_DENSE = 1.5  # ratio of neighbouring lines, from which on they are used
 _MOVED = 0.2  # of the skew, that each side moves by itself
 _SMOOTH = 0.02  # s over which a speed is taken
 _STIFFER = 3.0  # times the stiffness in common: that of a beam
@@ -229,14 +230,21 @@ def fit_skew(response: FRF, dead_time: float) -> Beam:
 
         e^(-jω (dead_time + T/2)) / (d/u) = k - M ω² + jω c           by least squares, lines weighted by |d/u|
 
+    Lines far above the mode, where this is no sampled hold any more, are left out.
     Raises NotIdentifiableError if the lines hold no mass on a spring.
     """
+    made = _fitted(response, dead_time)
+    near = response.frequency <= _NEAR * made.frequency
+    lines = FRF(response.frequency[near], response.response[near], sample_time=response.sample_time)
+    return _fitted(lines, dead_time)
+
+
+def _fitted(response: FRF, dead_time: float) -> Beam:
     s = 2j * np.pi * response.frequency
     hold = 0.5 * (response.sample_time or 0.0)
     stiff = np.exp(-s * (dead_time + hold)) / response.response
     weight = np.abs(response.response)
-    w2 = (s * s).real
-    rows = np.concatenate([np.column_stack([w2, np.ones(s.size)]) * weight[:, None]])
+    rows = np.column_stack([(s * s).real, np.ones(s.size)]) * weight[:, None]
     (mass, stiffness), *_ = np.linalg.lstsq(rows, weight * stiff.real, rcond=None)
     damping = float(np.sum(weight**2 * s.imag * stiff.imag) / np.sum((weight * s.imag) ** 2))
     if not (mass > 0.0 and stiffness > 0.0):
@@ -249,28 +257,30 @@ def fit_skew(response: FRF, dead_time: float) -> Beam:
     return Beam(float(mass), float(stiffness), max(0.0, damping))
 
 
-def skew_point(response: FRF, beam: Beam, dead_time: float) -> OperatingPoint:
-    """Return the skew as an operating point of the axis: its measured lines, and below the first of them the beam's.
+def skew_lines(response: FRF, beam: Beam, dead_time: float) -> FRF:
+    """Return the response of the skew: its measured lines and, below the first of them, those of the beam.
 
     A beam is a spring at low frequencies, where its answer to a force is small and known.
     """
     T = float(response.sample_time or 0.0)
-    first = float(response.frequency[0])
+    f = response.frequency
+    dense = slice(int(np.argmax(f[1:] <= _DENSE * f[:-1])), None)
+    first = float(f[dense][0])
     below = np.geomspace(_LOWEST * first, first, _BELOW, endpoint=False)
     s = 2j * np.pi * below
     still = np.exp(-s * (dead_time + 0.5 * T)) / (beam.mass * s * s + beam.damping * s + beam.stiffness)
-    variance = None if response.variance is None else np.concatenate([np.zeros(below.size), response.variance])
-    whole = FRF(
-        np.concatenate([below, response.frequency]),
-        np.concatenate([still, response.response]),
+    known = response.variance
+    variance = None if known is None else np.concatenate([np.zeros(below.size), known[dense]])
+    return FRF(
+        np.concatenate([below, f[dense]]),
+        np.concatenate([still, response.response[dense]]),
         response.input,
-        response.output,
+        "skew",
         "m/N",
         T,
         None,
         variance,
     )
-    return measured_point(whole, sample_time=T, name="skew")
 
 
 def gantry_machine(

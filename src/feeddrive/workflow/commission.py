@@ -73,7 +73,7 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.tuning.operating_point import OperatingPoint
+from feeddrive.tuning.operating_point import measured_point
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
@@ -825,7 +825,7 @@ class Chain:
                 self._in("responses", "responses/frf.csv"),
                 baseline=self._in("model", "machine.toml"),
                 axis=AXIS,
-                at=self._beside(),
+                at=tuple(measured_point(frf, sample_time=self.T, name=frf.output) for frf in self._beside()),
                 goal=self.request.goal,
                 out=self.place,
                 **limits,
@@ -836,8 +836,8 @@ class Chain:
             raise RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
         return Text(f"{outcome.verdict}"), {}
 
-    def _beside(self) -> tuple[OperatingPoint, ...]:
-        """Return further operating points under the same control, for which its limits hold as well."""
+    def _beside(self) -> tuple[FRF, ...]:
+        """Return the responses of further motions under the same control, for which its limits hold as well."""
         return ()
 
     def certificate(self) -> tuple[str, Mapping[str, float]]:
@@ -847,7 +847,7 @@ class Chain:
         for fit in (False, True):
             try:
                 certify.run(
-                    CertifyRequest(machine, axis=AXIS, measured=responses, fit=fit, out=self.place),
+                    CertifyRequest(machine, axis=AXIS, measured=responses, at=self._beside(), fit=fit, out=self.place),
                     self.progress.quiet(),
                 )
                 break

@@ -33,9 +33,9 @@ from feeddrive.commissioning.skew import (
     sides_of,
     skew_facts,
     skew_figures,
+    skew_lines,
     skew_moves,
     skew_of,
-    skew_point,
 )
 from feeddrive.commissioning.trial import Figures, figures
 from feeddrive.export.targets import TARGETS
@@ -52,7 +52,6 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.tuning.operating_point import OperatingPoint
 from feeddrive.workflow.commission import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, excited
 from feeddrive.workflow.export import ExportRequest
 from feeddrive.workflow.frf import FrfRequest, frf
@@ -323,9 +322,9 @@ class GantryChain(Chain):
     def _fitted_beam(self, response: FRF) -> Beam:
         return fit_skew(response, self._dead_time())
 
-    def _beside(self) -> tuple[OperatingPoint, ...]:
+    def _beside(self) -> tuple[FRF, ...]:
         response = self._skew_response()
-        return (skew_point(response, self._fitted_beam(response), self._dead_time()),)
+        return (skew_lines(response, self._fitted_beam(response), self._dead_time()),)
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune on the responses of both motions, and write the machine of both sides."""
