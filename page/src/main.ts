@@ -7,6 +7,7 @@ import { showAll, whenZoomed } from "./pictures/picture";
 import { printable } from "./pictures/print";
 import type { Request, Room } from "./room";
 import { Bring } from "./rooms/bring";
+import { Commission } from "./rooms/commission";
 import { Compare } from "./rooms/compare";
 import { Goal } from "./rooms/goal";
 import { Prove } from "./rooms/prove";
@@ -31,7 +32,7 @@ const talk: Talk = new Talk(
   },
 );
 const ask = (request: Request) => talk.ask(request);
-const rooms: Room[] = [Bring, Scope, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
+const rooms: Room[] = [Bring, Commission, Scope, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
@@ -104,6 +105,7 @@ document.addEventListener("go", (event) => go((event as CustomEvent<string>).det
 function heard(received: Received, shows: boolean): void {
   const { said } = received;
   job.show(said.job);
+  if (said.job) for (const each of rooms) each.worked?.(said.job);
   title.textContent = said.title || "feeddrive";
   if (said.error) fail(said.error);
   else if (said.number > 0 && !said.live && !shows) fail(""); // what runs by, or only shows, takes no words away

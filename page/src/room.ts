@@ -1,6 +1,6 @@
 // A room of the page: what `main.ts` needs of it to be a tab.
 
-import type { Received } from "./wire";
+import type { Job, Received } from "./wire";
 
 export type Request = { do: string; [name: string]: unknown };
 export type Ask = (request: Request) => void;
@@ -11,6 +11,7 @@ export interface Room {
   readonly element: HTMLElement;
   heard(received: Received): void; // what the server says of it
   unchanged?(): void; // the last request was refused: what is shown is as it was
+  worked?(job: Job): void; // what the work that runs says, of whatever room
   shown?(): void; // its tab was opened: pictures may be measured
 }
 

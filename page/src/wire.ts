@@ -92,6 +92,13 @@ export interface Knob {
   today: number;
   dragged: boolean;
 }
+// The work waits for its answer: yes or no or, if a value is expected, a number in `unit`, which is SI.
+export interface Question {
+  number: number;
+  text: string;
+  expected: number | null;
+  unit: string;
+}
 export interface Job {
   room: string;
   what: string;
@@ -102,6 +109,7 @@ export interface Job {
   remarks: string[];
   error: string;
   seconds: number;
+  question: Question | null;
 }
 // What a room says stands beside these, under the names that its file on the server gives.
 export interface Message {

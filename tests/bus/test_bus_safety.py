@@ -52,9 +52,15 @@ def described(mode: str = "csp", count: float = 1e-6, **limits: Any) -> BusDrive
     return BusDrive(bus="canopen", cycle_time=T, mode=mode, scaling=scaling, limits=bounds)
 
 
-def watched(made: BusDrive, answers: Sequence[Answer], targets: Sequence[Target] | None = None, **changed: Any) -> Any:
+def watched(
+    made: BusDrive,
+    answers: Sequence[Answer],
+    targets: Sequence[Target] | None = None,
+    follows: bool = False,
+    **changed: Any,
+) -> Any:
     """The first fault of a run from rest, or None; `changed`: fields of its last cycle."""
-    monitor = Monitor(made)
+    monitor = Monitor(made, follows=follows)
     state = monitor.begin(REST)
     for k, answer in enumerate(answers):
         target = Target(0.0, 0.0, 0.0) if targets is None else targets[k]
@@ -126,6 +132,9 @@ def test_a_runaway_in_cst_goes_against_its_force() -> None:
     fault = watched(made, away, pushed)
     assert fault.kind == "runaway"
     assert reaction_to(fault) == OFF
+    # elastic parts swing against the force of a control, whose set position tells a runaway
+    swinging = [target._replace(position=answer.position) for target, answer in zip(pushed, away, strict=True)]
+    assert watched(made, away, swinging, follows=True) is None
     braked = [Answer(-0.1 * T * k + 0.5 * (k * T) ** 2, -0.1 + k * T, 100.0) for k in range(60)]
     assert watched(made, braked, pushed) is None
 

@@ -69,6 +69,9 @@ class ControlInMaster:
     that cycle.  From a reading to the force that answers it so pass `lag` + 1 cycles more than within the drive: the
     dead time of the loop is longer by as much.
 
+    A lost frame is a broken reading, NaN: the guard holds the last command, and goes on with the motion as it was.  It
+    does so for `lost_frames` samples at least, after which the monitor of the drive ends the motion.
+
     cst  the force of the control, with its guard; a control without one gets one without limits, as only a guard can
          switch it on.  Its force limit is that of the control, or limits.force where that is smaller
     csv  the velocity that the position loop of a `CascadePPI` asks for, with the force feedforward of the control; the
@@ -81,9 +84,18 @@ class ControlInMaster:
     """
 
     def __init__(
-        self, control: Control | Loop, sample_time: float, *, mode: str = "cst", force: float, encoders: int = 1
+        self,
+        control: Control | Loop,
+        sample_time: float,
+        *,
+        mode: str = "cst",
+        force: float,
+        encoders: int = 1,
+        lost_frames: int = 3,
     ) -> None:
-        """Trace and compile the step; `force` is the largest that the drive may get, N."""
+        """Trace and compile the step; `force` is the largest that the drive may get, N, `lost_frames` as in the drive
+        file.
+        """
         if isinstance(control, Loop):
             if not math.isclose(float(control.sample_time), sample_time):
                 raise ParameterError(
@@ -103,7 +115,8 @@ class ControlInMaster:
                 "for the position loop alone"
             )
         self.mode = mode
-        self.control = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
+        made = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
+        self.control = replace(made, guard=_patient(made.guard, lost_frames))
         self.remarks: list[str] = []
         own = control.force_limit
         if mode == "cst" and (own is None or float(own) > force):
@@ -197,11 +210,16 @@ class ControlInMaster:
         self._kept = rows  # as long as its address is used
 
 
+def _patient(guard: Guard | None, lost_frames: int) -> Guard:
+    """Return the guard, or one without limits, that holds the command as long as the monitor allows lost frames."""
+    guard = Guard() if guard is None else guard
+    return replace(guard, holds=True, hold_samples=max(float(guard.hold_samples), float(lost_frames)))
+
+
 def _in_torque(control: Control, force: float) -> Control:
-    """Return the control with a guard, and with a force limit of at most `force`, N."""
+    """Return the control with a force limit of at most `force`, N."""
     limit = control.force_limit
-    least = force if limit is None else min(force, float(limit))
-    return replace(control, force_limit=least, guard=Guard() if control.guard is None else control.guard)
+    return replace(control, force_limit=force if limit is None else min(force, float(limit)))
 
 
 def _in_velocity(control: Control) -> Control:
@@ -231,4 +249,4 @@ def _in_velocity(control: Control) -> Control:
         velocity_lag=None,
         velocity_encoder="motor",
     )
-    return replace(control, law=outer, force_limit=None, guard=Guard())
+    return replace(control, law=outer, force_limit=None, guard=None)

@@ -223,6 +223,11 @@ class GantryMotion:
         return self.gantry.first.rotary
 
     @property
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law."""
+        return self.gantry.first.takes
+
+    @property
     def is_virtual(self) -> bool:
         """True if both drives are virtual."""
         return all(side.is_virtual for side in self.gantry.sides)

@@ -11,13 +11,14 @@ from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from feeddrive.blocks.families import Feedforward, Filter
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
-from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of, read_drive
+from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.ethercat import Segment
 from feeddrive.bus.gains import gains_of, write_gains
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
 from feeddrive.bus.sampling import Sampler
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
@@ -25,6 +26,7 @@ from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scalin
 from feeddrive.files.log import Log
 from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language import units
+from feeddrive.language.block import Block
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -90,6 +92,11 @@ class LiveAxis(Protocol):
         """True for an axis that turns: lengths are angles in rad, forces torques in N m."""
         ...
 
+    @property
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: feedforward and filters, some kinds of them, or nothing."""
+        ...
+
     def limited(self, limits: BusLimits) -> LiveAxis:
         """Return the same axis under tighter limits."""
         ...
@@ -100,6 +107,10 @@ class LiveAxis(Protocol):
 
     def text(self) -> str:
         """Return its drive file, with the corrections."""
+        ...
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile (`read_profile`) for a motion of this axis under the control of its drive."""
         ...
 
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
@@ -152,11 +163,6 @@ class BusAxis:
         self._encoders: int | None = None
         self._where = self._transport(file.drive).where
 
-    @classmethod
-    def read(cls, path: str | Path, *, paced: bool = True) -> Self:
-        """Return the axis of a drive file. Raises FileError and ParameterError with file and line."""
-        return cls(read_drive(path), paced=paced)
-
     @property
     def where(self) -> str:
         """The bus, the interface and the station."""
@@ -196,6 +202,11 @@ class BusAxis:
                 pass
         return bool(self._virtual)
 
+    @property
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: nothing, if only its gains go into the drive."""
+        return () if self.file.gains else (Feedforward, Filter)
+
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""
         mine = self.limits
@@ -228,6 +239,10 @@ class BusAxis:
     def text(self) -> str:
         """Return the drive file, with the corrections of `scaled`; empty if it was not read from a file."""
         return self._text
+
+    def read(self, path: str | Path) -> Profile:
+        """Read a profile for a motion in csp. Raises what `read_profile` does."""
+        return read_profile(path, replace(self.file.drive, mode="csp"))
 
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the drive as it is: its actual values are mapped, and nothing else is written. Raises BusError."""
@@ -309,9 +324,15 @@ class BusAxis:
             return Ready(drive)
         if not gains:
             # compiled before the bus is opened for the motion: a drive does not wait for that
-            force = float(drive.limits.force)
-            encoders = self._positions()
-            return Ready(drive, ControlInMaster(control, self.sample_time, mode=mode, force=force, encoders=encoders))
+            leading = ControlInMaster(
+                control,
+                self.sample_time,
+                mode=mode,
+                force=float(drive.limits.force),
+                encoders=self._positions(),
+                lost_frames=drive.lost_frames,
+            )
+            return Ready(drive, leading)
         wanted = gains_of(control.control if isinstance(control, Loop) else control)
         with self._opened() as transport:
             told = write_gains(transport, gains, wanted, drive.scaling, rotary=drive.rotary)
@@ -410,9 +431,18 @@ class BusAxis:
             transport.open()
             self._virtual = identify(transport, self.file.drive).get("name") == cia402.VIRTUAL
             self._refuse_unpaced()
+            self._refuse_enabled(transport)
             yield transport
         finally:
             transport.close()
+
+    def _refuse_enabled(self, transport: Transport) -> None:
+        state = cia402.state_of(read_object(transport, "statusword"))
+        if state in (cia402.PowerState.ENABLED, cia402.PowerState.QUICK_STOP):
+            raise BusError(
+                f"{self.where}: is '{state.words}' already: another master or the tool of its maker commands it; "
+                "switch it off there first"
+            )
 
     def _refuse_unpaced(self) -> None:
         if not self._paced and not self._virtual:

@@ -23,7 +23,8 @@ Checks, in this order; the first that fails is the fault:
                    axis moves away from its target, by 0x606C as well, and either the force has the sign of the motion
                    or the speed grows, for 2 cycles.  cst: after a push beyond limits.breakaway_force for RESPONSE (see
                    `watch`), an axis must not go against the force faster than it did: friction of any kind would slow
-                   it down, too.  A quick stop of the drive would use the same wrong sign
+                   it down, too.  Under a control in the master: as in csp, since elastic parts may swing against its
+                   force.  A quick stop of the drive would use the same wrong sign
     travel         |x - x_start| + s N T + s²/(2 a) > limits.travel, with s the outward speed, the largest of v, u and
                    that of the last target, and from where the drive is led, if that is farther: in csp the last
                    target, in csv x + the following error.  The axis must be able to stop within the limit.
@@ -171,7 +172,7 @@ class Monitor:
     def __init__(self, drive: BusDrive, *, follows: bool = False) -> None:
         """Set up the monitor; `follows`: a control in the master makes the force of cst from the target position."""
         self.drive, self.limits, self._follows = drive, drive.limits, follows
-        self._watch = Watch(drive)
+        self._watch = Watch(drive, follows=follows)
         self._count = drive.scaling.metre
         self._window = drive.lost_frames + SPARE
         self._mode = MODES[drive.mode]
@@ -305,7 +306,8 @@ class Monitor:
     def _pushed(self, state: State, push: watch.Push, speed: float | None) -> tuple[float, float, float | None]:
         """Return direction, duration (s) and reference velocity (m/s) of a push, or (0, 0, None)."""
         least = self.limits.breakaway_force
-        if self.drive.mode != "cst" or least is None or speed is None or not push.forces:
+        # under a control in the master the following error tells a runaway, and elastic parts may swing against a force
+        if self.drive.mode != "cst" or self._follows or least is None or speed is None or not push.forces:
             return 0.0, 0.0, None
         sign, time, begun = state.pushed
         now = math.copysign(1.0, push.forces[-1])

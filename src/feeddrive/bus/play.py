@@ -626,6 +626,7 @@ def _switch_on(
             client.ask_torque(0.0)
             client.enable()
         else:
+            client.held = 0.0
             client.enable()
     brakes = max(float(client.drive.brake_time) for client in clients)
     if not weighed:
@@ -847,7 +848,10 @@ class _Rows:
         excitation = float(profile.excitation[k]) if k <= last else 0.0
         setpoint = Setpoint(self.start + position, *derivatives)
         told = self._last
-        found = leading.control.step(setpoint, told.position, told.second)
+        # a reading that is held would be a standstill, and the next one a jump
+        lost = None if self._heard else math.nan
+        load, motor = (told.position, told.second) if lost is None else (lost, lost)
+        found = leading.control.step(setpoint, load, motor)
         force = max(-limits.force, min(limits.force, found.force + excitation))
         velocity = max(-limits.velocity, min(limits.velocity, found.velocity))
         self.client.command(velocity=velocity, force=force)

@@ -52,6 +52,8 @@ velocity v0 is unknown.  For an axis that stayed within 3 c throughout, v0 satis
 The right side decreases with τ'.  When it falls below the largest left side, no v0 is possible and a live axis must
 have moved; under a constant push this happens RESPONSE + (1 + √2) √(6 c/a) after the push began.  The axis is dead if
 it has still not shown two counts `lost_frames` + 1 cycles later: a drive may report a reading `lost_frames` + 2 times.
+Where a control in the master makes this force from a set position, the bounds of csp hold as well: r is the set
+position with which the control compares the reading.
 
 Velocity.  The velocity is compared with the position differences in two ways:
 
@@ -184,8 +186,9 @@ class State(NamedTuple):
 class Watch:
     """The signs of life of one drive within the bounds of its drive file; it holds no state."""
 
-    def __init__(self, drive: BusDrive) -> None:
-        self.drive, self.limits = drive, drive.limits
+    def __init__(self, drive: BusDrive, *, follows: bool = False) -> None:
+        """Set up the watch; `follows`: a control in the master makes the force of cst from the target position."""
+        self.drive, self.limits, self._follows = drive, drive.limits, follows
         self._count = drive.scaling.metre
         self._sure = SURE * self._count
         # readings are whole counts, but their products with c are rounded
@@ -259,7 +262,9 @@ class Watch:
     def _standing(self, cycle: int, anchor: Anchor, push: Push, acting: Target, sent: Sequence[Target]) -> Fault | None:
         """Return a fault if the position has not changed although a live drive would have moved by now."""
         mode, most = self.drive.mode, self.limits.following_error
-        if mode == "csp":
+        if mode == "cst" and not self._follows:
+            return self._unmoved(cycle, anchor, push)
+        if mode != "csv":
             lead = acting.position - anchor.position
             # L' of the module's docstring: a lead to the other side leaves the whole following error
             before = max(0.0, math.copysign(anchor.lead, anchor.lead * lead))
@@ -268,28 +273,30 @@ class Watch:
             if value <= bound and sent:
                 value, bound, why = abs(sent[0].position - anchor.position), most, "the next set position leads it"
             if value <= bound or abs(lead - anchor.lead) < self._sure:
-                return None
-        elif mode == "csv":
+                return self._unmoved(cycle, anchor, push) if mode == "cst" else None
+        else:
             value, bound, why = abs(anchor.asked), max(USED * most, self._sure), "the set velocity asked it to go on"
             if value <= bound:
                 return None
-        else:
-            # a reading that is renewed every so many cycles is one cycle less old
-            if push.due is None or cycle - push.due < self._patience - 1:
-                return None
-            value, bound = float(cycle - push.due), float(self._patience - 1)
-            message = Text(
-                f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
-                f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
-                f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it "
-                f"within {self._patience - 1} cycles"
-            )
-            return Fault("standstill", value, bound, "cycles", cycle, message)
         message = Text(
             f"{self._stands(cycle, anchor)}: {why} by {Quantity(value, 'm'):SI}, and a live drive moves before "
             f"{Quantity(bound, 'm'):SI} at limits.following_error = {Quantity(most, 'm'):SI}"
         )
         return Fault("standstill", value, bound, "m", cycle, message)
+
+    def _unmoved(self, cycle: int, anchor: Anchor, push: Push) -> Fault | None:
+        """Return a fault if a force should have moved the axis by now."""
+        # a reading that is renewed every so many cycles is one cycle less old
+        if push.due is None or cycle - push.due < self._patience - 1:
+            return None
+        value, bound = float(cycle - push.due), float(self._patience - 1)
+        message = Text(
+            f"{self._stands(cycle, anchor)}: since cycle {push.due} the force, beyond limits.breakaway_force = "
+            f"{Quantity(self.limits.breakaway_force or 0.0, 'N')}, must have moved limits.largest_mass = "
+            f"{Quantity(self.limits.largest_mass or 0.0, 'kg')} by {SURE} increments, and a live drive shows it "
+            f"within {self._patience - 1} cycles"
+        )
+        return Fault("standstill", value, bound, "cycles", cycle, message)
 
     def _stands(self, cycle: int, anchor: Anchor) -> str:
         return Text(

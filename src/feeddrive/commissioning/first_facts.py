@@ -18,8 +18,10 @@ from feeddrive.language.text import Text
 
 _FOLLOWS = 0.5  # of the set travel, that the reading makes at least
 _EVEN = 0.9  # of the largest set speed: rows of even motion
+_MOST = 0.999  # of the rows of even motion: a single reading may be noise
 SCATTER = 0.5  # of the mass, that its lines may scatter: the start law bears 20 % of the mean, of nine lines
-RULER = 2e-4  # m that a person reads off a ruler, and share of the distance
+RULER, PROTRACTOR = 2e-4, 2e-3  # m and rad that a person reads off, with a tenth of a mm and of a degree
+_READ = 5e-3  # share of a distance that is read besides
 _SIMPLE = 12  # largest denominator of a ratio that is taken for a gear
 
 
@@ -27,14 +29,16 @@ _SIMPLE = 12  # largest denominator of a ratio that is taken for a gear
 class SmallMove:
     """What a slow move told.
 
-    holding   force at rest before the move, N: the weight of a vertical axis
+    holding   mean of the forces of both directions, N: the weight of a vertical axis; at rest friction may hold it
     friction  half the difference of the forces of both directions, N; negative if forces count against positions
+    resistance  largest force of the slow move, N: weight, friction and cogging together
     lag       following error over speed, s: the inverse of the position gain without feedforward
     noise     RMS of the reading at rest, m
     """
 
     holding: float
     friction: float
+    resistance: float
     lag: float
     noise: float
 
@@ -59,8 +63,9 @@ def small_move(log: Log) -> SmallMove:
         )
     error = target - reading
     return SmallMove(
-        holding=float(np.median(log["force"][rest])),
+        holding=0.5 * float(np.median(log["force"][forth]) + np.median(log["force"][back])),
         friction=0.5 * float(np.median(log["force"][forth]) - np.median(log["force"][back])),
+        resistance=float(np.quantile(np.abs(log["force"][forth | back]), _MOST)),
         lag=max(0.0, 0.5 * float(np.median(error[forth]) - np.median(error[back])) / float(np.max(speed))),
         noise=float(np.std(reading[rest])),
     )
@@ -110,13 +115,13 @@ def _whole(log: Log, made: Push) -> int:
     return max(1, (int(active[-1]) + 1 - made.first) // made.period - 1)
 
 
-def ratio_by_ruler(measured: float, expected: float) -> float:
+def ratio_by_ruler(measured: float, expected: float, *, rotary: bool = False) -> float:
     """Return the true length of one counted metre, from a distance by ruler (m) and by the drive's counts (m).
 
     A simple ratio within the accuracy of the ruler is taken, as that of a gear or lead is.
     """
     ratio = measured / expected
-    accuracy = RULER / abs(expected) + RULER * abs(ratio)
+    accuracy = (PROTRACTOR if rotary else RULER) / abs(expected) + _READ
     for denominator in range(1, _SIMPLE + 1):
         simple = Fraction(round(ratio * denominator), denominator)
         if simple > 0 and abs(float(simple) - ratio) <= accuracy * max(1.0, abs(ratio)):

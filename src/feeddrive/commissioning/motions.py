@@ -6,7 +6,7 @@ All begin and end at rest, and are relative to the position at which the axis st
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -139,6 +139,11 @@ class TrialMotion:
     rest: slice
     moving: slice
     pulsed: slice
+
+    def weaker(self, force: float) -> TrialMotion:
+        """Return the same motion with a pulse of another force, N."""
+        pushed = replace(self.pushed, excitation=force / self.force * self.pushed.excitation)
+        return replace(self, pushed=pushed, force=force)
 
 
 TRIAL_REST = 0.6  # s

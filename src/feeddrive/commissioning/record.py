@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from feeddrive.commissioning.trial import Trial
+from feeddrive.commissioning.evidence import Evidence, read_evidence
+from feeddrive.commissioning.trial import Figures, Trial
 from feeddrive.files.atomic_io import MARKER, read_whole, write_whole
 from feeddrive.files.origins import digest_of
 from feeddrive.files.read_log import MOST_BYTES
@@ -36,6 +38,8 @@ class Commissioned(Result):
 
     questions  how often the user was asked
     refusal    the reason for which the control before stays in place; empty if there is none
+    evidence   what was measured, for pictures
+    rotary     True for an axis that turns
     """
 
     where: str
@@ -44,6 +48,8 @@ class Commissioned(Result):
     kept: bool = False
     questions: int = 0
     refusal: str = ""
+    evidence: Evidence = field(default_factory=Evidence)
+    rotary: bool = False
 
     def table(self) -> Table:
         """Return a table of the steps and their results."""
@@ -69,13 +75,14 @@ def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Record:
-    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, and the
-    names of the files of all others, which are done again.
+    """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, the
+    names of the files of all others, which are done again, and the first file that is not as it was written.
     """
 
     inside: Mapping[str, str]
     steps: tuple[Step, ...]
     stale: tuple[str, ...]
+    changed: str = ""
 
 
 def write_record(
@@ -110,35 +117,77 @@ def read_record(folder: Path, drive: str) -> Record | None:
     path = folder / FILE
     if not path.is_file():
         return None
-    try:
-        document = json.loads(read_whole(path, MOST_BYTES))
-        if document["format"] != FORMAT:
-            raise ValueError
+    with _understood(path) as document:
         stated = str(document["drive_sha256"])
-        inside = {str(name): str(value) for name, value in document["inside"].items()}
-        steps = [
-            Step(
-                str(entry["name"]),
-                str(entry["says"]),
-                {str(name): float(value) for name, value in entry["figures"].items()},
-                {str(name): str(value) for name, value in entry["files"].items()},
-                {str(name): str(value) for name, value in entry["inside"].items()},
-            )
-            for entry in document["steps"]
-        ]
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise FileError(f"{path}: is no record of a commissioning; give another --out, or remove it") from None
+        inside = _texts(document["inside"])
+        steps = _steps(document)
     if stated != digest_of(drive):
         raise FileError(
             f"{path}: is the record of another drive file, or of this one before it was changed: give another --out, "
             "or remove that directory to begin anew"
         )
     whole: list[Step] = []
+    changed = ""
     for step in steps:
-        if any(not _is_same(folder / name, digest) for name, digest in step.files.items()):
+        changed = next((name for name, digest in step.files.items() if not _is_same(folder / name, digest)), "")
+        if changed:
             break
         whole.append(step)
-    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files))
+    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files), changed)
+
+
+def read_commissioned(folder: Path) -> Commissioned:
+    """Return the commissioning that a folder holds, finished or not, with what it measured.
+
+    Raises FileError for a folder without a record, and the errors of the readers for damaged files.
+    """
+    path = folder / FILE
+    with _understood(path) as document:
+        figures = {
+            name: Figures(**{str(key): float(value) for key, value in document[name].items()})
+            for name in ("predicted", "measured", "before")
+            if name in document
+        }
+        trial = Trial(figures["predicted"], figures["measured"], figures.get("before")) if figures else None
+        return Commissioned(
+            str(document.get("where", "")),
+            tuple(_steps(document)),
+            trial,
+            bool(document.get("kept", False)),
+            int(document.get("questions", 0)),
+            str(document.get("refusal", "")),
+            read_evidence(folder),
+            bool(document.get("rotary", False)),
+        )
+
+
+@contextlib.contextmanager
+def _understood(path: Path) -> Generator[dict[str, Any]]:
+    """Yield the content of a record. Raise FileError if it cannot be read, or if the block does not understand it."""
+    try:
+        document = json.loads(read_whole(path, MOST_BYTES))
+        if document["format"] != FORMAT:
+            raise ValueError
+        yield document
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise FileError(f"{path}: is no record of a commissioning; give another --out, or remove it") from None
+
+
+def _steps(document: Mapping[str, Any]) -> list[Step]:
+    return [
+        Step(
+            str(entry["name"]),
+            str(entry["says"]),
+            {str(name): float(value) for name, value in entry["figures"].items()},
+            _texts(entry["files"]),
+            _texts(entry["inside"]),
+        )
+        for entry in document["steps"]
+    ]
+
+
+def _texts(pairs: Mapping[str, Any]) -> dict[str, str]:
+    return {str(name): str(value) for name, value in pairs.items()}
 
 
 def remove_stale(folder: Path, names: Sequence[str]) -> None:

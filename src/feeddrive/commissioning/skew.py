@@ -37,6 +37,7 @@ _BEGIN = 10  # rows at rest at the beginning of a motion
 _NEAR = 2.0  # times the frequency of the skew, up to which lines tell its mass and stiffness
 _LOWEST, _BELOW = 2e-3, 30  # of the first measured line of the skew, and lines from there on
 _DENSE = 1.5  # ratio of neighbouring lines, from which on they are used
+_RECORD = ("set_position", "reading_load", "force", "velocity_load")
 _MOVED = 0.2  # of the skew, that each side moves by itself
 _SMOOTH = 0.02  # s over which a speed is taken
 _STIFFER = 3.0  # times the stiffness in common: that of a beam
@@ -335,7 +336,11 @@ def predicted_gantry(
         }
         or None,
         seed=seed,
-        record=[f"{name}.{signal}" for name in names for signal in ("set_position", "reading_load", "force")],
+        record=[
+            f"{name}.{signal}"
+            for name in names
+            for signal in ("set_position", "reading_load", "force", "velocity_load")
+        ],
         name=profiles[0].name,
     )
     rows = slice(0, profiles[0].set_position.size)
@@ -346,9 +351,13 @@ def predicted_gantry(
         channels[f"force_{side}"] = channels[f"commanded_{side}"] = run[f"{name}.force"][rows] + each.excitation
     for column, parts in (("set_position", shares), ("commanded", (1.0, 1.0))):
         channels[column] = sum(w * channels[f"{column}_{side}"] for w, side in zip(parts, SIDES, strict=True))
+    channels["velocity_load"] = sum(
+        w * run[f"{name}.velocity_load"][rows] for w, name in zip(shares, names, strict=True)
+    )
     channels["reading_load"] = sum(w * channels[f"reading_{side}"] for w, side in zip(shares, SIDES, strict=True))
     channels["force"] = channels["commanded"]
     units = {name: "N" if name.startswith(("force", "commanded")) else "m" for name in channels}
+    units["velocity_load"] = "m/s"
     return Log(name=profiles[0].name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 

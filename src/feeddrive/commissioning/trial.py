@@ -80,6 +80,22 @@ def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
     )
 
 
+def filled(log: Log) -> Log:
+    """Return a log whose readings of lost frames lie on straight lines between their neighbors, not at the last one."""
+    if "lost" not in log.channels:
+        return log
+    there = log["lost"] == 0.0
+    rows = np.arange(len(log))
+    channels = {
+        name: np.interp(rows, rows[there], values[there]) if name in _READ and np.any(there) else values
+        for name, values in log.channels.items()
+    }
+    return replace(log, channels=channels)
+
+
+_READ = ("reading_load", "reading_motor", "velocity_load", "force")  # columns that a frame carries back
+
+
 def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
     """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
     real = replace(loop, axis=counted(loop.axis, increment, noise))
@@ -89,7 +105,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
         seed=seed,
-        record=["set_position", "reading_load", "force"],
+        record=["set_position", "reading_load", "force", "velocity_load"],
         name=played.name,
     )
     rows = slice(0, played.set_position.size)
@@ -97,11 +113,19 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
     channels = {
         "set_position": run["set_position"][rows],
         "reading_load": run["reading_load"][rows],
+        "velocity_load": run["velocity_load"][rows],
         "force": force,
         "commanded": force + played.excitation[: force.size],
         "excitation": played.excitation[: force.size],
     }
-    units = {"set_position": "m", "reading_load": "m", "force": "N", "commanded": "N", "excitation": "N"}
+    units = {
+        "set_position": "m",
+        "reading_load": "m",
+        "velocity_load": "m/s",
+        "force": "N",
+        "commanded": "N",
+        "excitation": "N",
+    }
     return Log(name=played.name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 
@@ -145,6 +169,12 @@ class Trial(Result):
         said = [Text(f"{words} {Quantity(self.ratio(name), 'share'):3}") for name, words in self._judged.items()]
         return Text(f"{joined(', ', said[:-1])} and {said[-1]} of what was predicted")
 
+    @property
+    def is_worse(self) -> bool:
+        """True if the control before has both the smaller following error and the larger stiffness."""
+        before, now = self.before, self.measured
+        return before is not None and (before.following_rms < now.following_rms and before.stiffness > now.stiffness)
+
     def table(self) -> Table:
         """Return a table of the figures: predicted, measured, their ratio, and before."""
         rows = []
@@ -152,13 +182,14 @@ class Trial(Result):
             title, unit = UNITS[name]
             values = [Quantity(getattr(which, name), unit) for which in (self.predicted, self.measured)]
             before = "-" if self.before is None else Quantity(getattr(self.before, name), unit)
-            rows.append([title, *values, Quantity(self.ratio(name)), before, UNIT])
+            ratio = self.ratio(name)
+            rows.append([title, *values, Quantity(ratio) if np.isfinite(ratio) else "-", before, UNIT])
         heads = [
             "trial",
-            Column("predicted", form="4 SI"),
-            Column("measured", form="4 SI"),
+            Column("predicted", form="4"),
+            Column("measured", form="4"),
             Column("ratio", form="3"),
-            Column("before", form="4 SI"),
+            Column("before", form="4"),
             "unit",
         ]
         return Table("Closed-loop trial", heads, rows)

@@ -16,7 +16,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 
 from feeddrive.language.errors import CancelledError
 from feeddrive.language.table import Table
@@ -145,14 +145,18 @@ def one_thread() -> Generator[None]:
             os.environ[_THREADS] = before
 
 
-def follow_parent() -> None:
-    """Make this child process ignore Ctrl-C, which its parent handles, and exit when the parent exits."""
+def follow_parent(first: Callable[[], None] = lambda: None) -> None:
+    """Make this child process ignore Ctrl-C, which its parent handles, and exit when the parent exits.
+
+    first  what is done before that, from a thread
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
 
     def follow() -> None:
         parent.join()
+        first()
         # not sys.exit: the computing thread may be in machine code for a while
         os._exit(1)
 

@@ -23,6 +23,7 @@ CHARTS = {
     "analysis.step_response:StepResponse": "over_time:step_response_chart",
     "analysis.stiffness:Stiffness": "over_frequency:stiffness_chart",
     "certificate.certificate:Certificate": "complex_plane:certificate_chart",
+    "commissioning.record:Commissioned": "commissioning:commissioned_chart",
     "cosimulation.simulate_with_fmu:Cosimulation": "over_time:cosimulation_chart",
     "files.mapping:Guess": "over_time:guess_chart",
     "files.log:Log": "over_time:log_chart",

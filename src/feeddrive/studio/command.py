@@ -19,9 +19,11 @@ from contextlib import contextmanager, suppress
 from html import escape
 from pathlib import Path
 
+from feeddrive.bus.drive_file import read_drive
 from feeddrive.evaluation.scheduler import is_loopback
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.growing import Pipe
+from feeddrive.files.toml_file import read_toml
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.bench import Bench, bench_of
@@ -129,6 +131,11 @@ class StudioRequest(Request):
         "is sampled and not moved; may be repeated. Tables in --folder and a log that is opened may be followed anyway",
         default=(),
     )
+    commission: tuple[Path, ...] = option(
+        "drive file whose drive the room Commission may move, after each question is answered there; may be repeated; "
+        "only for a page on this machine",
+        default=(),
+    )
     folder: Path = option(
         "directory in which each page keeps uploaded files and its results; nothing else is written",
         default=Path("results/studio"),
@@ -147,8 +154,8 @@ class StudioRequest(Request):
     no_browser: bool = option("open no browser: print the address alone", default=False)
 
     def check(self) -> None:
-        """Raise ParameterError if the page is open to the network without a password, or if two initial sources are
-        named.
+        """Raise ParameterError if the page is open to the network without a password or with a drive that it may move,
+        or if two initial sources are named.
         """
         if self.tour and self.source is not None:
             raise ParameterError(f"--tour brings a log of its own: leave {self.source} out, and bring it afterwards")
@@ -156,6 +163,11 @@ class StudioRequest(Request):
             raise ParameterError(
                 f"--host {self.host}: others on the network could open the page: give a {OPTION} too, or leave "
                 "--host out and come through a tunnel (ssh -L)"
+            )
+        if self.commission and not is_loopback(self.host):
+            raise ParameterError(
+                f"--commission with --host {self.host}: whoever moves an axis must stand at its stop, so its drive is "
+                "commissioned from this machine alone: leave --host out"
             )
         if str(self.password_file) == STANDARD_INPUT and PIPE in map(str, self.follow):
             raise ParameterError(f"{OPTION} - and --follow - both read standard input: write the password into a file")
@@ -181,6 +193,10 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         else:
             raise FileError(f"{request.source}: no such file")
     check_followed(request.follow)
+    for path in request.commission:
+        # the file of an axis of LinuxCNC is read when it is commissioned
+        if "hal" not in read_toml(path).content:
+            read_drive(path)
     password = "" if request.password_file is None else read_password(request.password_file)
     if not (PAGE / "index.html").is_file():
         raise ParameterError(
@@ -296,7 +312,9 @@ def serve_at(
             forget()
             progress.remark("No browser was found on this machine: open this address in one.")
 
-    app = make_app(bench, door, request.folder, brought=brought, live=live, tour=request.tour)
+    app = make_app(
+        bench, door, request.folder, brought=brought, live=live, drives=request.commission, tour=request.tour
+    )
     try:
         # Ctrl-C is the usual end
         with suppress(KeyboardInterrupt):

@@ -47,10 +47,13 @@ class Said:
 
 
 class Asked:
-    """The parameters of a request from the page. The methods raise ParameterError for a missing or mistyped value."""
+    """The parameters of a request from the page. The methods raise ParameterError for a missing or mistyped value.
 
-    def __init__(self, parameters: Mapping[str, Any]) -> None:
-        self.parameters = parameters
+    page  the connection through which it came: one for each tab of a browser, and another one after a reload
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], page: object = None) -> None:
+        self.parameters, self.page = parameters, page
 
     def text(self, name: str) -> str:
         """Return a string parameter."""
@@ -216,14 +219,22 @@ class Desk:
     limits    limits by which the loop is judged, as set in the tab Goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
+    drives    drive files whose drives the page may move, as named on the command line
     closing   functions that are called at the end of the session
+    left      functions that are called with the page whose connection has ended
     closed    True once the session has ended
     done      steps completed on the page, for all sources
     kept      files that are not outputs of the commands in `done`, with a description of each
     """
 
-    def __init__(self, folder: Path, brought: tuple[Path, ...] = (), live: Followable | None = None) -> None:
-        self.folder, self.brought = folder, brought
+    def __init__(
+        self,
+        folder: Path,
+        brought: tuple[Path, ...] = (),
+        live: Followable | None = None,
+        drives: tuple[Path, ...] = (),
+    ) -> None:
+        self.folder, self.brought, self.drives = folder, brought, drives
         self.files = {path.name: path for path in brought}
         self.live = live or Followable()
         self.bench: Bench | None = None
@@ -245,7 +256,10 @@ class Desk:
         self.closed = False
         self.watched: Callable[[], bool] = lambda: True  # set by the session: whether a page is open
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
-        self.begun: Callable[[str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None]], Job]
+        self.left: list[Callable[[object], None]] = []
+        self.begun: Callable[
+            [str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None], float], Job
+        ]
 
     def put(self, bench: Bench) -> None:
         """Switch to another source and reset all tabs. Raises ParameterError while a job is running."""
@@ -503,14 +517,16 @@ class Desk:
         work: Callable[[Progress], T],
         then: Callable[[T], None],
         improved: Callable[[Found], None] = lambda _: None,
+        patience: float = 0.0,
     ) -> None:
         """Start a long-running job in its own process. The job and its result must be picklable.
 
         `then(result)` and `improved(report)` are called in the session; after each call the tab is displayed again.
+        `patience` is that of a job that moves an axis, in s; see `Job`.
         Raises ParameterError while another job is running.
         """
         self.check_free()
-        self.job = self.begun(room, what, work, then, improved)
+        self.job = self.begun(room, what, work, then, improved, patience)
 
     def cancel(self) -> None:
         """Cancel the running job, if any."""
@@ -527,6 +543,6 @@ class Desk:
         # a job that cannot be ended must not keep the sources of the page open
         with suppress(Exception):
             if self.job is not None:
-                self.job.kill()
+                self.job.end()
         for close in self.closing:
             close()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feeddrive.language.errors import CancelledError, FeeddriveError
+from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress, follow_parent, one_thread
 from feeddrive.language.text import Text
 
@@ -28,6 +28,7 @@ _OFTEN = 0.05  # s between two reports of a step
 _DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 1.5  # s in which canceled work may end by itself
 _ASKED = 0.01  # s between two looks whether the work was canceled
+_STOP = "stop"  # what the server sends to cancel a job; all else that it sends is an answer
 # of all pages together: more jobs than processors would only slow each other down
 _PLACES = threading.BoundedSemaphore(os.cpu_count() or 1)
 # one process begins at a time, since `one_thread` changes the environment of the server; and none while all are ended
@@ -39,9 +40,12 @@ _CONTEXT = multiprocessing.get_context("spawn")
 
 
 def end_all() -> None:
-    """End the jobs of all pages, including queued ones, when the server stops."""
-    for job in tuple(_GOING):
-        job.kill()
+    """End the jobs of all pages, including queued ones, when the server stops; those that move an axis brake first."""
+    going = tuple(_GOING)
+    for job in going:
+        job.end()
+    for job in going:
+        job.join(job.patience)
 
 
 def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
@@ -49,6 +53,22 @@ def perform(command: str, request: Request, progress: Progress) -> Outcome[Any]:
     from feeddrive.workflow.command import load
 
     return load(command).run(request, progress)
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question of a job, which waits for the answer.
+
+    number    of this job, from 1
+    text      the question
+    expected  for a measured value: what is expected, in `unit`; None for a question to be answered with yes or no
+    unit      SI unit of the answer
+    """
+
+    number: int
+    text: str
+    expected: float | None = None
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,6 +80,7 @@ class JobState:
     step         current step; `done` of `of`, if steps are counted
     remarks      remarks so far
     error        reason for a failure
+    question     the question for whose answer it waits
     """
 
     room: str
@@ -71,6 +92,7 @@ class JobState:
     remarks: tuple[str, ...] = ()
     error: str = ""
     seconds: float = 0.0
+    question: Question | None = None
 
     @property
     def going(self) -> bool:
@@ -92,6 +114,8 @@ class Job:
     heard(state)     called after each report of the job, from a thread of this process
     improved(value)  called for each `Found`
     ended(result)    called once, if the job completes
+    patience         s in which a job that moves an axis may brake and put back what was in the drive before it is
+                     terminated; 0 for a job that moves nothing
     """
 
     def __init__(
@@ -102,8 +126,10 @@ class Job:
         heard: Callable[[JobState], None],
         improved: Callable[[Found], None],
         ended: Callable[[Any], None],
+        patience: float = 0.0,
     ) -> None:
         self.state = JobState(room, what)
+        self.patience = patience
         self._work, self._heard, self._found, self._ended = work, heard, improved, ended
         # an event of this process alone: a child that is killed may leave a shared one locked
         self._stop = threading.Event()
@@ -119,10 +145,27 @@ class Job:
         self._thread.start()
 
     def cancel(self) -> None:
-        """Signal the job to stop, and terminate its process if it has not stopped within 1.5 s."""
+        """Signal the job to stop, and terminate its process if it has not stopped within 1.5 s, or its `patience`."""
         if not self._stop.is_set():
             self._stop.set()
             threading.Thread(target=self._end, daemon=True).start()
+
+    def answer(self, number: int, value: float | bool | None) -> None:
+        """Answer the question for which the job waits. Raises ParameterError for another one, and for a second answer.
+
+        value  True or False; for a measured value a number, or None if there is none
+        """
+        with _BEGIN:
+            asked = self.state.question
+            if asked is None or asked.number != number or self._pipe is None:
+                raise ParameterError("this question is no longer open: it was answered, or the work has ended")
+            if (asked.expected is None) != isinstance(value, bool):
+                wanted = "yes or no" if asked.expected is None else f"a number in {asked.unit}"
+                raise ParameterError(f"the answer must be {wanted}")
+            self.state = replace(self.state, question=None)
+            with contextlib.suppress(OSError):
+                self._pipe.send((number, value))
+        self._heard(self.state)
 
     def kill(self) -> None:
         """Terminate the process immediately; a queued job is never started."""
@@ -130,6 +173,13 @@ class Job:
             self._stop.set()
             if self._process is not None:
                 self._process.kill()
+
+    def end(self) -> None:
+        """End the job when nobody listens any more: one that moves an axis by a cancel, any other one at once."""
+        if self.patience:
+            self.cancel()
+        else:
+            self.kill()
 
     def join(self, seconds: float | None = None) -> None:
         """Wait until the job has ended, but for at most `seconds`."""
@@ -139,12 +189,14 @@ class Job:
         # the process may have ended meanwhile
         with _BEGIN, contextlib.suppress(OSError):
             if self._pipe is not None:
-                self._pipe.send("stop")
+                self._pipe.send(_STOP)
         # a search that stops by itself sends its best result, one that is killed sends none
-        if not self._over.wait(_PATIENCE):
+        if not self._over.wait(self.patience or _PATIENCE):
             self.kill()
 
     def _say(self, **changes: Any) -> None:
+        if changes.get("state") not in (None, RUNNING):
+            changes["question"] = None
         self.state = replace(self.state, seconds=time.monotonic() - self._begun, **changes)
         self._heard(self.state)
 
@@ -165,7 +217,7 @@ class Job:
 
     def _run(self) -> None:
         ours, theirs = _CONTEXT.Pipe()
-        process = _CONTEXT.Process(target=_child, args=(self._work, theirs))
+        process = _CONTEXT.Process(target=_child, args=(self._work, theirs, self.patience))
         try:
             with _BEGIN, one_thread():
                 if not self._stop.is_set():
@@ -211,6 +263,8 @@ class Job:
             self._say(remarks=(*self.state.remarks, payload[0]))
         elif kind == "found":
             self._found(payload[0])
+        elif kind == "question":
+            self._say(question=payload[0])
         elif kind == "done":
             try:
                 self._ended(payload[0])
@@ -224,7 +278,7 @@ class Job:
             self._say(state=CANCELLED)
         else:
             self._say(state=FAILED, error=payload[0])
-        return kind in ("step", "remark", "found")
+        return kind in ("step", "remark", "found", "question")
 
 
 class _Reporting(Progress):
@@ -235,6 +289,7 @@ class _Reporting(Progress):
         self._pipe, self._last, self._told, self._looked = pipe, ("", ""), 0.0, 0.0
         self._drawn = 0.0
         self._held: Found | None = None
+        self._questions = 0
 
     @property
     def cancelled(self) -> bool:
@@ -242,11 +297,38 @@ class _Reporting(Progress):
         # inner loops ask all the time, and each look at the pipe is a system call
         if now - self._looked > _ASKED and not self._cancelled.is_set():
             self._looked = now
-            # an error means that the server has ended, and `follow_parent` ends this process
-            with contextlib.suppress(OSError):
-                if self._pipe.poll():
-                    self._cancelled.set()
+            # answers come only while a question is open, where `_asked` reads them
+            self._read(0.0)
         return self._cancelled.is_set()
+
+    def _read(self, seconds: float) -> Any:
+        """Wait for at most `seconds` for a message of the server, and return it; None if there is none."""
+        # an error means that the server has ended
+        try:
+            said = self._pipe.recv() if self._pipe.poll(seconds) else None
+        except (OSError, EOFError):
+            said = _STOP
+        if said == _STOP:
+            self._cancelled.set()
+            return None
+        return said
+
+    def _asked(self, text: str, expected: float | None = None, unit: str = "") -> Any:
+        """Ask the page, and wait for the answer to this question. Raises CancelledError after a cancel."""
+        self._questions += 1
+        self._pipe.send(("question", Question(self._questions, str(Text(text)), expected, unit)))
+        while True:
+            answer = self._read(_DRAWN)
+            self.check()
+            if answer is not None and answer[0] == self._questions:
+                return answer[1]
+
+    def confirm(self, question: str) -> bool:
+        return bool(self._asked(question))
+
+    def measured(self, question: str, expected: float, unit: str) -> float | None:
+        value = self._asked(question, expected, unit)
+        return None if value is None else float(value)
 
     def flush(self) -> None:
         """Send the pending best result, if any."""
@@ -281,15 +363,23 @@ def fault(error: Exception) -> str:
     return str(Text(f"a fault in feeddrive, please report it: {type(error).__name__}{place}: {error}"))
 
 
-def _child(work: Work, pipe: Connection) -> None:
-    follow_parent()
+def _child(work: Work, pipe: Connection, patience: float) -> None:
+    progress, over = _Reporting(pipe), threading.Event()
+
+    def orphaned() -> None:
+        # work that moves an axis brakes and puts back what was in the drive; all other work has nothing to lose
+        if patience:
+            progress.cancel()
+            over.wait(patience)
+
+    follow_parent(orphaned)
     # the server was killed: nobody reads the result
     with contextlib.suppress(BrokenPipeError):
-        progress = _Reporting(pipe)
         try:
             try:
                 result = work(progress)
             finally:
+                over.set()
                 # the best result of a search is kept also if it is canceled
                 progress.flush()
         except CancelledError:

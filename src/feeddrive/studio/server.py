@@ -223,6 +223,7 @@ class Session:
     folder          directory of the page, for all files that it reads and writes
     bench, brought  initial bench and files
     live            sources that may be followed
+    drives          drive files whose drives may be moved
     tour            True to start with the guided tour
     """
 
@@ -232,10 +233,11 @@ class Session:
         bench: Bench | None = None,
         brought: tuple[Path, ...] = (),
         live: Followable | None = None,
+        drives: tuple[Path, ...] = (),
         *,
         tour: bool = False,
     ) -> None:
-        self.desk = Desk(folder, brought, live)
+        self.desk = Desk(folder, brought, live, drives)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {room.name: room(self.desk) for room in ROOMS}
         self._tour = Tour(self.desk)
@@ -250,8 +252,11 @@ class Session:
         if tour:
             self.answer({"do": "bring.tour"})
 
-    def answer(self, asked: Mapping[str, Any]) -> bytes:
-        """Return the message that responds to a request from the page: the response of its tab, or the error."""
+    def answer(self, asked: Mapping[str, Any], page: object = None) -> bytes:
+        """Return the message that responds to a request from the page: the response of its tab, or the error.
+
+        page  the connection through which it came
+        """
         sent = asked.get("number")
         number = sent if isinstance(sent, int) else 0
         name, _, act = str(asked.get("do")).partition(".")
@@ -265,7 +270,7 @@ class Session:
             if name not in self.rooms:
                 raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
-                shown = self.rooms[name].do(act, Asked(asked))
+                shown = self.rooms[name].do(act, Asked(asked, page))
                 self._tour.heard(f"{name}.{act}")
                 return self._message(number, name, shown)
         except FeeddriveError as error:
@@ -275,12 +280,18 @@ class Session:
             error_text = fault(error)
         return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
-    def listen(self, push: Push) -> Callable[[], None]:
+    def listen(self, push: Push, page: object = None) -> Callable[[], None]:
         """Subscribe to unsolicited messages, each labeled with its kind; return a function that unsubscribes."""
         # a page that has just been loaded shows the full range
         self._windows.clear()
         self._pushes.append(push)
-        return lambda: self._pushes.remove(push)
+
+        def leave() -> None:
+            self._pushes.remove(push)
+            for left in self.desk.left:
+                left(page)
+
+        return leave
 
     @property
     def heard(self) -> bool:
@@ -333,7 +344,13 @@ class Session:
             room.begin()
 
     def _start(
-        self, room: str, what: str, work: Work, then: Callable[[Any], None], improved: Callable[[Found], None]
+        self,
+        room: str,
+        what: str,
+        work: Work,
+        then: Callable[[Any], None],
+        improved: Callable[[Found], None],
+        patience: float,
     ) -> Job:
         def heard(state: JobState) -> None:
             self._send("job", self._message(0, "", Said(), state))
@@ -352,7 +369,7 @@ class Session:
                 job.state = replace(job.state, state=DONE)
                 then(result)
 
-        job = Job(room, what, work, heard, met, ended)
+        job = Job(room, what, work, heard, met, ended, patience)
         job.start()
         return job
 
@@ -415,6 +432,7 @@ def make_app(
     page: Path = PAGE,
     brought: tuple[Path, ...] = (),
     live: Followable | None = None,
+    drives: tuple[Path, ...] = (),
     *,
     tour: bool = False,
 ) -> App:
@@ -425,6 +443,7 @@ def make_app(
     brought  initial files of every page, as if they had been uploaded
     tour     True if every page starts with the guided tour
     live     sources that every page may follow while they are recorded
+    drives   drive files whose drives every page may move, one at a time
 
     Raises MissingExtraError if the extra `studio` is not installed.
     """
@@ -439,7 +458,7 @@ def make_app(
     def new_session() -> Session:
         folder.mkdir(parents=True, exist_ok=True)
         own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, brought, live, tour=tour)
+        return Session(own, bench, brought, live, drives, tour=tour)
 
     sessions = Sessions(new_session)
 
@@ -500,9 +519,9 @@ def make_app(
                     except FeeddriveError as error:
                         waiting.put(message({"number": asked.get("number"), "error": str(error)}))
                         continue
-                    leave = session.listen(lambda of, content: _put(loop, waiting, of, content))
+                    leave = session.listen(lambda of, content: _put(loop, waiting, of, content), waiting)
                 # in a thread, so that the other pages are answered meanwhile
-                waiting.put(await asyncio.to_thread(session.answer, asked))
+                waiting.put(await asyncio.to_thread(session.answer, asked, waiting))
         except _LeftError:
             pass
         finally:

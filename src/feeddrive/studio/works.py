@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
     from feeddrive.machining.circle_test import CircleTest
+    from feeddrive.report.report import Report
     from feeddrive.studio.uploads import Understood
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome, Request
+    from feeddrive.workflow.commission import CommissionRequest
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
     from feeddrive.workflow.run_job import RunRequest
@@ -64,7 +66,27 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
     Pictures that the page cannot draw are left out. The result of a failed outcome always contains a sentence on the
     failure.
     """
-    report = outcome.report()
+    report, failure = outcome.report(), outcome.failure
+    if outcome.judgment.bad and not failure and not report.verdict.sentences:
+        failure = sentence(outcome.judgment.says)
+    # a general report, made from the outcome, already contains the notes
+    notes = () if outcome.page is None else outcome.notes
+    return shown_report(report, drawn, bad=outcome.judgment.bad, failure=failure, notes=notes)
+
+
+def shown_report(
+    report: Report,
+    drawn: Collection[str] | None = None,
+    *,
+    bad: bool = False,
+    failure: str = "",
+    notes: Sequence[str] = (),
+) -> Shown:
+    """Return a report for the page; see `shown`.
+
+    bad      True if its result must not be used, for the reason `failure`
+    notes    what the page says beside the verdict
+    """
     units = replace(DRAWN, rotary=report.rotary)
     with drawn_in(units):
         pictures = [picture for picture in report.pictures if drawn is None or picture.key in drawn]
@@ -77,15 +99,10 @@ def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
         return part["kind"] != "picture" or part["key"] in charts
 
     sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
-    verdict = record["verdict"]["sentences"]
-    failure, bad = resolve(outcome.failure, units), outcome.judgment.bad
-    if bad and not failure and not verdict:
-        failure = sentence(outcome.judgment.says)
-    # a general report, made from the outcome, already contains the notes
-    notes = () if outcome.page is None else outcome.notes
+    verdict, told = record["verdict"]["sentences"], resolve(failure, units)
     words = {
         "verdict": verdict,
-        "failure": "" if failure in verdict else failure,
+        "failure": "" if told in verdict else told,
         "bad": bad,
         "said": [resolve(note, units) for note in notes],
         "picture": record["picture"] if record["picture"] is not None and kept(record["picture"]) else None,
@@ -219,6 +236,13 @@ def exported(request: ExportRequest, progress: Progress) -> Shown:
     outcome = perform("export", request, progress)
     assert request.out is not None
     return Shown({**shown(outcome).words, "archive": packed(request.out).name})
+
+
+def commissioned(request: CommissionRequest, progress: Progress) -> None:
+    """Commission a drive, whose record the page reads, and pack its directory as a ZIP archive next to it."""
+    perform("commission", request, progress)
+    assert request.out is not None
+    packed(request.out)
 
 
 def packed(folder: Path) -> Path:

@@ -9,26 +9,29 @@ Each step leaves the files that the command of its name leaves, so that one can 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.families import Filter
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.sensor.encoder import Encoder
-from feeddrive.bus.drive_file import BusLimits, DriveFile
+from feeddrive.bus.drive_file import BusLimits, DriveFile, read_drive
 from feeddrive.bus.gantry import Gantry, GantryMotion
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
+from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
@@ -42,8 +45,10 @@ from feeddrive.commissioning.record import (
     remove_stale,
     write_record,
 )
-from feeddrive.commissioning.trial import Figures, Trial, figures, predicted
+from feeddrive.commissioning.trial import Figures, Trial, figures, filled, predicted
 from feeddrive.export.design import weight
+from feeddrive.export.linuxcnc_axis import LinuxcncAxis
+from feeddrive.export.linuxcnc_file import read_linuxcnc_file
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
@@ -51,10 +56,12 @@ from feeddrive.files.log import Log, write_log
 from feeddrive.files.machine import MachineFile, MachineLike, machine_of_text, machine_toml, read_machine
 from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import read_log
+from feeddrive.files.toml_file import read_toml
 from feeddrive.identification.excitation.excitation import Excitation, design_excitation
 from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import (
     AbortedError,
+    CancelledError,
     FeeddriveError,
     FileError,
     LogError,
@@ -73,11 +80,13 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.tuning.operating_point import measured_point
+from feeddrive.report.page import html
+from feeddrive.tuning.operating_point import OperatingPoint, measured_point
 from feeddrive.tuning.start_law import start_law
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from feeddrive.workflow.command import Outcome, Request, argument, called, command, option
+from feeddrive.workflow.commission_report import commission_report, verdict
 from feeddrive.workflow.excite import excitation_report, write_excitation
 from feeddrive.workflow.export import ExportRequest, export
 from feeddrive.workflow.frf import FrfRequest, frf
@@ -87,7 +96,7 @@ from feeddrive.workflow.tune import TuneRequest, limit_options, tune
 
 SHARE = 0.1  # of limits.force, for the small move
 TRIES = 3  # of the small move, each with twice the force: a hanging axis may need more than a tenth
-RULED = 0.01  # m of the small move, which a ruler measures to 2 %
+RULED, TURNED = 0.01, 0.2  # m and rad of the small move, which a person measures to 2 %
 USED = 0.4  # of limits.following_error that a motion may use: the monitor acts at 0.75 of it
 WORK = 0.5  # of limits.force beyond holding force and friction, that a motion may use
 REACH = 0.6  # of limits.travel: the rest is for braking
@@ -98,18 +107,27 @@ NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in t
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
-TOP, BAND = 1000.0, 0.45  # Hz, and share of the rate of the bus: highest line of the excitation
+# Hz: at most this share of the rate of the bus, and this over the dead time: three times what a crossover can be
+BAND, DELAYS = 0.45, 0.4
+SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
+PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
+FAST = 0.7  # of limits.velocity: the rest is for overshoot, and for a pulse of force
+DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
+DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
+STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 8), (1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
-HEAVIER, HARDER = 1.5, 2.0  # times the rough mass and friction: what the monitor takes for the largest
+HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
 AXIS = "x"
 
 
 class CommissionRequest(Request, more=limit_options(), after="goal"):
     """The drive, the goal and limits of the tuning, and where the results go."""
 
-    drive: Path | DriveFile | LiveAxis | None = argument("A drive file (TOML): bus, scaling, limits", default=None)
+    drive: Path | DriveFile | LiveAxis | None = argument(
+        "A drive file (TOML): bus, scaling, limits; or the file of an axis of LinuxCNC", default=None
+    )
     second: Path | DriveFile | BusAxis | None = option(
         "the drive file of the second drive of a gantry, on the same beam", default=None
     )
@@ -172,17 +190,31 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     assert request.drive is not None
     if request.second is None:
         return _axis_of(request.drive)
-    sides = _axis_of(request.drive), _axis_of(request.second)
-    if not (isinstance(sides[0], BusAxis) and isinstance(sides[1], BusAxis)):
+    first, second = _axis_of(request.drive), _axis_of(request.second)
+    if not (isinstance(first, BusAxis) and isinstance(second, BusAxis)):
         raise ParameterError("--second: the two drives of a gantry are CiA 402 drives on one EtherCAT segment")
-    return Gantry(*sides).common
+    return Gantry(first, second).common
 
 
-def _axis_of(drive: Path | DriveFile | LiveAxis) -> LiveAxis:
-    """Return the axis of one drive, by its file or as it is."""
-    if isinstance(drive, str | Path):
-        return BusAxis.read(drive)
-    return BusAxis(drive) if isinstance(drive, DriveFile) else drive
+def _axis_of(drive: str | Path | DriveFile | LiveAxis) -> LiveAxis:
+    """Return the axis of a drive file, of the file of an axis of LinuxCNC, or as it is."""
+    if isinstance(drive, DriveFile):
+        return _on_bus(drive)
+    if not isinstance(drive, str | Path):
+        return drive
+    if isinstance(read_toml(drive).content.get("hal"), str):
+        return LinuxcncAxis(read_linuxcnc_file(drive))
+    return _on_bus(read_drive(drive))
+
+
+def _on_bus(file: DriveFile) -> BusAxis:
+    """Return the axis of a drive file. Raises ParameterError for csv: the plant of a loop there is a velocity loop."""
+    if file.drive.mode == "csv":
+        raise ParameterError(
+            f'{file.name}: mode = "csv": commission closes its loops by force (cst), or by gains in the drive '
+            '([gains]): write mode = "csp"'
+        )
+    return BusAxis(file)
 
 
 def virtual_axis(machine: MachineLike) -> LiveAxis:
@@ -219,8 +251,11 @@ class _Gentle(NamedTuple):
 
 
 def _carried(told: SmallMove, force: float) -> float:
-    """Return the force that carries and slides an axis, as a share of a force (N)."""
-    return (abs(told.holding) + 3.0 * abs(told.friction)) / force
+    """Return the force that slides and shakes an axis, as a share of its limit (N)."""
+    return 1.2 * (told.resistance + 2.0 * abs(told.friction)) / force + SHARE
+
+
+Told: TypeAlias = tuple[str, Mapping[str, float]]
 
 
 class Chain:
@@ -249,6 +284,11 @@ class Chain:
             self.inside = dict(record.inside)
             before = {step.name: step for step in record.steps}
         if record is not None:
+            if record.changed:
+                self.progress.remark(
+                    f"- {self.folder / record.changed} is not what its step wrote: that step and all after it are done "
+                    "again."
+                )
             remove_stale(self.folder, record.stale)
         refusal = ""
         try:
@@ -259,37 +299,31 @@ class Chain:
                     self._resume(before[name])
                     continue
                 self.progress.step(name.replace("_", " "), number, len(self.work))
-                says, told = work()
+                says, told = getattr(self, work.__name__)()
                 self._record(name, says, told)
             self._decide()
         except RefusedError as refused:
             refusal = refused.why
+        except CancelledError:
+            refusal = "it was stopped by hand; the same command goes on with the step that was stopped"
         except FeeddriveError as error:
             # what was measured so far stays, and the reason is the result
             if isinstance(error, AbortedError) and not self.steps:
                 raise
             refusal = str(error)
+        except BaseException:
+            # a fault of this program, or an interrupt: the drive is not left with the limits of a step
+            self._put_back("")
+            raise
         if not self.kept:
             refusal = self._put_back(refusal)
         self._write(refusal)
         return self._outcome(refusal, kept=kept)
 
     @property
-    def work(self) -> Mapping[str, Callable[[], tuple[str, Mapping[str, float]]]]:
-        """The steps in order. Each returns a sentence with its result, and its figures in SI."""
-        return {
-            "listen": self.listen,
-            "small_move": self.small_move,
-            "start_law": self.start_law,
-            "friction_and_mass": self.friction_and_mass,
-            "excitation": self.excitation,
-            "responses": self.responses,
-            "model": self.model,
-            "tune": self.tune,
-            "certificate": self.certificate,
-            "export": self.export,
-            "trial": self.run_trial,
-        }
+    def work(self) -> Mapping[str, Callable[[Any], Told]]:
+        """The steps in order; see `STEPS`."""
+        return STEPS
 
     # the record
 
@@ -316,10 +350,15 @@ class Chain:
         now, last = dict(self.axis.inside()), record.steps[-1]
         if now == last.inside:
             return
-        if now == record.inside:
+        others = [
+            name
+            for name in {*now, *last.inside}
+            if now.get(name) not in (last.inside.get(name), record.inside.get(name))
+        ]
+        if not others:
             self.progress.remark("- The drive is as it was at the beginning: its power was off, or it was put back.")
             return
-        name = min(name for name in {*now, *last.inside} if now.get(name) != last.inside.get(name))
+        name = min(others)
         raise FileError(
             f"{self.folder / FILE}: after the step '{last.name}' the drive held {name} = "
             f"{last.inside.get(name, 'nothing')}, at the beginning {record.inside.get(name, 'nothing')}, and now "
@@ -335,7 +374,13 @@ class Chain:
         self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
 
     def _write(self, refusal: str) -> None:
-        closing: dict[str, Any] = {"refusal": refusal, "kept": self.kept, "questions": self.questions}
+        closing: dict[str, Any] = {
+            "where": self.axis.where,
+            "rotary": self.axis.rotary,
+            "refusal": refusal,
+            "kept": self.kept,
+            "questions": self.questions,
+        }
         if self.trial is not None:
             closing["predicted"] = self.trial.predicted.values()
             closing["measured"] = self.trial.measured.values()
@@ -344,29 +389,37 @@ class Chain:
         write_record(self.folder, self.stated, self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
-        result = Commissioned(self.axis.where, tuple(self.steps), self.trial, self.kept, self.questions, refusal)
+        result = Commissioned(
+            self.axis.where,
+            tuple(self.steps),
+            self.trial,
+            self.kept,
+            self.questions,
+            refusal,
+            read_evidence(self.folder),
+            self.axis.rotary,
+        )
+        page = partial(commission_report, result, self.folder if kept else None)
         tables = [result.table(), *([] if self.trial is None else [self.trial.table()])]
         judgment = Judgment.COMMISSIONED if self.kept else Judgment.NOT_COMMISSIONED
-        verdict = Text(f"{Judgment.COMMISSIONED.says}: {self._gain()}") if self.kept else ""
-        failure = "" if self.kept else Text(f"{Judgment.NOT_COMMISSIONED.says}: {refusal}")
+        told = verdict(result)
         files: dict[str, str | Path] = {}
         if kept:
             files["Record"] = self.folder / FILE
+            files["Report"] = self.folder / "report.html"
+            write_whole(files["Report"], html(page()))
             report = self._in("tune", "report.html")
             if report.is_file():
                 files["Report of the tuning"] = report
-        return Outcome(result, tables, verdict=verdict, files=files, judgment=judgment, failure=failure)
-
-    def _gain(self) -> str:
-        assert self.trial is not None
-        measured, before = self.trial.measured, self.trial.before
-        told = Text(
-            f"following error {Quantity(measured.following_rms, 'm'):3} RMS, stiffness "
-            f"{Quantity(measured.stiffness, 'N/m'):3}"
+        return Outcome(
+            result,
+            tables,
+            verdict=told if self.kept else "",
+            files=files,
+            judgment=judgment,
+            failure="" if self.kept else told,
+            page=page,
         )
-        if before is None:
-            return told
-        return Text(f"{told}; before {Quantity(before.following_rms, 'm'):3} and {Quantity(before.stiffness, 'N/m'):3}")
 
     # asking and moving
 
@@ -384,7 +437,7 @@ class Chain:
         played = axis.play(profile, self.progress, control)
         if played.aborted:
             raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
-        return played
+        return replace(played, log=filled(played.log))
 
     @property
     def limits(self) -> BusLimits:
@@ -421,14 +474,14 @@ class Chain:
     def small_move(self) -> tuple[str, Mapping[str, float]]:
         """Move slowly under the drive's own control, with little force: holding force, friction, sign, gear."""
         limits = self.limits
-        distance = min(RULED, SHARE * limits.travel)
+        distance = min(TURNED if self.axis.rotary else RULED, SHARE * limits.travel)
         pace = Pace(min(2.0 * limits.following_error, 0.1 * limits.velocity), 0.25 * limits.quick_stop_deceleration)
         self._ask(
             Text(
                 f"Small move: the drive's own control moves the axis by {Quantity(distance, 'm'):3 mm} at "
                 f"{Quantity(pace.speed, 'm/s'):3} and back, with at most {Quantity(SHARE, 'share'):3} of "
-                f"limits.force, or up to {Quantity(SHARE * 2 ** (TRIES - 1), 'share'):3} if it needs more, and "
-                "shakes it slightly."
+                f"limits.force beyond what holds it, or up to {Quantity(SHARE * 2 ** (TRIES - 1), 'share'):3} if it "
+                "needs more, and shakes it slightly."
             )
         )
         first = self._gently(motions.profile("small move", motions.path([(distance, pace)], self.T), self.T))
@@ -440,14 +493,15 @@ class Chain:
         to_and_fro = motions.profile("small move", motions.path([(way, pace), (0.0, pace)], self.T), self.T)
         slow = self._play(self._at(share), to_and_fro)
         told = small_move(slow.log)
-        made = self._push(told, share)
-        pushed = self._play(self._at(share + _carried(told, limits.force)), made.profile)
+        made = self._push(told)
+        pushed = self._play(self._at(_carried(told, limits.force)), made.profile)
         self._play(self._at(share), made.back(self.T))
         rough = rough_mass(pushed.log, made)
         self._kept(first=first.log, to_and_fro=slow.log, push=pushed.log)
         facts = {
             "holding": told.holding * rough.force_sign,
             "friction": max(abs(told.friction), 1e-3 * limits.force),
+            "resistance": told.resistance,
             "lag": told.lag,
             "noise": told.noise,
             "rough_mass": rough.mass,
@@ -472,23 +526,27 @@ class Chain:
         return self.axis.limited(replace(self.limits, force=min(1.0, share) * self.limits.force))
 
     def _gently(self, profile: Profile) -> _Gentle:
-        """Play a profile under a tenth of the force or, if that does not move the axis, under two and four tenths."""
+        """Play a profile under the force that holds the axis and a tenth of its limit or, if that does not move it,
+        two and four tenths.
+        """
+        still = motions.profile("hold", np.zeros(round(motions.REST / self.T)), self.T)
+        held = float(np.max(np.abs(self._play(self.axis, still).log["force"]))) / self.limits.force
         for attempt in range(TRIES):
-            share = SHARE * 2**attempt
+            share = held + SHARE * 2**attempt
             played = self._at(share).play(profile, self.progress)
             if not played.aborted:
                 return _Gentle(played.log, share)
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force: {played.aborted}"))
         raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
 
-    def _push(self, told: SmallMove, share: float) -> motions.Push:
+    def _push(self, told: SmallMove) -> motions.Push:
         """Return a push that keeps sliding as far as following error and travel allow."""
         limits = self.limits
         speed = min(USED * limits.following_error / max(told.lag, LEAST_LAG), 0.2 * limits.velocity)
         pace = Pace(speed, 0.25 * limits.quick_stop_deceleration)
         # at a constant acceleration the distance grows faster than the speed
         pace = replace(pace, speed=speed * min(1.0, REACH * limits.travel / motions.push_distance(pace)))
-        return motions.push(motions.push_distance(pace), pace, share * limits.force, self.T)
+        return motions.push(motions.push_distance(pace), pace, SHARE * limits.force, self.T)
 
     def _ruled(self, counted: float) -> float:
         """Return the true length of one counted metre, by a person with a ruler; 1 without one."""
@@ -501,7 +559,7 @@ class Chain:
         measured = self.progress.measured(question, counted, turning("m") if self.axis.rotary else "m")
         if measured is None:
             return 1.0
-        factor = ratio_by_ruler(measured, counted)
+        factor = ratio_by_ruler(measured, counted, rotary=self.axis.rotary)
         if not factor > 0.0:
             raise RefusedError(
                 Text(
@@ -514,7 +572,7 @@ class Chain:
     def _under_control(self) -> LiveAxis:
         """Return the axis with what the monitor must know in cst: the largest mass and breakaway force."""
         facts = self.facts
-        stuck = HARDER * facts["friction"] + abs(facts["holding"])
+        stuck = HARDER * facts["resistance"]
         return self.axis.limited(
             replace(self.limits, largest_mass=HEAVIER * facts["rough_mass"], breakaway_force=stuck)
         )
@@ -535,7 +593,7 @@ class Chain:
                 )
             )
         # three lengths of acceleration within the travel
-        speed = min(0.8 * limits.velocity, (acceleration * REACH * limits.travel / 3.0) ** 0.5)
+        speed = min(FAST * limits.velocity, (acceleration * REACH * limits.travel / 3.0) ** 0.5)
         return Pace(share * speed, share * acceleration)
 
     def start_law(self) -> tuple[str, Mapping[str, float]]:
@@ -586,6 +644,8 @@ class Chain:
             Inertia(mass=float(axis.plant.rigid_mass()), viscous=viscous),
             FrictionFeedforward(coulomb_positive=level, coulomb_negative=level, smoothing=CREEP),
         )
+        # gains in a drive are those of its own structure
+        fed = tuple(block for block in fed if isinstance(block, self.axis.takes))
         held = float(weight(axis))
         guard = Guard(following_error_limit=limits.following_error, velocity_limit=limits.velocity, safe_force=held)
         return replace(started.loop, control=replace(started.loop.control, feedforward=fed, guard=guard), name=AXIS)
@@ -623,9 +683,14 @@ class Chain:
             "viscous": 0.0,
             "dead_time": UNKNOWN_DELAY,
         }
+        columns = (
+            {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
+            if self.axis.rotary
+            else {"force": "commanded"}
+        )
         try:
             outcome = identify.run(
-                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, force="commanded"),
+                IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, **columns),
                 self.progress.quiet(),
             )
         except LogError as error:
@@ -681,7 +746,9 @@ class Chain:
         """Return True if a predicted motion stays within following error and force."""
         error = float(np.max(np.abs(log["set_position"] - log["reading_load"])))
         force = float(np.max(np.abs(log["commanded"])))
-        return error <= USED * self.limits.following_error and force <= self.limits.force
+        fastest = float(np.max(np.abs(log["velocity_load"])))
+        limits = self.limits
+        return error <= USED * limits.following_error and force <= limits.force and fastest <= 0.9 * limits.velocity
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
@@ -697,33 +764,61 @@ class Chain:
         return Text(
             f"{made.lines.size} lines up to {Quantity(made.frequency[-1], 'Hz'):3}, at most "
             f"{Quantity(made.amplitude, 'N'):3}, in {len(made.drawings)} realisations"
-        ), {"amplitude": made.amplitude}
+        ), {"amplitude": made.amplitude, "period": float(made.period)}
 
     def _designed(self, loop: Loop) -> Excitation:
-        """Return the largest excitation within the limits; of equal size the one with more lines."""
+        """Return the excitation whose highest lines stand out of the noise most, within the limits.
+
+        A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
+        reading.  Where no line stands out enough the band ends lower.
+        """
+        mass, noise = float(loop.axis.plant.rigid_mass()), math.hypot(self.facts["noise"], self.axis.increment / 3.5)
+
+        def stands_out(excited: Excitation) -> float:
+            samples = len(excited.drawings) * excited.periods * excited.period
+            line = excited.amplitude / (excited.crest * math.sqrt(0.5 * excited.lines.size))
+            moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
+            return moved / (noise * math.sqrt(4.0 / samples))
+
+        top = min(BAND / self.T, DELAYS / (self.facts["dead_time"] + self.T))
+        for _ in range(SIZES):
+            made = [excited for lines in LINES if (excited := self._largest(loop, top, *lines)) is not None]
+            if not made:
+                break
+            best = max(made, key=stands_out)
+            if stands_out(best) >= STANDS_OUT:
+                return best
+            top *= SMALLER
+        raise RefusedError(
+            Text(
+                f"no excitation within limits.travel = {Quantity(self.limits.travel, 'm'):3 mm} and limits.force = "
+                f"{Quantity(self.limits.force, 'N'):3} stands out of the noise of the reading, "
+                f"{Quantity(noise, 'm'):2} RMS: raise them if the machine allows it"
+            )
+        )
+
+    def _largest(self, loop: Loop, top: float, resolution: float, periods: int) -> Excitation | None:
+        """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
-        top = min(TOP, BAND / self.T)
         free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
-        why = ""
-        # many lines first: a smaller force is made up for by periods, too few lines by nothing
-        for resolution, periods in LINES:
-            for attempt in range(SIZES):
-                try:
-                    return design_excitation(
-                        loop,
-                        band=(3.0 * resolution, top),
-                        amplitude=free * SMALLER**attempt,
-                        resolution=resolution,
-                        periods=periods,
-                        realisations=2,
-                        travel=REACH * limits.travel,
-                        speed=0.8 * limits.velocity,
-                        force=0.8 * limits.force,
-                        name=AXIS,
-                    )
-                except ParameterError as error:
-                    why = str(error)
-        raise RefusedError(Text(f"no excitation fits into the limits: {why}"))
+        for attempt in range(SIZES):
+            try:
+                return design_excitation(
+                    loop,
+                    band=(max(3.0 * resolution, top / DECADES), top),
+                    amplitude=free * SMALLER**attempt,
+                    resolution=resolution,
+                    periods=periods,
+                    realisations=DRAWN,
+                    travel=REACH * limits.travel,
+                    speed=0.8 * limits.velocity,
+                    force=0.8 * limits.force,
+                    name=AXIS,
+                )
+            except ParameterError:
+                # a limit is exceeded
+                continue
+        return None
 
     def responses(self) -> tuple[str, Mapping[str, float]]:
         """Play the excitation under the start law, and estimate the frequency responses."""
@@ -738,18 +833,28 @@ class Chain:
             )
         )
         logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
+        return self._estimated(logs), {}
+
+    def _estimated(self, logs: Sequence[Log]) -> str:
+        """Estimate the frequency responses of logs, and return a sentence on them."""
         self._kept(**{f"measured_{k}": log for k, log in enumerate(logs, start=1)})
         measured = tuple(self.place / f"measured_{k}.parquet" for k in range(1, len(logs) + 1))
         outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
         outcome = frf.run(
             FrfRequest(
-                measured, input="commanded", output=outputs, reference=("excitation",), out=self.place / "responses"
+                measured,
+                input="commanded",
+                output=outputs,
+                reference=("excitation",),
+                method="periodic",
+                period=round(self.facts["period"]),
+                out=self.place / "responses",
             ),
             self.progress.quiet(),
         )
         if outcome.judgment.bad:
             raise RefusedError(Text(f"responses: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{' and '.join(outputs)}: {outcome.verdict}"), {}
+        return Text(f"{' and '.join(outputs)}: {outcome.verdict}")
 
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
@@ -819,49 +924,114 @@ class Chain:
 
     def tune(self) -> tuple[str, Mapping[str, float]]:
         """Tune within the limits of the request on the measured responses; nothing moves."""
-        limits = {figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable()}
-        outcome = tune.run(
-            TuneRequest(
-                self._in("responses", "responses/frf.csv"),
-                baseline=self._in("model", "machine.toml"),
-                axis=AXIS,
-                at=tuple(measured_point(frf, sample_time=self.T, name=frf.output) for frf in self._beside()),
-                goal=self.request.goal,
-                out=self.place,
-                **limits,
-            ),
-            self.progress.quiet(),
-        )
-        if outcome.judgment.bad or "Machine" not in outcome.files:
-            raise RefusedError(Text(f"tuning: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{outcome.verdict}"), {}
+        limits: dict[str, Any] = {
+            figure.limit.option: getattr(self.request, figure.limit.option) for figure in limitable() if figure.limit
+        }
+        model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
+
+        limits["filters"] = "placed" if Filter in self.axis.takes else "kept"
+
+        def tuned(source: Path, **more: Any) -> Outcome[Any]:
+            request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
+            return tune.run(request, self.progress.quiet())
+
+        whys = list[str]()
+        try:
+            outcome = tuned(responses, baseline=model, at=self._points_beside())
+            whys += self._not_certified(self.place / "machine.toml", outcome)
+        except FeeddriveError as error:
+            # noise, distortion, or a band that ends early: the model is fitted to all lines, and the certificate holds
+            # it against them
+            whys.append(str(error))
+        for peak in PEAKS:
+            if not whys:
+                break
+            least = min(peak, limits["max_ms"] or peak)
+            outcome = tuned(model, max_ms=least, at=self._points_beside())
+            told = self._not_certified(self.place / "machine.toml", outcome)
+            if not told:
+                why = Text(
+                    f"On the model with Ms <= {Quantity(least):3}, as the responses do not suffice ({whys[0]}). "
+                )
+                return Text(f"{why}{outcome.verdict}"), {}
+            whys += told
+        if not whys:
+            return Text(f"{outcome.verdict}"), {}
+        for slower in SLOWER:
+            self._start_again(slower)
+            told = self._not_certified(self.place / "machine.toml")
+            if not told:
+                return Text(
+                    f"A safe start law for the model, {Quantity(slower, 'share'):2} as fast as its rule: no tuned "
+                    f"control can be certified within the responses ({whys[-1]})."
+                ), {}
+            whys += told
+        raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
     def _beside(self) -> tuple[FRF, ...]:
         """Return the responses of further motions under the same control, for which its limits hold as well."""
         return ()
 
-    def certificate(self) -> tuple[str, Mapping[str, float]]:
-        """Prove stability for the model within the uncertainty that the responses give it, or for their fit alone."""
-        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
-        whys = list[str]()
+    def _points_beside(self) -> tuple[OperatingPoint, ...]:
+        return tuple(measured_point(frf, sample_time=self.T, name=frf.output) for frf in self._beside())
+
+    def _start_again(self, slower: float) -> None:
+        """Write the model with a safe start law, all of whose rates are a share of those of its rule."""
+        model = self._in("model", "machine.toml")
+        loop = self._started(read_machine(model).loop(AXIS).axis, SPREAD)
+        law: Any = loop.control.law
+        law = replace(law, Kv=slower * law.Kv, Kp=slower * law.Kp, Tn=law.Tn / slower)
+        loop = replace(loop, control=replace(loop.control, law=law, feedforward=()))
+        with new_directory(self.place) as folder:
+            text = self._machine(loop, "safe start law of feeddrive commission for the identified axis")
+            write_whole(folder / "machine.toml", with_origins(text, (model,)))
+
+    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None) -> list[str]:
+        """Return why a machine file cannot be certified by the responses; nothing if it can.
+
+        outcome  of the tuning that wrote it
+        """
+        if outcome is not None and (outcome.judgment.bad or "Machine" not in outcome.files):
+            return [Text(f"{outcome.verdict} {outcome.failure}")]
+        try:
+            self._certificate(machine, None)
+        except NotCertifiedError as error:
+            return [str(error)]
+        return []
+
+    def _certificate(self, machine: Path, out: Path | None) -> str:
+        """Certify the model within the uncertainty that the responses give it, or a fit of the responses alone.
+
+        Returns the reason for the latter, "" for the former. Raises NotCertifiedError if neither can be certified.
+        """
+        responses, why = self._in("responses", "responses/frf.csv"), ""
         for fit in (False, True):
             try:
                 certify.run(
-                    CertifyRequest(machine, axis=AXIS, measured=responses, at=self._beside(), fit=fit, out=self.place),
+                    CertifyRequest(machine, axis=AXIS, measured=responses, at=self._beside(), fit=fit, out=out),
                     self.progress.quiet(),
                 )
-                break
             except NotCertifiedError as error:
-                whys.append(str(error))
-        else:
-            raise RefusedError(Text(f"certificate: {'; '.join(whys)}"))
+                if fit:
+                    raise
+                why = str(error)
+            else:
+                break
+        return why
+
+    def certificate(self) -> tuple[str, Mapping[str, float]]:
+        """Prove stability, write the certificate and check it against its sources; nothing moves."""
+        machine, responses = self._in("tune", "machine.toml"), self._in("responses", "responses/frf.csv")
+        try:
+            why = self._certificate(machine, self.place)
+        except NotCertifiedError as error:
+            raise RefusedError(Text(f"certificate: {error}")) from None
         # a fit of the responses alone is not the model of the machine file, to which it is not compared then
-        compared = {} if whys else {"machine": machine, "source": (responses,)}
+        compared: dict[str, Any] = {} if why else {"machine": machine, "source": (responses,)}
         outcome = check.run(CheckRequest(self.place / "certificate.json", **compared), self.progress.quiet())
-        told = Text(f"of a fit of the responses (not of the model: {whys[0]})" if whys else f"{outcome.verdict}")
         if outcome.judgment.bad:
             raise RefusedError(Text(f"certificate: {outcome.verdict} {outcome.failure}"))
-        return told, {}
+        return Text(f"of a fit of the responses (not of the model: {why})" if why else f"{outcome.verdict}"), {}
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
@@ -883,7 +1053,8 @@ class Chain:
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
         loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
-        motion, expected = self._trial_motion(loop)
+        motion, simulated = self._trial_motion(loop)
+        expected = self._figures(motion, simulated)
         far = float(np.ptp(motion.alone.set_position))
         self._ask(
             Text(
@@ -895,8 +1066,8 @@ class Chain:
         axis = self._under_control()
         logs = self._tried(motion, axis, loop.control)
         measured = self._figures(motion, logs)
-        before = self._before(motion, logs)
-        self._kept(**logs)
+        before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
+        self._kept(**logs, **{f"predicted_{name}": log for name, log in simulated.items()})
         self.trial = Trial(expected, measured, before)
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
@@ -909,12 +1080,16 @@ class Chain:
             for name, profile in (("alone", motion.alone), ("pushed", motion.pushed))
         }
 
+    def _expected(self, loop: Loop, motion: motions.TrialMotion) -> dict[str, Log]:
+        """Return the logs of a trial as the loop is predicted to answer it."""
+        return {"alone": self._predicted(loop, motion.alone), "pushed": self._predicted(loop, motion.pushed)}
+
     def _figures(self, motion: motions.TrialMotion, logs: Mapping[str, Log]) -> Figures:
         """Return the figures of a trial from its logs, measured or predicted."""
         return figures(motion, logs["alone"], logs["pushed"])
 
-    def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, Figures]:
-        """Return the fastest motion and the largest pulse that stay within the limits by simulation."""
+    def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, dict[str, Log]]:
+        """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
         for attempt in range(SIZES):
             share = SMALLER**attempt
@@ -924,7 +1099,7 @@ class Chain:
             motion = motions.trial(travel, pace, force, self.T)
             logs = self._expected(loop, motion)
             if travel <= REACH * limits.travel and all(map(self._fits, logs.values())):
-                return motion, self._figures(motion, logs)
+                return motion, logs
         raise RefusedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
@@ -932,23 +1107,24 @@ class Chain:
             )
         )
 
-    def _expected(self, loop: Loop, motion: motions.TrialMotion) -> dict[str, Log]:
-        """Return the logs of a trial as the loop is predicted to answer it."""
-        return {"alone": self._predicted(loop, motion.alone), "pushed": self._predicted(loop, motion.pushed)}
+    def _before(self, motion: motions.TrialMotion, mass: float, logs: dict[str, Log]) -> Figures | None:
+        """Return the figures of the control that the drive has, if it can follow the trial; its logs are added.
 
-    def _before(self, motion: motions.TrialMotion, logs: dict[str, Log]) -> Figures | None:
-        """Return the figures of the control that the drive has, if it can follow the trial; its logs are added."""
+        Its law is not known: the pulse is so small that even a free mass stays within the limit of the velocity.
+        """
         speed = float(np.max(np.abs(motion.alone.velocity)))
         if self.facts["lag"] * speed > USED * self.limits.following_error:
             self.progress.remark("- The control before cannot follow the trial within limits.following_error.")
             return None
+        force = min(motion.force, 0.5 * (self.limits.velocity - speed) * mass / motions.PULSE)
+        weaker = motion.weaker(force)
         try:
-            played = self._tried(motion, self.axis)
+            played = self._tried(weaker, self.axis)
         except RefusedError as refused:
             self.progress.remark(Text(f"- The control before was not measured: {refused.why}"))
             return None
         logs |= {f"before_{name}": log for name, log in played.items()}
-        return self._figures(motion, played)
+        return self._figures(weaker, played)
 
     def _decide(self) -> None:
         """Keep the new control if the trial is as predicted and the user says so; otherwise put the old one back."""
@@ -959,6 +1135,11 @@ class Chain:
                     f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for; the "
                     "control before stays"
                 )
+            )
+        if self.trial.is_worse:
+            raise RefusedError(
+                "the new control runs as predicted, but the control before has the smaller following error and the "
+                "larger stiffness: it stays"
             )
         if not self.request.yes:
             self.questions += 1
@@ -971,6 +1152,22 @@ class Chain:
     def _in(self, name: str, file: str) -> Path:
         """Return a file of the step with this name."""
         return self.folder / f"{list(self.work).index(name) + 1}_{name}" / file
+
+
+STEPS: Mapping[str, Callable[[Any], Told]] = {
+    "listen": Chain.listen,
+    "small_move": Chain.small_move,
+    "start_law": Chain.start_law,
+    "friction_and_mass": Chain.friction_and_mass,
+    "excitation": Chain.excitation,
+    "responses": Chain.responses,
+    "model": Chain.model,
+    "tune": Chain.tune,
+    "certificate": Chain.certificate,
+    "export": Chain.export,
+    "trial": Chain.run_trial,
+}
+"""The steps of a commissioning in order. Each returns a sentence with its result, and its figures in SI."""
 
 
 def _check_folder(folder: Path) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from feeddrive.commissioning.skew import (
     skew_moves,
     skew_of,
 )
-from feeddrive.commissioning.trial import Figures, figures
+from feeddrive.commissioning.trial import Figures, figures, filled
 from feeddrive.export.targets import TARGETS
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.frf import read_frfs
@@ -52,9 +52,8 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.workflow.commission import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, excited
+from feeddrive.workflow.commission import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, Told, excited
 from feeddrive.workflow.export import ExportRequest
-from feeddrive.workflow.frf import FrfRequest, frf
 
 FOLLOWER = "x2"  # the second side in machine files
 DAMPED = 0.01  # damping ratio of the skew, until it is measured: that of a welded beam
@@ -70,14 +69,15 @@ class GantryChain(Chain):
     """The steps of the commissioning of a gantry."""
 
     @property
-    def work(self) -> Mapping[str, Callable[[], tuple[str, Mapping[str, float]]]]:
-        made = dict[str, Callable[[], tuple[str, Mapping[str, float]]]]()
+    def work(self) -> Mapping[str, Callable[[Any], Told]]:
+        """The steps in order: the skew comes first, and its responses after those of the common motion."""
+        made = dict[str, Callable[[Any], Told]]()
         for name, step in super().work.items():
             made[name] = step
             if name == "listen":
-                made["skew"] = self.skew
+                made["skew"] = GantryChain.skew
             if name == "model":
-                made["skew_responses"] = self.skew_responses
+                made["skew_responses"] = GantryChain.skew_responses
         return made
 
     @property
@@ -99,7 +99,7 @@ class GantryChain(Chain):
 
     # skew first
 
-    def skew(self) -> tuple[str, Mapping[str, float]]:
+    def skew(self) -> Told:
         """Twist the beam slightly under the drives' own controls: how they count and push, and how stiff it is."""
         most = TWISTED[-1] * self.gantry.skew
         self._ask(
@@ -162,8 +162,9 @@ class GantryChain(Chain):
 
     # the steps of the common motion, with what a gantry adds to them
 
-    def _push(self, told: SmallMove, share: float) -> Push:
-        return super()._push(told, share / UNEVEN)
+    def _push(self, told: SmallMove) -> Push:
+        made = super()._push(told)
+        return replace(made, profile=replace(made.profile, excitation=made.profile.excitation / UNEVEN))
 
     def _write_drive(self) -> None:
         for side, axis in zip(SIDES, self.gantry.sides, strict=True):
@@ -205,7 +206,7 @@ class GantryChain(Chain):
         between = (s1 * s2 * beam.stiffness, s1 * s2 * beam.damping)
         return gantry_machine(loop, (AXIS, FOLLOWER), (s1, s2), between, (part, 1.0 - part))
 
-    def friction_and_mass(self) -> tuple[str, Mapping[str, float]]:
+    def friction_and_mass(self) -> Told:
         """Move to and fro in common, and tell the sides' masses and frictions apart: they share the control."""
         told, known = super().friction_and_mass()
         strokes = read_log(self.place / "strokes.parquet")
@@ -231,7 +232,7 @@ class GantryChain(Chain):
         share = facts["share_first"]
         self.axis = replace(self.gantry, shares=(share, 1.0 - share)).common
 
-    def skew_responses(self) -> tuple[str, Mapping[str, float]]:
+    def skew_responses(self) -> Told:
         """Shake the sides against each other while both move, and estimate the response of the skew."""
         loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
@@ -250,31 +251,25 @@ class GantryChain(Chain):
         for move in moves:
             still = np.zeros(move.set_position.size)
             force = replace(move, excitation=shaken * move.excitation, set_position=still, velocity=still)
-            played = twist.play(force, self.progress, loop.control, replace(move, excitation=still))
-            if played.aborted:
-                raise RefusedError(Text(f"the shaking ended early: {played.aborted}"))
-            logs.append(played.log)
-        self._kept(**{f"measured_{k}": log for k, log in enumerate(logs, start=1)})
-        measured = tuple(self.place / f"measured_{k}.parquet" for k in range(1, len(logs) + 1))
-        outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
-        outcome = frf.run(
-            FrfRequest(
-                measured, input="commanded", output=outputs, reference=("excitation",), out=self.place / "responses"
-            ),
-            self.progress.quiet(),
-        )
-        if outcome.judgment.bad:
-            raise RefusedError(Text(f"skew responses: {outcome.verdict} {outcome.failure}"))
+            logs.append(self._twisted(twist, force, replace(move, excitation=still), loop.control))
+        told = self._estimated(logs)
         beam = self._fitted_beam(self._skew_response())
         return Text(
             f"the skew swings at {Quantity(beam.frequency, 'Hz'):3} with {Quantity(beam.damping_ratio, 'share'):2} of "
             f"damping; the beam has {Quantity(s1 * s2 * beam.stiffness, 'N/m'):3} against it, and what swings is "
-            f"{Quantity(beam.mass / float(model.axis.plant.rigid_mass()), 'share'):3} of the mass of both sides"
+            f"{Quantity(beam.mass / float(model.axis.plant.rigid_mass()), 'share'):3} of the mass of both sides. {told}"
         ), {
             "beam_stiffness": s1 * s2 * beam.stiffness,
             "beam_damping": s1 * s2 * beam.damping,
             "skew_frequency": beam.frequency,
         }
+
+    def _twisted(self, twist: GantryMotion, profile: Profile, along: Profile, control: Control | None = None) -> Log:
+        """Play a skew along a common motion; raise RefusedError with the reason if it ended early."""
+        played = twist.play(profile, self.progress, control, along)
+        if played.aborted:
+            raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+        return filled(played.log)
 
     def _shaken(self, loop: Loop, move: Profile) -> float:
         """Return the share of the excitation of the common motion that the skew bears, by simulation."""
@@ -326,7 +321,7 @@ class GantryChain(Chain):
         response = self._skew_response()
         return (skew_lines(response, self._fitted_beam(response), self._dead_time()),)
 
-    def tune(self) -> tuple[str, Mapping[str, float]]:
+    def tune(self) -> Told:
         """Tune on the responses of both motions, and write the machine of both sides."""
         told = super().tune()
         loop = read_machine(self.place / "machine.toml").loop(AXIS)
@@ -351,11 +346,8 @@ class GantryChain(Chain):
 
     def _tried(self, motion: TrialMotion, axis: LiveAxis, control: Control | None = None) -> dict[str, Log]:
         logs = super()._tried(motion, axis, control)
-        played = cast(GantryMotion, axis).gantry.twist.play(_still(motion), self.progress, control, motion.alone)
-        if played.aborted:
-            raise RefusedError(Text(f"the trial with a skew force ended early: {played.aborted}"))
-        # as the log of the common motion, in which the skew is a side effect
-        return logs | {"twisted": played.log}
+        twist = cast(GantryMotion, axis).gantry.twist
+        return logs | {"twisted": self._twisted(twist, _still(motion), motion.alone, control)}
 
     def _expected(self, loop: Loop, motion: TrialMotion) -> dict[str, Log]:
         machine = read_machine(self._controlled()).machine()

@@ -11,6 +11,7 @@ from feeddrive.language.table import report_of
 REPORTS = {
     "benchmark.benchmark:Benchmark": "benchmark.report:benchmark_report",
     "certificate.certificate:Certificate": "workflow.certify:certificate_report",
+    "commissioning.record:Commissioned": "workflow.commission_report:commission_report",
     "comparison.compare:Comparison": "comparison.report:comparison_report",
     "identification.cogging:CoggingFit": "workflow.cogging:cogging_report",
     "identification.excitation.excitation:Excitation": "workflow.excite:excitation_report",
