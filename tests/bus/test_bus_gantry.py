@@ -145,7 +145,7 @@ def test_a_fault_of_one_drive_stops_both() -> None:
     first, second = made.sides
     clients = [side.client(side.file.drive) for side in (first, second)]
     assert all(client.transport.where.startswith("EtherCAT in virtual time, station") for client in clients)
-    tight = second.limited(replace(second.limits, force=25.0))
+    tight = second.limited(replace(second.limits, following_error=3e-4))
     one, other = made.with_sides(first, tight).play((move(0.002), move(0.002)))
     assert one.aborted is not None
     assert other.aborted is not None

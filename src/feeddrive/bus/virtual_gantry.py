@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,7 +14,7 @@ from feeddrive.bus.drive_file import drive_of
 from feeddrive.bus.gantry import Gantry
 from feeddrive.bus.live import BusAxis, virtual_cycle_time
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
-from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, Sample, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import LEAST_FORCE, DrivenAxis, Firmware, Sample, drive_text, scaling_of
 from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.guard import Guard
@@ -27,14 +28,17 @@ SKEW = 1e-3  # m of skew that the drive files of a virtual gantry allow
 
 
 class _Asked(NamedTuple):
-    """What a side is to do in a bus cycle: setpoints by sample, a force (N), and how its control runs."""
+    """What a side is to do in a bus cycle: setpoints by sample, an added force (N), how its control runs, and the
+    largest force of both together (N).
+    """
 
     position: np.ndarray
     velocity: np.ndarray
     force: float
     enable: bool
-    alone: bool
-    sign: float
+    alone: bool = False
+    sign: float = 1.0
+    most: float = math.inf
 
 
 class DrivenGantry:
@@ -81,8 +85,8 @@ class DrivenGantry:
         constants, values = self.constants.copy(), dict[str, np.ndarray | float]()
         for side in self.sides:
             still = np.full(count, self._fresh[side.name].position)
-            asked = self._asked.get(side.name) or _Asked(still, np.zeros(count), 0.0, False, False, 1.0)
-            side.change(constants, asked.alone, asked.sign)
+            asked = self._asked.get(side.name) or _Asked(still, np.zeros(count), 0.0, False)
+            side.change(constants, asked)
             values |= {
                 f"{side.name}.set_position": asked.position,
                 f"{side.name}.set_velocity": asked.velocity,
@@ -131,14 +135,18 @@ class DrivenSide(DrivenAxis):
         """Change a gain of the cascade from the next cycle on."""
         self._whole.constants[self._whole.places[f"{self._law}{name}"]] = value
 
-    def change(self, constants: np.ndarray, alone: bool, sign: float) -> None:
+    def change(self, constants: np.ndarray, asked: _Asked) -> None:
         """Change the constants of a cycle: without its position gain a cascade is its velocity loop alone."""
         places = self._whole.places
-        if alone:
+        if asked.alone:
             constants[places[f"{self._law}Kv"]] = 0.0
             constants[places[f"{self._law}velocity_feedforward"]] = 1.0
-        if sign < 0.0:
-            constants[places[f"{self._law}Kp"]] *= sign
+        if asked.sign < 0.0:
+            constants[places[f"{self._law}Kp"]] *= asked.sign
+        limit = places.get(f"axis.{self.name}.control.force_limit")
+        if asked.most < math.inf and limit is not None:
+            # the added force comes after the limit: what it takes is no more there for the control
+            constants[limit] = np.minimum(constants[limit], max(LEAST_FORCE, asked.most - abs(asked.force)))
 
     def stand(self, samples: int, force: float = 0.0) -> Sample:
         """Refuse to stand on a brake."""
@@ -152,9 +160,11 @@ class DrivenSide(DrivenAxis):
         enable: bool,
         alone: bool = False,
         sign: float = 1.0,
+        most: float = math.inf,
     ) -> Sample:
         """Ask for one sample for each set position; see `DrivenAxis`."""
-        asked = _Asked(position, np.asarray(velocity), sign * added_force * enable, enable, alone, sign)
+        added = max(-most, min(most, sign * added_force * enable))
+        asked = _Asked(position, np.asarray(velocity), added, enable, alone, sign, most)
         self.last = self._whole.ask(self, asked)
         return self.last
 
@@ -162,7 +172,7 @@ class DrivenSide(DrivenAxis):
         """Ask for a force (N) with the control switched off."""
         still = np.full(samples, self.last.position)
         # the control is off: only the added force acts
-        self.last = self._whole.ask(self, _Asked(still, np.zeros(samples), force, False, False, 1.0))
+        self.last = self._whole.ask(self, _Asked(still, np.zeros(samples), force, False))
         return self.last
 
 
