@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.coupling.cross_beam import CrossBeam
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -19,13 +20,14 @@ from feeddrive.bus.monitor import Skew
 from feeddrive.bus.virtual_gantry import DrivenGantry, virtual_gantry
 from feeddrive.commissioning import motions
 from feeddrive.commissioning.motions import Pace
+from feeddrive.commissioning.skew import predicted_gantry
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from gantries import MASSES, STIFFNESS, T, gantry
+from gantries import COUNT, MASSES, STIFFNESS, T, gantry
 
 M = sum(MASSES)
 OURS = Control(law=CascadePPI(Kv=12.0, Kp=50.0 * M, Tn=0.1), force_limit=4000.0)
@@ -116,6 +118,30 @@ def test_a_control_of_the_whole_moves_both_sides_by_its_shares(portal: Gantry) -
     assert np.ptp(log["reading_first"] - log["reading_second"]) < 2e-5
     np.testing.assert_allclose(log["commanded"], log["commanded_first"] + log["commanded_second"], atol=1e-9)
     assert np.max(np.abs(log["set_position"] - log["reading_load"])) < 1e-3
+
+
+def test_a_gantry_in_cst_moves_as_the_machine_that_is_simulated() -> None:
+    """From a reading to the force that answers it pass `lag` + 1 cycles; what is left is the rounding of the torque."""
+    made = replace(virtual_gantry(gantry()), shares=(MASSES[0] / M, MASSES[1] / M))
+    late = (made.first.file.drive.lag + 1) * T
+    loops = {
+        name: replace(
+            loop,
+            control=share_of(OURS, share),
+            axis=replace(loop.axis, actuator=Actuator(dead_time=float(loop.axis.actuator.dead_time) + late)),
+        )
+        for (name, loop), share in zip(gantry().loops().items(), made.shares, strict=True)
+    }
+    profile = move(0.002)
+    wanted = predicted_gantry(
+        Machine.of(loops, gantry().couplings), made.shares, made.profiles(profile), (COUNT, COUNT), 0.0
+    )
+    limits = replace(made.common.limits, largest_mass=1.5 * M, breakaway_force=150.0)
+    log = made.common.limited(limits).play(profile, None, OURS).log
+    # half a thousandth of the rated torque on each side, by the stiffness of the law
+    rounded = made.first.file.drive.scaling.newton / (12.0 * 50.0 * M)
+    for name in ("reading_first", "reading_second"):
+        np.testing.assert_allclose(log[name] - log[name][0], wanted[name] - wanted[name][0], atol=rounded + 2.0 * COUNT)
 
 
 def test_a_skew_beyond_its_limit_stops_both(portal: Gantry) -> None:

@@ -49,11 +49,13 @@ def told(
     noise: float = 0.5,
     friction: tuple[float, float] = (30.0, 20.0),
     far: float = FAR,
+    drag: float = 0.0,
 ) -> tuple[Log, tuple[Log, Log]]:
     """The logs of the first moves of a beam with friction, by its closed form.
 
     counts   -1: the second drive counts against the first
     torque   of the second drive, times the true one
+    drag     what resists the common move, N/m on each side
     """
     rng = np.random.default_rng(7)
     moves = skew_moves(far, T)
@@ -63,8 +65,10 @@ def told(
         true = counts * other
         beam = stiffness * (one - true - FREE)
         speed = [np.sign(np.gradient(each)) for each in (one, true)]
-        first = signs[0] * (beam + friction[0] * speed[0]) + noise * rng.standard_normal(one.size)
-        second = counts * signs[1] * torque * (-beam + friction[1] * speed[1]) + noise * rng.standard_normal(one.size)
+        extra = drag * slide if one is slide else 0.0
+        first = signs[0] * (beam + friction[0] * speed[0] + extra) + noise * rng.standard_normal(one.size)
+        second = counts * signs[1] * torque * (-beam + friction[1] * speed[1] + extra)
+        second = second + noise * rng.standard_normal(one.size)
         made.append(log_of(one, other + 0.0, (first, second)))
     return made[0], (made[1], made[2])
 
@@ -90,6 +94,15 @@ def test_a_drive_that_counts_against_the_other_is_found() -> None:
 def test_a_beam_that_does_not_show_is_said(stiffness: float, noise: float) -> None:
     with pytest.raises(NotIdentifiableError, match="it does not show"):
         skew_facts(*told(stiffness=stiffness, noise=noise))
+
+
+@pytest.mark.parametrize(("drag", "shows"), [(0.25, True), (0.4, False)])
+def test_what_resists_a_common_move_is_no_beam(drag: float, shows: bool) -> None:
+    if shows:
+        assert skew_facts(*told(drag=drag * K)).stiffness == pytest.approx(K, rel=0.01)
+        return
+    with pytest.raises(NotIdentifiableError, match="it does not show"):
+        skew_facts(*told(drag=drag * K))
 
 
 @pytest.mark.parametrize(("torque", "alike"), [(1.4, True), (1.6, False), (0.7, True), (0.6, False)])

@@ -72,6 +72,8 @@ def test_the_skew_comes_first_and_tells_beam_and_signs(signs: tuple[int, int], t
     assert "against its positions" in result["skew"].says or signs == (1, 1)
     assert "it was not confirmed" in result.refusal
     assert person.asked[0].startswith("Skew: the drives' own controls move both sides slowly the same way")
+    assert "by at most 0.00025 m of skew" in person.asked[0]
+    assert "at most 40 % of limits.force" in person.asked[0]
     assert axis.inside() == before
     written = (tmp_path / "out" / "2_skew" / "drive_second.toml").read_text(encoding="utf-8")
     assert ("force_sign = -1" in written) == (signs[1] < 0)
