@@ -260,11 +260,10 @@ class GantryMotion:
         made = list[BusAxis]()
         for side, share in zip(self.gantry.sides, self._weights.force, strict=True):
             mine = side.limits
-            changed = replace(
-                mine,
-                force=min(float(mine.force), limits.force * abs(share)),
-                following_error=min(float(mine.following_error), float(limits.following_error)),
-            )
+            changed = replace(mine, force=min(float(mine.force), limits.force * abs(share)))
+            # while it twists, the whole may move as well
+            for name in ("following_error", *(("travel", "velocity") if self.which == "common" else ())):
+                changed = replace(changed, **{name: min(float(getattr(mine, name)), float(getattr(limits, name)))})
             # one side may have to drag the other by the beam: what is known of the whole holds for either
             for name in ("largest_mass", "breakaway_force"):
                 if getattr(limits, name) is not None:

@@ -117,14 +117,13 @@ class GantryChain(Chain):
             twist = self.gantry.twist
             # the force of the beam grows with the skew, and is what is looked for
             twist = twist.limited(replace(twist.limits, force=PULLED * twist.limits.force))
-            alone = [
-                twist.play(moves.skew, self.progress, None, moves.alone(side, self.gantry.shares)) for side in SIDES
-            ]
-            aborted = next((played.aborted for played in alone if played.aborted), None)
-            if aborted:
-                why = why or Text(f"the {moves.skew.name} ended early: {aborted}")
+            try:
+                first, second = (
+                    self._twisted(twist, moves.skew, moves.alone(side, self.gantry.shares)) for side in SIDES
+                )
+            except RefusedError as refused:
+                why = why or refused.why
                 break
-            first, second = (played.log for played in alone)
             self._kept(common=common, first=first, second=second)
             try:
                 told = skew_facts(common, (first, second))
