@@ -105,7 +105,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
         seed=seed,
-        record=["set_position", "reading_load", "force", "velocity_load"],
+        record=["set_position", "reading_load", "force", "velocity_load", "velocity_motor"],
         name=played.name,
     )
     rows = slice(0, played.set_position.size)
@@ -114,6 +114,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         "set_position": run["set_position"][rows],
         "reading_load": run["reading_load"][rows],
         "velocity_load": run["velocity_load"][rows],
+        "velocity_motor": run["velocity_motor"][rows],
         "force": force,
         "commanded": force + played.excitation[: force.size],
         "excitation": played.excitation[: force.size],
@@ -122,6 +123,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         "set_position": "m",
         "reading_load": "m",
         "velocity_load": "m/s",
+        "velocity_motor": "m/s",
         "force": "N",
         "commanded": "N",
         "excitation": "N",

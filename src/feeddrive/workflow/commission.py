@@ -111,7 +111,10 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 BAND, DELAYS = 0.45, 0.4
 SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
 PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
-FAST = 0.7  # of limits.velocity: the rest is for overshoot, and for a pulse of force
+FAST, FASTEST = (
+    0.5,
+    0.75,
+)  # of limits.velocity: of a motion, and with what a pulse of force and modes are predicted to add
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
@@ -746,9 +749,9 @@ class Chain:
         """Return True if a predicted motion stays within following error and force."""
         error = float(np.max(np.abs(log["set_position"] - log["reading_load"])))
         force = float(np.max(np.abs(log["commanded"])))
-        fastest = float(np.max(np.abs(log["velocity_load"])))
+        fastest = max(float(np.max(np.abs(log[name]))) for name in ("velocity_load", "velocity_motor"))
         limits = self.limits
-        return error <= USED * limits.following_error and force <= limits.force and fastest <= 0.9 * limits.velocity
+        return error <= USED * limits.following_error and force <= limits.force and fastest <= FASTEST * limits.velocity
 
     def excitation(self) -> tuple[str, Mapping[str, float]]:
         """Design a multisine for the axis under its start law, checked by simulation; nothing moves."""
@@ -852,9 +855,9 @@ class Chain:
             ),
             self.progress.quiet(),
         )
-        if outcome.judgment.bad:
-            raise RefusedError(Text(f"responses: {outcome.verdict} {outcome.failure}"))
-        return Text(f"{' and '.join(outputs)}: {outcome.verdict}")
+        # incoherent lines are those of noise and backlash: the certificate holds the control against each of them
+        doubt = f" {outcome.failure or outcome.verdict}" if outcome.judgment.bad else ""
+        return Text(f"{' and '.join(outputs)}, {len(logs)} realisations.{doubt}")
 
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
