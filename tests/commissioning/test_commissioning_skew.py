@@ -22,6 +22,7 @@ from feeddrive.commissioning.skew import (
 from feeddrive.files.log import Log
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.loop.simulate import simulate
 from gantries import COULOMB, DAMPING, MASSES, STIFFNESS, VISCOUS, T, gantry
 
 K, FREE = 3e6, 20e-6  # N/m, m
@@ -116,7 +117,7 @@ def test_one_beam_has_one_stiffness(torque: float, alike: bool) -> None:
 
 def test_a_side_that_stands_still_is_said() -> None:
     common, (first, second) = told()
-    still = replace(second, channels=second.channels | {"reading_second": 0.1 * second["reading_second"]})
+    still = replace(second, channels={**second.channels, "reading_second": 0.1 * second["reading_second"]})
     stuck = replace(
         still, channels=still.channels | {"reading_first": 0.9 * FAR * np.sin(np.arange(len(still)) / 300.0)}
     )
@@ -200,8 +201,6 @@ def motion() -> TrialMotion:
 
 def test_the_machine_of_both_sides_is_that_of_the_whole(motion: TrialMotion) -> None:
     """Sides in the ratio of the shares: the whole moves as one axis, and a pulse of skew twists as Hooke says."""
-    from feeddrive.loop.simulate import simulate  # once
-
     loop = gantry().loops()["y"]
     shares = (0.55, 0.45)
     machine = gantry_machine(loop, ("x", "x2"), shares, (STIFFNESS, DAMPING))
@@ -216,7 +215,7 @@ def test_the_machine_of_both_sides_is_that_of_the_whole(motion: TrialMotion) -> 
     rows = slice(0, len(logs[0]))
     count = 1e-7  # m, of the encoder of the loop
     np.testing.assert_allclose(logs[0]["reading_load"], run["reading_load"][rows], atol=2.0 * count)
-    figures = skew_figures(motion, *logs, shares[0] * shares[1] * 400.0)
+    figures = skew_figures(motion, logs[0], logs[1], shares[0] * shares[1] * 400.0)
     assert figures["skew_peak"] < 2.0 * count
     # a step of 0.1 s on a mode of 60 Hz overshoots: more than the static skew, less than twice
     assert 0.5 * STIFFNESS < figures["skew_stiffness"] < 1.2 * STIFFNESS

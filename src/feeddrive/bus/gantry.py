@@ -281,6 +281,10 @@ class GantryMotion:
         """Return the drive files of both sides, one after the other."""
         return "\n".join(side.text() for side in self.gantry.sides)
 
+    def read(self, path: str | Path) -> Profile:
+        """Return the profile of a file, as either side could play it; see `read_profile`."""
+        return self.gantry.first.read(path)
+
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log both drives as they are, one after the other."""
         return self._merged(tuple(side.listen(seconds, progress) for side in self.gantry.sides), "listened")
@@ -343,7 +347,7 @@ class GantryMotion:
         channels, known = dict[str, np.ndarray](), dict[str, str]()
         for column, parts in by.items():
             if all(column in log.channels for log in logs):
-                channels[column] = sum(w * log[column][:rows] for w, log in zip(parts, logs, strict=True))
+                channels[column] = parts[0] * logs[0][column][:rows] + parts[1] * logs[1][column][:rows]
                 known[column] = logs[0].units[column]
         for side, log in zip(SIDES, logs, strict=True):
             for column in ("set_position", "reading_load", "reading_motor", "force", "commanded"):

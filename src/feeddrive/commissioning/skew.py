@@ -348,16 +348,17 @@ def predicted_gantry(
     for side, (name, each) in zip(SIDES, played.items(), strict=True):
         channels[f"set_position_{side}"] = run[f"{name}.set_position"][rows]
         channels[f"reading_{side}"] = run[f"{name}.reading_load"][rows]
+        channels[f"velocity_{side}"] = run[f"{name}.velocity_load"][rows]
         channels[f"force_{side}"] = channels[f"commanded_{side}"] = run[f"{name}.force"][rows] + each.excitation
-    for column, parts in (("set_position", shares), ("commanded", (1.0, 1.0))):
-        channels[column] = sum(w * channels[f"{column}_{side}"] for w, side in zip(parts, SIDES, strict=True))
-    channels["velocity_load"] = sum(
-        w * run[f"{name}.velocity_load"][rows] for w, name in zip(shares, names, strict=True)
-    )
-    channels["reading_load"] = sum(w * channels[f"reading_{side}"] for w, side in zip(shares, SIDES, strict=True))
+
+    def whole(column: str, parts: tuple[float, float]) -> np.ndarray:
+        return parts[0] * channels[f"{column}_first"] + parts[1] * channels[f"{column}_second"]
+
+    channels |= {"set_position": whole("set_position", shares), "commanded": whole("commanded", (1.0, 1.0))}
+    channels |= {"reading_load": whole("reading", shares), "velocity_load": whole("velocity", shares)}
     channels["force"] = channels["commanded"]
     units = {name: "N" if name.startswith(("force", "commanded")) else "m" for name in channels}
-    units["velocity_load"] = "m/s"
+    units |= {name: "m/s" for name in channels if name.startswith("velocity")}
     return Log(name=profiles[0].name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 

@@ -44,6 +44,7 @@ from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.files.read_log import read_log
+from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import NotIdentifiableError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -171,7 +172,7 @@ class GantryChain(Chain):
 
     def _started(self, axis: Axis, spread: float) -> Loop:
         """Return an axis under a start law with which the skew is stable as well, whatever the dead time."""
-        dead = float(axis.actuator.dead_time)
+        dead = float(axis.actuator.delay())
         beam = self._beam(float(axis.plant.rigid_mass()))
         slower = dead
         for _ in range(SIZES):
@@ -259,7 +260,8 @@ class GantryChain(Chain):
             f"{Quantity(beam.mass / float(model.axis.plant.rigid_mass()), 'share'):3} of the mass of both sides. {told}"
         ), {
             "beam_stiffness": s1 * s2 * beam.stiffness,
-            "beam_damping": s1 * s2 * beam.damping,
+            # the guideways damp the skew as well
+            "beam_damping": s1 * s2 * max(0.0, beam.damping - _viscous(model.axis)),
             "skew_frequency": beam.frequency,
         }
 
@@ -360,6 +362,12 @@ class GantryChain(Chain):
         s1, s2 = self.gantry.shares
         skew = skew_figures(motion, logs["alone"], logs["twisted"], s1 * s2 * motion.force)
         return replace(figures(motion, logs["alone"], logs["pushed"]), **skew)
+
+
+def _viscous(axis: Axis) -> float:
+    """Return the viscous friction of an axis, N s/m."""
+    friction = axis.friction_load
+    return own_viscous(axis) + (0.0 if friction is None else float(friction.linear()))
 
 
 def _still(motion: TrialMotion) -> Profile:
