@@ -111,10 +111,8 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 BAND, DELAYS = 0.45, 0.4
 SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
 PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
-FAST, FASTEST = (
-    0.5,
-    0.75,
-)  # of limits.velocity: of a motion, and with what a pulse of force and modes are predicted to add
+# of limits.velocity: of a motion, with what friction and modes are predicted to add, and what a pulse of force may add
+FAST, FASTEST, PUSHED = 0.6, 0.85, 0.1
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
@@ -246,6 +244,12 @@ def excited(path: Path) -> Profile:
     return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
 
 
+def _quickened(alone: Log, pushed: Log) -> float:
+    """Return the largest velocity that a pulse of force adds, m/s, at either end of the axis."""
+    names = ("velocity_load", "velocity_motor")
+    return max(float(np.max(np.abs(pushed[name] - alone[name]))) for name in names)
+
+
 class _Gentle(NamedTuple):
     """The log of the first move, and the share of the force limit under which it moved."""
 
@@ -302,6 +306,9 @@ class Chain:
                     self._resume(before[name])
                     continue
                 self.progress.step(name.replace("_", " "), number, len(self.work))
+                if self.place.is_dir():
+                    # of a step that was stopped, and so is not in the record
+                    remove_stale(self.folder, [f"{self.place.name}/{file}" for file in files_of(self.place)])
                 says, told = getattr(self, work.__name__)()
                 self._record(name, says, told)
             self._decide()
@@ -941,7 +948,7 @@ class Chain:
         whys = list[str]()
         try:
             outcome = tuned(responses, baseline=model, at=self._points_beside())
-            whys += self._not_certified(self.place / "machine.toml", outcome)
+            whys += self._not_certified(self.place / "machine.toml", outcome, fitted=True)
         except FeeddriveError as error:
             # noise, distortion, or a band that ends early: the model is fitted to all lines, and the certificate holds
             # it against them
@@ -989,18 +996,19 @@ class Chain:
             text = self._machine(loop, "safe start law of feeddrive commission for the identified axis")
             write_whole(folder / "machine.toml", with_origins(text, (model,)))
 
-    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None) -> list[str]:
+    def _not_certified(self, machine: Path, outcome: Outcome[Any] | None = None, *, fitted: bool = False) -> list[str]:
         """Return why a machine file cannot be certified by the responses; nothing if it can.
 
         outcome  of the tuning that wrote it
+        fitted   a fit of the responses may stand for the model: for a control that was tuned on them
         """
         if outcome is not None and (outcome.judgment.bad or "Machine" not in outcome.files):
             return [Text(f"{outcome.verdict} {outcome.failure}")]
         try:
-            self._certificate(machine, None)
+            why = self._certificate(machine, None)
         except NotCertifiedError as error:
             return [str(error)]
-        return []
+        return [why] if why and not fitted else []
 
     def _certificate(self, machine: Path, out: Path | None) -> str:
         """Certify the model within the uncertainty that the responses give it, or a fit of the responses alone.
@@ -1094,15 +1102,21 @@ class Chain:
     def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, dict[str, Log]]:
         """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
+        free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
         for attempt in range(SIZES):
             share = SMALLER**attempt
             pace = self._pace(mass, share)
             travel = max(REACH * limits.travel * share, motions.least_travel(pace))
-            force = share * WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
-            motion = motions.trial(travel, pace, force, self.T)
-            logs = self._expected(loop, motion)
-            if travel <= REACH * limits.travel and all(map(self._fits, logs.values())):
-                return motion, logs
+            motion = motions.trial(travel, pace, free, self.T)
+            alone = self._predicted(loop, motion.alone)
+            if travel > REACH * limits.travel or not self._fits(alone):
+                continue
+            for smaller in range(SIZES):
+                weaker = motion.weaker(free * SMALLER**smaller)
+                logs = self._expected(loop, weaker)
+                slow = _quickened(alone, logs["pushed"]) <= PUSHED * limits.velocity
+                if slow and all(map(self._fits, logs.values())):
+                    return weaker, logs
         raise RefusedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
