@@ -20,7 +20,8 @@ from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.commission import CommissionRequest, commission
+from feeddrive.workflow.commission import commission
+from feeddrive.workflow.commission_steps import CommissionRequest
 from gantries import COULOMB, MASSES, STIFFNESS, gantry
 
 SLOW = 1e-3  # s, the cycle of the drives of the quick tests

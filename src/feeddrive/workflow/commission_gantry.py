@@ -53,7 +53,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.workflow.commission import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, Told, excited
+from feeddrive.workflow.commission_steps import AXIS, SHARE, SIZES, SMALLER, SURE, Chain, RefusedError, Told, excited
 from feeddrive.workflow.export import ExportRequest
 
 FOLLOWER = "x2"  # the second side in machine files
