@@ -100,10 +100,13 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
     """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
     real = replace(loop, axis=counted(loop.axis, increment, noise))
     T = float(loop.sample_time)
+    # a law that is switched on begins with the force that acts, which carries a hanging axis
+    enable = None if real.control.guard is None else (np.arange(played.set_position.size) > 0).astype(float)
     run = simulate(
         real,
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
+        enable=enable,
         seed=seed,
         record=["set_position", "reading_load", "force", "velocity_load", "velocity_motor"],
         name=played.name,

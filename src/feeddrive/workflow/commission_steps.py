@@ -113,6 +113,11 @@ DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
+GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
+HARDLY, NERVOUS = (
+    3.0,
+    0.01,
+)  # times what is predicted, and share of limits.force, beyond which a force is an oscillation
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
 HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
 AXIS = "x"
@@ -171,9 +176,10 @@ def _quickened(alone: Log, pushed: Log) -> float:
 
 
 class _Gentle(NamedTuple):
-    """The log of the first move, and the share of the force limit under which it moved."""
+    """The log of the first move, the force that held the axis (N), and the share of the limit that it took besides."""
 
     log: Log
+    held: float
     share: float
 
 
@@ -418,7 +424,16 @@ class Chain:
         counted = float(first.log["reading_load"][-1] - first.log["reading_load"][0])
         factor = self._ruled(counted)
         self.axis = self.axis.scaled(factor, 1)
-        share, way = first.share, factor * counted
+        # in true lengths forces are others, too: what holds the axis must stay within them
+        share, way = first.held / factor / limits.force + first.share, factor * counted
+        if share > 1.0:
+            raise RefusedError(
+                Text(
+                    f"what holds the axis, {Quantity(first.held / factor, 'N'):3} by the lengths of the ruler, leaves "
+                    f"less than {Quantity(first.share, 'share'):2} of limits.force = {Quantity(limits.force, 'N'):3}: "
+                    "raise it if the machine allows it"
+                )
+            )
         self._play(self._at(share), motions.profile("way back", motions.path([(-way, pace)], self.T), self.T))
         to_and_fro = motions.profile("small move", motions.path([(way, pace), (0.0, pace)], self.T), self.T)
         slow = self._play(self._at(share), to_and_fro)
@@ -460,12 +475,12 @@ class Chain:
         two and four tenths.
         """
         still = motions.profile("hold", np.zeros(round(motions.REST / self.T)), self.T)
-        held = float(np.max(np.abs(self._play(self.axis, still).log["force"]))) / self.limits.force
+        held = float(np.max(np.abs(self._play(self.axis, still).log["force"])))
         for attempt in range(TRIES):
-            share = held + SHARE * 2**attempt
-            played = self._at(share).play(profile, self.progress)
+            share = SHARE * 2**attempt
+            played = self._at(held / self.limits.force + share).play(profile, self.progress)
             if not played.aborted:
-                return _Gentle(played.log, share)
+                return _Gentle(played.log, held, share)
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force: {played.aborted}"))
         raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
 
@@ -994,6 +1009,7 @@ class Chain:
             )
         )
         axis = self._under_control()
+        self._try_gently(axis, loop, motion)
         logs = self._tried(motion, axis, loop.control)
         measured = self._figures(motion, logs)
         before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
@@ -1002,6 +1018,22 @@ class Chain:
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
+
+    def _try_gently(self, axis: LiveAxis, loop: Loop, motion: motions.TrialMotion) -> None:
+        """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
+        slow = motion.slower(GENTLE, self.T)
+        expected = self._predicted(loop, slow)
+        played = self._play(axis, slow, loop.control)
+        # a limit cycle shows in the changes from sample to sample, long before it leaves the following error
+        most, busy = (float(np.std(np.diff(log["commanded"]))) for log in (expected, played.log))
+        if busy > HARDLY * most + NERVOUS * self.limits.force:
+            raise RefusedError(
+                Text(
+                    f"the new control oscillates: its force changes by {Quantity(busy, 'N'):3} RMS from sample to "
+                    f"sample, where {Quantity(most, 'N'):3} was predicted: the model misses a mode or a delay; measure "
+                    "the responses to a higher frequency"
+                )
+            )
 
     def _tried(self, motion: motions.TrialMotion, axis: LiveAxis, control: Control | None = None) -> dict[str, Log]:
         """Play the motions of a trial; return their logs by name."""
