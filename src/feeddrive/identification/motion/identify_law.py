@@ -18,8 +18,9 @@ from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.identification import regression
 from feeddrive.identification.motion import law_other_readings, law_search, law_structures
 from feeddrive.identification.motion.law_other_readings import OtherReadings
-from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
+from feeddrive.identification.motion.law_rows import LawRows, Signals
 from feeddrive.identification.motion.law_search import Scored, Search
+from feeddrive.identification.motion.law_set_position import restored
 from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
@@ -209,9 +210,8 @@ def _searched(log: MotionLog, signals: Signals) -> Search | None:
     count = count_of(signals.wanted)
     if count <= law_other_readings.SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
         return law_search.search([signals], log.force_limit)
-    smooth = replace(signals, wanted=steadied(signals.wanted, count))
     # a law that computes with the rounded positions itself leaves less with them
-    return law_search.search([smooth, signals], log.force_limit)
+    return law_search.search([restored(signals, count), signals], log.force_limit)
 
 
 @dataclass(frozen=True)
@@ -406,7 +406,7 @@ def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[La
     one, rows = alike[0], _rows(found, alike[0])
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one, columns)])
-    covariance = _covariance(columns, found.residual(one))
+    covariance = _covariance(columns, found.residual(one)) + _by_set_position(rows, one.fitted, columns)
     errors = regression.errors(covariance)
     same = [one, *(other for other in alike[1:] if _same(one.fitted, other.fitted, errors))]
     covariance = covariance + _scatter(one, same, columns.shape[1])
@@ -440,6 +440,13 @@ def _covariance(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
     own, other = np.diag(robust), np.diag(colored)
     wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
     return robust * np.outer(wider, wider)
+
+
+def _by_set_position(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> np.ndarray:
+    """Return the covariance of the coefficients by the errors of a set position that was restored."""
+    off = law_search.by_set_position(rows, fitted)
+    moved = off @ columns @ regression.inverse_gram(columns)
+    return moved.T @ moved / max(1, len(off))
 
 
 def _holds(structure: Structure, other: Structure) -> bool:

@@ -226,6 +226,7 @@ def differs(rows: LawRows, one: Scored) -> float:
     columns = columns / np.where(sizes > 0.0, sizes, 1.0)
     other = rest - columns @ np.linalg.lstsq(columns, rest, rcond=1e-12)[0]
     noise = law_search.ROUNDING**2 * float(slow.force @ slow.force)
+    noise += law_search.by_chance(slow, one.fitted, columns)
     return law_search.independent(other) * math.log((float(rest @ rest) + noise) / (float(other @ other) + noise))
 
 

@@ -58,6 +58,10 @@ MOST_LAG = 1.5  # samples between motion and command; a law with a low pass look
 _LATE, _TOLD = 1.0, 400.0
 _EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
+# the errors of a restored set position count so much in squares: those that are drawn for it are 0.3 to 1 of the true
+# ones in most logs
+_DOUBTED = 4.0
+_MOST_ALLOWED = 0.15  # of the sum of squares of the free law: where errors of the set position make more, none is sure
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
 
@@ -85,6 +89,8 @@ class Floor:
     effective  number of independent rows
     unknowns   number of coefficients
     rows       number of rows of the log
+    allowed    sum of squares that a right law may leave more, by the errors of a restored set position, which the free
+               law makes up for
     """
 
     ssr: float
@@ -93,6 +99,7 @@ class Floor:
     effective: float
     unknowns: int
     rows: int
+    allowed: float = 0.0
 
     @property
     def price(self) -> float:
@@ -110,20 +117,20 @@ class Floor:
         `chance`: standard deviations of a chi square.
         """
         spare = self.unknowns - scored.structure.parameters
-        return self.criterion(scored.fitted.ssr, 0) > spare + chance * math.sqrt(2.0 * spare)
+        return self.criterion(scored.fitted.ssr, 0, self.allowed) > spare + chance * math.sqrt(2.0 * spare)
 
     def wants_more(self, scored: Scored) -> bool:
         """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
-        return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr
+        return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr + self.allowed
 
     def gain(self, more: float, less: float) -> float:
         """Return n ln(more / less) for two sums of squares and n independent rows."""
         noise = ROUNDING**2 * self.power
         return self.effective * math.log((more + noise) / (less + noise))
 
-    def criterion(self, ssr: float, unknowns: int) -> float:
-        """Return n ln(ssr / floor) + p ln n for p unknowns and n independent rows."""
-        return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
+    def criterion(self, ssr: float, unknowns: int, allowed: float = 0.0) -> float:
+        """Return n ln(ssr / (floor + allowed)) + p ln n for p unknowns and n independent rows."""
+        return self.gain(ssr, self.ssr + allowed) + unknowns * math.log(self.effective)
 
 
 def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> Floor:
@@ -134,6 +141,27 @@ def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> 
     rest = rows.force - rows.columns[:, places] @ gains
     left = part.right - own @ gains
     return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size, rest.size)
+
+
+def by_set_position(rows: LawRows, found: Fitted) -> np.ndarray:
+    """Return the force of a law, (k, rows), by what k set positions that are as likely differ from the first one."""
+    size = found.values.size
+    own = law_structures.regressors(found, rows)[:, :size] if rows.raw.others else np.zeros((rows.force.size, size))
+    off = [
+        (law_structures.regressors(found, other)[:, :size] - own) @ found.values
+        for other in rows.with_other_set_positions()
+    ]
+    return np.array(off).reshape(-1, rows.force.size)
+
+
+def by_chance(rows: LawRows, found: Fitted, columns: np.ndarray) -> float:
+    """Return the sum of squares that columns explain of the errors of a restored set position in the force of a law."""
+    off = by_set_position(rows, found)
+    if not off.size:
+        return 0.0
+    sizes = np.linalg.norm(columns, axis=0)
+    kept = columns[:, sizes > 0.0] / sizes[sizes > 0.0]
+    return _DOUBTED * float(np.sum((off @ np.linalg.qr(kept)[0]) ** 2)) / len(off)
 
 
 def independent(rest: np.ndarray) -> float:
@@ -205,17 +233,21 @@ def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Seque
     own = law_structures.regressors(found, rows)
     rest = rows.force - own[:, : found.values.size] @ found.values
     linear = np.hstack([own, rows.columns])
-    both = np.column_stack([linear, more, rest])
-    sizes = np.linalg.norm(both[:, :-1], axis=0)
+    columns, off = np.hstack([linear, more]), by_set_position(rows, found)
+    sizes = np.linalg.norm(columns, axis=0)
+    both = np.column_stack([columns / np.where(sizes > 0.0, sizes, 1.0), rest, *off])
     # what the linear columns leave of the others
-    R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))[linear.shape[1] :, linear.shape[1] :]
+    R = triangle(both)[linear.shape[1] :, linear.shape[1] :]
     noise = ROUNDING**2 * float(rows.force @ rows.force)
     effective = floor.effective * rows.force.size / floor.rows
-    least, first, explained = float(np.sum(R[:, -1] ** 2)), 0, []
+    rests, first, explained = R[:, more.shape[1] :], 0, []
+    lefts = np.sum(rests**2, axis=0)
     for kind in kinds:
         chosen = R[:, first : first + len(kind)]
-        other = R[:, -1] - chosen @ np.linalg.lstsq(chosen, R[:, -1], rcond=1e-9)[0]
-        gain = effective * math.log((least + noise) / (float(other @ other) + noise))
+        others = np.sum((rests - chosen @ np.linalg.lstsq(chosen, rests, rcond=1e-9)[0]) ** 2, axis=0)
+        # errors of the set position are no evidence
+        by_chance = _DOUBTED * float(np.mean(lefts[1:] - others[1:])) if off.size else 0.0
+        gain = effective * math.log((lefts[0] + noise) / (others[0] + by_chance + noise))
         explained.append(gain - len(kind) * math.log(effective))
         first += len(kind)
     return max(explained)
@@ -255,25 +287,38 @@ class Search:
 def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     """Return the search for the structures that explain a log, or None if too few rows are below the limit.
 
-    `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation with the
-    smallest residual is returned, on which models and low passes are still to be tried (`deeper`).
+    `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation of which a
+    free law leaves least is returned, on which models and low passes are still to be tried (`deeper`).
     """
-    found = list[Search]()
+    every = list[list[Search]]()
     for signals in choices:
         keep = signals.free(limit)
         first = _searched(signals, keep)
         if first is None:
             continue
-        found.append(first)
+        found = [first]
+        every.append(found)
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
                 one = _with_models(one) if _is_loose(one.best) else one
                 return _with_low_passes(one) if _hidden(one) else one
             found += [] if one is None or one is first else [one]
-    if not found:
+    if not every:
         return None
-    return replace(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
+    # a model or a low pass may be missing yet: the free law tells whether the law read rounded set positions
+    likely = min(every, key=lambda found: found[0].floor.left)
+    return replace(min(likely, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
+
+
+def _allowing(found: Search) -> Floor:
+    """Return the free law with what it may leave less than the best structure by errors of the set position."""
+    floor, rows, best = found.floor, found.rows, found.best.fitted
+    if not rows.raw.others:
+        return floor
+    free = by_chance(rows, best, rows.columns)
+    own = by_chance(rows, best, law_structures.regressors(best, rows))
+    return replace(floor, allowed=min(_MOST_ALLOWED * floor.ssr, max(0.0, free - own)))
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
@@ -322,7 +367,7 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     if again > 0 and abs(better.smoothing - signals.smoothing) > _SMOOTHED * better.smoothing:
         # samples and filters made up for the wrong sign before, and the free law had it, too
         return _searched(better, keep, again - 1)
-    return _with_more(found, (_shifted,))
+    return _with_more(replace(found, floor=_allowing(found)), (_shifted,))
 
 
 def deeper(found: Search) -> Search:
