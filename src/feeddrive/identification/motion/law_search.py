@@ -61,6 +61,7 @@ _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more o
 # the errors of a restored set position count so much in squares: those that are drawn for it are 0.3 to 1 of the true
 # ones in most logs
 _DOUBTED = 4.0
+MOVING = 0.2  # of the rows, in which an axis must move that rests may be left out
 _MOST_ALLOWED = 0.15  # of the sum of squares of the free law: where errors of the set position make more, none is sure
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
@@ -293,6 +294,9 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     every = list[list[Search]]()
     for signals in choices:
         keep = signals.free(limit)
+        # a restored set position is off by up to half a count in a rest, which the integral of a law sums
+        moving = keep & signals.between_rests() if signals.others else keep
+        keep = moving if np.sum(moving) > MOVING * np.sum(keep) else keep
         first = _searched(signals, keep)
         if first is None:
             continue
