@@ -42,6 +42,9 @@ MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in square
 STEADY = (
     15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
 )
+# of n ln of the sums of squares, that a slower position loop must explain before it is named as the reason of a refusal:
+# such loops explain 150 and more, dead bands and errors of rounded set positions up to 40 by chance
+HELD = 60.0
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
 _SAME, _SAME_ERRORS = 0.1, 3.0
@@ -247,19 +250,20 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     quiet = added < WHITE or best.fitted.ssr < floor.ssr
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     rows = _rows(found, best)
-    if law_search.slower(rows, best.fitted, floor) > 0.0:
+    slow, bend = law_search.slower(rows, best.fitted, floor), law_search.nonlinear(rows, best.fitted, floor)
+    if slow > max(bend, HELD):
         return _Verdict(False, False, False, None, held=True), found
-    bent = law_search.nonlinear(rows, best.fitted, floor) > 0.0
+    bent, whole = bend > 0.0, max(slow, bend) <= 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
     explains = explains and law_other_readings.differs(found.rows, best) < STEADY
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
-    if explains and quiet and not bent and not silent and (other is None or other.ahead(best) < STEADY):
+    if explains and quiet and whole and not silent and (other is None or other.ahead(best) < STEADY):
         return _Verdict(True, False, False, None), found
     if other is not None:
         return _Verdict(False, False, bent, other), found
-    near = left < NEAR and quiet and not bent and not silent
+    near = left < NEAR and quiet and whole and not silent
     return _Verdict(False, near, bent, None, silent), found
 
 

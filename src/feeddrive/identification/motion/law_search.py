@@ -27,6 +27,7 @@ ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, a
 _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
+_CLEARLY = 0.5  # of the excess of a law over the free law, that is left without strays, if these hide the law
 STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
@@ -291,12 +292,12 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation of which a
     free law leaves least is returned, on which models and low passes are still to be tried (`deeper`).
     """
-    every = list[list[Search]]()
-    for signals in choices:
-        keep = signals.free(limit)
+    every, keep = list[list[Search]](), choices[0].free(limit)
+    if choices[0].others:
         # a restored set position is off by up to half a count in a rest, which the integral of a law sums
-        moving = keep & signals.between_rests() if signals.others else keep
+        moving = keep & choices[0].between_rests()
         keep = moving if np.sum(moving) > MOVING * np.sum(keep) else keep
+    for signals in choices:
         first = _searched(signals, keep)
         if first is None:
             continue
@@ -311,8 +312,14 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     if not every:
         return None
     # a model or a low pass may be missing yet: the free law tells whether the law read rounded set positions
-    likely = min(every, key=lambda found: found[0].floor.left)
-    return replace(min(likely, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
+    first, *trials = min(every, key=lambda found: found[0].floor.left)
+
+    def excess(one: Search) -> float:
+        return one.floor.criterion(one.best.fitted.ssr, 0)
+
+    # where the law is not found yet, strays may be what it leaves
+    best = min(trials, key=excess, default=first)
+    return replace(best if excess(best) < _CLEARLY * excess(first) else first, deep=False)
 
 
 def _allowing(found: Search) -> Floor:
