@@ -39,7 +39,9 @@ _DAMPING = 0.03  # of an axis that twists, with which samples, delay and corner 
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
 _STARTS = 4  # fits without and with a low pass that are searched finely
 _KEPT = 4  # of these, from which parts are left out
-_NARROWED = 2  # cascades with some of the parts that are searched finely
+_AS_LATE = 1.0  # samples of delay and of half a difference, by which cascades with some of the parts may differ from it
+_NARROWED = 6  # cascades with some of the parts that are searched
+_FIRST_STEPS = 3  # of a search, that tell which of them are searched finely
 _FINE = 6  # of these, that are searched finely
 _MERGED = 0.7  # of ln 1/Tn, within which two starts of a fine search are one
 _TWO = 0.1  # of ln 1/Tn, beyond which two fits are two minima
@@ -316,7 +318,7 @@ class _Slow:
             best.setdefault((kind.n, kind.d, kind.lag is None, kind.integral), one)
         return list(best.values())
 
-    def refined(self, one: Scored, held: tuple[str, ...] = ()) -> Scored:
+    def refined(self, one: Scored, held: tuple[str, ...] = (), steps: int = _STEPS) -> Scored:
         """Return a fit at its own minimum over twist, loss, low pass, smoothing and 1/Tn, but for those `held`."""
         from scipy.optimize import least_squares  # takes a second to import
 
@@ -340,7 +342,7 @@ class _Slow:
         inside = np.clip(place, low + 1e-6, high - 1e-6)
         scale = 1.0 / math.sqrt(self.floor.ssr + law_search.ROUNDING**2 * self.floor.power)
         found = least_squares(
-            lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=_STEPS
+            lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=steps
         )
         fitted, smoothing, _ = at(found.x)
         return self._score(fitted, smoothing) if _acts(fitted) else one
@@ -363,7 +365,9 @@ class _Slow:
                     twist=_ANY if one.structure.twist.compliance else STIFF,
                 )
                 found.setdefault((kind, round(math.log(one.fitted.rate or 1.0) / _MERGED)), one)
-        fine = [self.refined(one, ("smoothing",)) for one in sorted(found.values(), key=_criterion)[:_FINE]]
+        # with other samples the twist and the low pass are others, too
+        coarse = [self.refined(one, ("smoothing",), _FIRST_STEPS) for one in found.values()]
+        fine = [self.refined(one, ("smoothing",)) for one in sorted(coarse, key=_criterion)[:_FINE]]
         fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         if not fine:
             return None
@@ -412,8 +416,26 @@ class _Slow:
         return self.refined(tried[0]) if tried and tried[0].criterion < one.criterion else None
 
     def _narrowed(self, like: Scored) -> list[Scored]:
-        """Return cascades with some parts of a wide one: the likeliest ones, with and without a twist."""
-        variants = self.scored(_variants(like.structure), like.signals.smoothing)
+        """Return the likeliest cascades with some parts of a wide one and other samples that are about as late.
+
+        Of those with and without a twist, and of those without friction feedforward, at least one is among them.
+        """
+        kind, smoothing = like.structure, like.signals.smoothing
+        part = self.part(kind.lag, smoothing)
+        tried, tasks = list[Structure](), list[law_structures.Problem]()
+        for n in _SAMPLES:
+            for d in _DELAYS:
+                if abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
+                    continue
+                for twist in dict.fromkeys((STIFF, kind.twist)):
+                    wide = _widest(n, d, kind.lag, 0.0)
+                    wide = replace(wide, twist=twist, drag=twist.compliance > 0.0)
+                    task = law_structures.problem(wide, self.rows.basis, part)
+                    for structure in _parts(wide):
+                        tried.append(structure)
+                        tasks.append(_some(task, wide, structure))
+        fits = [one for one in law_structures.fits(tried, tasks) if _acts(one)]
+        variants = sorted((self._score(one, smoothing) for one in fits), key=_criterion)
         rate = like.fitted.rate or 1.0
         near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / rate)) < _MERGED]
         stiff = [one for one in near if one.structure.twist.compliance == 0.0]
@@ -451,28 +473,33 @@ def _widest(n: int, d: int, lag: Lag | None, compliance: float) -> Structure:
     )
 
 
-def _variants(like: Structure) -> Iterator[Structure]:
-    """Yield cascades with the twist and the low pass of another one, with and without each of their parts."""
-    n, d = like.n, like.d
+def _parts(wide: Structure) -> Iterator[Structure]:
+    """Yield a cascade with and without each of its parts, but for the twist and the low pass."""
     for forward in law_structures.FORWARD:
-        for fed in ("", "backward"):
-            for friction in (None, 0):
+        for fed in ("", wide.fed):
+            for friction in (None, wide.friction):
                 for integral in (True, False):
-                    stiff = Structure(
-                        CASCADE,
-                        integral,
-                        n,
-                        d,
-                        forward=forward,
-                        fed=fed,
-                        friction=friction,
-                        lag=like.lag,
-                        shifted=integral,
-                    )
-                    yield stiff
-                    if like.twist.compliance > 0.0:
-                        yield replace(stiff, twist=like.twist)
-                        yield replace(stiff, twist=like.twist, drag=True)
+                    for drag in (False, True) if wide.drag else (False,):
+                        yield replace(
+                            wide,
+                            forward=forward,
+                            fed=fed,
+                            friction=friction,
+                            integral=integral,
+                            shifted=integral,
+                            drag=drag,
+                        )
+
+
+def _some(task: law_structures.Problem, wide: Structure, structure: Structure) -> law_structures.Problem:
+    """Return the problem of a structure, which has some parts of a wide one, from that of the wide one."""
+    places = [wide.gains.index(name) for name in structure.gains]
+    A, B = task.A[:, places], task.B[:, places]
+    if structure.forward == "one":
+        k, whole = structure.gains.index("Kp"), wide.gains.index("Kp ff")
+        A[:, k] += task.A[:, whole]
+        B[:, k] += task.B[:, whole]
+    return law_structures.Problem(A, B, task.y)
 
 
 def _unknowns(one: Scored) -> dict[str, float]:
