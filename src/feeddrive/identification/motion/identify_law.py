@@ -48,8 +48,6 @@ HELD = 60.0
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
 _SAME, _SAME_ERRORS = 0.1, 3.0
-_SUMMED = 8  # rows whose scores are summed at most to show their memory
-_ORDER = 8  # of the autoregression of a residual
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
 
@@ -240,7 +238,7 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     other = _other(found, limit) if found.best.fitted.ssr > exact else None
     # no model and no low pass makes up for other readings; a twist may be one of these
     if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
-        found = law_search.deeper(found)
+        found = law_search.deeper(found, whole=other is not None)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= exact:
         return _Verdict(True, False, False, None), found
@@ -410,40 +408,13 @@ def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[La
     one, rows = alike[0], _rows(found, alike[0])
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one, columns)])
-    covariance = _covariance(columns, found.residual(one)) + _by_set_position(rows, one.fitted, columns)
+    covariance = law_search.covariance_of(columns, found.residual(one)) + _by_set_position(rows, one.fitted, columns)
     errors = regression.errors(covariance)
     same = [one, *(other for other in alike[1:] if _same(one.fitted, other.fitted, errors))]
     covariance = covariance + _scatter(one, same, columns.shape[1])
     if one.structure.family == PID:
         return _pid_reading(log.frame, one.fitted, covariance), same
     return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time), same
-
-
-def _covariance(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return the covariance of the coefficients: the robust one, widened to that of colored noise where it is less.
-
-        (XᵀX)⁻¹ Xᵀ Γ X (XᵀX)⁻¹,   Xᵀ Γ X = σ² Yᵀ Y,   Y = X after 1/A(z) backwards in time
-
-    A, σ: an autoregression of the residual. Gains absorb the slow part of colored noise, in which few rows are
-    independent: its share of the residual is missing in the robust covariance, but not in an autoregression, which the
-    fast part shows as well.
-    """
-    from scipy.linalg import solve_toeplitz  # takes a second to import
-    from scipy.signal import lfilter
-
-    robust = regression.robust_covariance(columns, rest, smooth=_SUMMED)
-    n = rest.size
-    past = np.array([float(rest[j:] @ rest[: n - j]) for j in range(_ORDER + 1)]) / n
-    if past[0] <= 0.0:
-        return robust
-    weights = solve_toeplitz(past[:-1], past[1:])
-    power = max(0.0, float(past[0] - weights @ past[1:]))
-    passed = np.asarray(lfilter([1.0], np.concatenate([[1.0], -weights]), columns[::-1], axis=0))
-    inverse = regression.inverse_gram(columns)
-    colored = power * inverse @ (passed.T @ passed) @ inverse
-    own, other = np.diag(robust), np.diag(colored)
-    wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
-    return robust * np.outer(wider, wider)
 
 
 def _by_set_position(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Si
 from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
 from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import count_of
-from feeddrive.identification.regression import median_spread, robust_covariance
+from feeddrive.identification.regression import median_spread
 
 _HIGHEST = 40.0  # Hz: what is faster is counts and noise, in a loop that follows set motion
 _SAMPLES = (1, 2, 4, 8)  # of the velocity that are tried: others make nearly the lag of one of these
@@ -371,6 +371,12 @@ class _Slow:
         fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         if not fine:
             return None
+        if fine[0].structure.friction is not None and fine[0].signals.smoothing > 0.0:
+            # parts that are not there had biased the smoothing
+            best = self.refined(fine[0])
+            others = (replace(one, signals=best.signals) for one in fine[1:])
+            fine = [best, *(self.refined(one, ("smoothing",)) for one in others)]
+            fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         # Kv and 1/Tn may change places in the law as well
         other = self.refined(_exchanged(fine[0]), ("smoothing",)) if fine[0].structure.curved else fine[0]
         if other.fitted.sensible and abs(math.log((other.fitted.rate or 1.0) / (fine[0].fitted.rate or 1.0))) > _TWO:
@@ -542,4 +548,4 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
     rest = found.rows.force - own[:, :size] @ one.fitted.values
-    return robust_covariance(np.column_stack([own, *slopes]), rest, smooth=8)
+    return law_search.covariance_of(np.column_stack([own, *slopes]), rest)

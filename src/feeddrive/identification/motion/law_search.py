@@ -21,6 +21,7 @@ from feeddrive.identification.motion.law_rows import (
     triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
+from feeddrive.identification import regression
 from feeddrive.identification.regression import median_spread
 
 ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
@@ -62,6 +63,8 @@ _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more o
 # the errors of a restored set position count so much in squares: those that are drawn for it are 0.3 to 1 of the true
 # ones in most logs
 _DOUBTED = 4.0
+_SUMMED = 8  # rows whose scores are summed at most to show their memory
+_ORDER = 8  # of the autoregression of a residual
 MOVING = 0.2  # of the rows, in which an axis must move that rests may be left out
 _MOST_ALLOWED = 0.15  # of the sum of squares of the free law: where errors of the set position make more, none is sure
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
@@ -121,6 +124,12 @@ class Floor:
         spare = self.unknowns - scored.structure.parameters
         return self.criterion(scored.fitted.ssr, 0, self.allowed) > spare + chance * math.sqrt(2.0 * spare)
 
+    def hopeless(self, rows: LawRows, least: float) -> bool:
+        """Return True if a superset of structures leaves more of rows of a search than a law may: `least`."""
+        share = rows.force.size / self.rows
+        part = replace(floor_of(rows, rows.reduced()), effective=self.effective * share, allowed=self.allowed * share)
+        return part.criterion(least, 0, part.allowed) > self.unknowns + _CHANCE * math.sqrt(2.0 * self.unknowns)
+
     def wants_more(self, scored: Scored) -> bool:
         """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
         return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr + self.allowed
@@ -164,6 +173,33 @@ def by_chance(rows: LawRows, found: Fitted, columns: np.ndarray) -> float:
     sizes = np.linalg.norm(columns, axis=0)
     kept = columns[:, sizes > 0.0] / sizes[sizes > 0.0]
     return _DOUBTED * float(np.sum((off @ np.linalg.qr(kept)[0]) ** 2)) / len(off)
+
+
+def covariance_of(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the covariance of the coefficients: the robust one, widened to that of colored noise where it is less.
+
+        (XᵀX)⁻¹ Xᵀ Γ X (XᵀX)⁻¹,   Xᵀ Γ X = σ² Yᵀ Y,   Y = X after 1/A(z) backwards in time
+
+    A, σ: an autoregression of the residual. Gains absorb the slow part of colored noise, in which few rows are
+    independent: its share of the residual is missing in the robust covariance, but not in an autoregression, which the
+    fast part shows as well.
+    """
+    from scipy.linalg import solve_toeplitz  # takes a second to import
+    from scipy.signal import lfilter
+
+    robust = regression.robust_covariance(columns, rest, smooth=_SUMMED)
+    n = rest.size
+    past = np.array([float(rest[j:] @ rest[: n - j]) for j in range(_ORDER + 1)]) / n
+    if past[0] <= 0.0:
+        return robust
+    weights = solve_toeplitz(past[:-1], past[1:])
+    power = max(0.0, float(past[0] - weights @ past[1:]))
+    passed = np.asarray(lfilter([1.0], np.concatenate([[1.0], -weights]), columns[::-1], axis=0))
+    inverse = regression.inverse_gram(columns)
+    colored = power * inverse @ (passed.T @ passed) @ inverse
+    own, other = np.diag(robust), np.diag(colored)
+    wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
+    return robust * np.outer(wider, wider)
 
 
 def independent(rest: np.ndarray) -> float:
@@ -381,22 +417,26 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     return _with_more(replace(found, floor=_allowing(found)), (_shifted,))
 
 
-def deeper(found: Search) -> Search:
-    """Return the search extended by reference models and low passes, the more likely ones first."""
+def deeper(found: Search, *, whole: bool = False) -> Search:
+    """Return the search extended by reference models and low passes, the more likely ones first.
+
+    `whole`: only by laws that explain the log as the free law does, none that is near to it.
+    """
     found = replace(found, deep=True)
     steps = (_with_models, _with_low_passes)
     # no model has a friction feedforward here
     for step in steps if found.best.structure.friction is None else reversed(steps):
-        found = step(found) if found.floor.wants_more(found.best) else found
+        found = step(found, whole=whole) if found.floor.wants_more(found.best) else found
     return found
 
 
-def _with_models(found: Search) -> Search:
+def _with_models(found: Search, *, whole: bool = False) -> Search:
     """Return the search extended by reference models in the integral."""
-    return found.with_fits(_again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor)))
+    more = _models(found.rows.fewer(_FEWER), found.floor, whole=whole)
+    return found.with_fits(_again(found.rows, found.floor, more)) if more else found
 
 
-def _with_low_passes(found: Search) -> Search:
+def _with_low_passes(found: Search, *, whole: bool = False) -> Search:
     """Return a search with low passes of the command, and with such of the velocity."""
     best, floor = found.best, found.floor
     # friction feedforward keeps the direction that explains most so far
@@ -415,7 +455,7 @@ def _with_low_passes(found: Search) -> Search:
     least = min(scan.least for scan, _ in scans)
     for scan, place in scans:
         # none of these can win if their superset leaves clearly more
-        if floor.gain(scan.least, least) > _ODD:
+        if floor.gain(scan.least, least) > _ODD or (whole and floor.hopeless(few, scan.least)):
             continue
         more = place(few, floor, scan, friction=friction)
         more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
@@ -509,14 +549,17 @@ def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
     return again
 
 
-def _models(rows: LawRows, floor: Floor) -> list[Scored]:
+def _models(rows: LawRows, floor: Floor, *, whole: bool = False) -> list[Scored]:
     """Return fits with a reference model in the integral, for the likeliest n and d."""
     some = [law_structures.through_model(rows, Model(rate, 0, False), 0, 0, central=False) for rate in _STANDING]
     # models of four rates with free gains stand for any model while n and d are told apart
     Q, part = _orthogonal(rows)
     wide = _extended(part, Q, np.hstack(some))
     found: list[Scored] = []
-    for n, d in list(_scanned(rows, wide))[:2]:
+    scan = _scanned(rows, wide)
+    if whole and floor.hopeless(rows, min(scan.values())):
+        return []
+    for n, d in list(scan)[:2]:
         problems = law_structures.ModelProblems(rows, n, d)
         coarse: list[Fitted] = []
         for inside in (True, False):
