@@ -236,8 +236,8 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     """Return the verdict, and the search that it judges."""
     exact = law_search.ROUNDING**2 * found.floor.power
     other = _other(found, limit) if found.best.fitted.ssr > exact else None
-    # no model and no low pass makes up for other readings; a twist may be one of these
-    if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
+    # no model and no low pass makes up for counts of other readings; a twist may be one of these
+    if not found.deep and (other is None or not _blue(other, found.floor.memory)):
         found = law_search.deeper(found, whole=other is not None)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= exact:
@@ -294,7 +294,13 @@ def _foreign(other: OtherReadings, memory: float) -> bool:
     """Return True if the counts of the log are not in the force, or those of another reading are."""
     assert other.counts is not None
     reading, wanted = other.counts
-    return wanted.missing or reading.missing or (memory < -WHITE and not reading.heard)
+    return wanted.missing or reading.missing or _blue(other, memory)
+
+
+def _blue(other: OtherReadings, memory: float) -> bool:
+    """Return True if the force has counts of another reading than that of the log."""
+    assert other.counts is not None
+    return memory < -WHITE and not other.counts[0].heard
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
