@@ -54,7 +54,9 @@ SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding 
 _ORDER = 7  # of the differences that leave counts
 _PREDICTED = 20  # samples from which the fast force is predicted
 _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
-_HEARD = 500.0  # variances of the force: motion, other than counts, explains up to 300, and counts that are read 900 up
+# of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in them
+# and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
+_HEARD = 0.08
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
 _WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
@@ -152,16 +154,18 @@ class Counts:
     expected   what they would command by the law, as sum of squares over the variance of the force
     explained  what a free law of them explains of the force, likewise
     unknowns   number of its coefficients
+    rows       number of rows
     """
 
     expected: float
     explained: float
     unknowns: int
+    rows: int
 
     @property
     def heard(self) -> bool:
         """True if the force follows them: motion that is left explains less."""
-        return self.explained > _HEARD
+        return self.explained > _HEARD * self.rows
 
     @property
     def missing(self) -> bool:
@@ -187,7 +191,7 @@ def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> 
     force = fast[:, -2]
     memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
     if force.size < law_search.LEAST_ROWS or memory[0] == 0.0:
-        return Counts(0.0, 0.0, len(past))
+        return Counts(0.0, 0.0, len(past), force.size)
     memory[0] *= 1.0 + _NOTHING
     predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
     fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
@@ -196,7 +200,7 @@ def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> 
     changes = changes[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
     explained = float(np.sum((np.linalg.qr(changes)[0].T @ force) ** 2))
     noise = (float(force @ force) - explained) / (force.size - changes.shape[1])
-    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1])
+    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1], force.size)
 
 
 def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
