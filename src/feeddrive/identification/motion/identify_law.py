@@ -42,8 +42,8 @@ MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in square
 STEADY = (
     15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
 )
-# of n ln of the sums of squares, that a slower position loop must explain before it is named as the reason of a refusal:
-# such loops explain 150 and more, dead bands and errors of rounded set positions up to 40 by chance
+# of n ln of the sums of squares, that a slower position loop must explain to be named as the reason of a refusal: such
+# loops explain 150 and more, dead bands and errors of rounded set positions up to 40 by chance (25 foreign logs)
 HELD = 60.0
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
@@ -249,7 +249,7 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     rows = _rows(found, best)
     slow, bend = law_search.slower(rows, best.fitted, floor), law_search.nonlinear(rows, best.fitted, floor)
-    if slow > max(bend, HELD):
+    if _held(slow, bend):
         return _Verdict(False, False, False, None, held=True), found
     bent, whole = bend > 0.0, max(slow, bend) <= 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
@@ -263,6 +263,11 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
         return _Verdict(False, False, bent, other), found
     near = left < NEAR and quiet and whole and not silent
     return _Verdict(False, near, bent, None, silent), found
+
+
+def _held(slow: float, bend: float) -> bool:
+    """Return True if a slower position loop is the reason of what a law leaves, by what it and a bend explain."""
+    return slow > max(bend, HELD)
 
 
 def _other(found: Search, limit: float | None) -> OtherReadings | None:

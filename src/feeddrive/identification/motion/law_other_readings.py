@@ -54,8 +54,8 @@ SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding 
 _ORDER = 7  # of the differences that leave counts
 _PREDICTED = 20  # samples from which the fast force is predicted
 _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
-# of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in them
-# and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
+# of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in
+# them and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
 _HEARD = 0.08
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.identification import regression
 from feeddrive.identification.motion import law_structures
 from feeddrive.identification.motion.law_rows import (
     MOST_DELAY,
@@ -21,7 +22,6 @@ from feeddrive.identification.motion.law_rows import (
     triangle,
 )
 from feeddrive.identification.motion.law_structures import CASCADE, PID, Fitted, Lag, Model, Structure
-from feeddrive.identification import regression
 from feeddrive.identification.regression import median_spread
 
 ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, and speaks for no structure
