@@ -6,7 +6,6 @@ Nothing of the drive's control is assumed but that it holds the axis: forces are
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 
@@ -22,7 +21,6 @@ _MOST = 0.999  # of the rows of even motion: a single reading may be noise
 SCATTER = 0.5  # of the mass, that its lines may scatter: the start law bears 20 % of the mean, of nine lines
 RULER, PROTRACTOR = 2e-4, 2e-3  # m and rad that a person reads off, with a tenth of a mm and of a degree
 _READ = 5e-3  # share of a distance that is read besides
-_SIMPLE = 12  # largest denominator of a ratio that is taken for a gear
 
 
 @dataclass(frozen=True)
@@ -118,12 +116,8 @@ def _whole(log: Log, made: Push) -> int:
 def ratio_by_ruler(measured: float, expected: float, *, rotary: bool = False) -> float:
     """Return the true length of one counted metre, from a distance by ruler (m) and by the drive's counts (m).
 
-    A simple ratio within the accuracy of the ruler is taken, as that of a gear or lead is.
+    What the ruler cannot tell from 1 is 1.
     """
     ratio = measured / expected
     accuracy = (PROTRACTOR if rotary else RULER) / abs(expected) + _READ
-    for denominator in range(1, _SIMPLE + 1):
-        simple = Fraction(round(ratio * denominator), denominator)
-        if simple > 0 and abs(float(simple) - ratio) <= accuracy * max(1.0, abs(ratio)):
-            return float(simple)
-    return ratio
+    return 1.0 if abs(ratio - 1.0) <= accuracy else ratio
