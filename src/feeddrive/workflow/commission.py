@@ -109,10 +109,8 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 BAND, DELAYS = 0.45, 0.4
 SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
 PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
-FAST, FASTEST = (
-    0.5,
-    0.75,
-)  # of limits.velocity: of a motion, and with what a pulse of force and modes are predicted to add
+# of limits.velocity: of a motion, and with what a pulse of force and modes are predicted to add
+FAST, FASTEST = 0.5, 0.75
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
