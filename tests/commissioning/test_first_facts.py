@@ -56,8 +56,8 @@ def test_the_lag_is_the_following_error_over_the_speed() -> None:
 
 
 def test_the_resistance_is_the_largest_force_of_the_even_motion() -> None:
-    """Friction, weight and cogging together, both ways; the force of the mass at the corners is not in it."""
-    log = moved(mass=3000.0, coulomb=40.0, held=-100.0)
+    """Friction, weight and cogging together, both ways."""
+    log = moved(coulomb=40.0, held=-100.0)
     cogging = 20.0 * np.sin(2.0 * np.pi * MOVE / 2e-3)
     told = small_move(log_of(**{**log.channels, "force": log["force"] + cogging}))
     # a thousandth of the rows may lie above it

@@ -260,9 +260,9 @@ def test_strokes_use_half_of_the_force_that_is_free(tmp_path: Path, monkeypatch:
     assert acceleration == pytest.approx(0.5 * (200.0 - 40.0) / 100.0, rel=0.01)
 
 
-def test_strokes_use_half_of_the_velocity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_strokes_leave_a_part_of_the_velocity_for_overshoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05, velocity=0.1)
-    assert speed(axis.of("strokes")[-1][0]) == pytest.approx(0.5 * 0.1, rel=0.01)
+    assert speed(axis.of("strokes")[-1][0]) == pytest.approx(module.FAST * 0.1, rel=0.01)
 
 
 def test_a_start_law_bears_two_milliseconds_that_nobody_knows_beside_two_cycles(tmp_path: Path) -> None:

@@ -109,8 +109,8 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 BAND, DELAYS = 0.45, 0.4
 SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
 PEAKS = (2.0, 1.6, 1.3)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
-# of limits.velocity: of a motion, and with what a pulse of force and modes are predicted to add
-FAST, FASTEST = 0.5, 0.75
+# of limits.velocity: of a motion, with what friction and modes are predicted to add, and what a pulse of force may add
+FAST, FASTEST, PUSHED = 0.6, 0.85, 0.1
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
@@ -214,6 +214,12 @@ def _excited(path: Path) -> Profile:
     return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
 
 
+def _quickened(alone: Log, pushed: Log) -> float:
+    """Return the largest velocity that a pulse of force adds, m/s, at either end of the axis."""
+    names = ("velocity_load", "velocity_motor")
+    return max(float(np.max(np.abs(pushed[name] - alone[name]))) for name in names)
+
+
 class _Gentle(NamedTuple):
     """The log of the first move, and the share of the force limit under which it moved."""
 
@@ -267,6 +273,9 @@ class _Chain:
                     self._resume(before[name])
                     continue
                 self.progress.step(name.replace("_", " "), number, len(STEPS))
+                if self.place.is_dir():
+                    # of a step that was stopped, and so is not in the record
+                    remove_stale(self.folder, [f"{self.place.name}/{file}" for file in files_of(self.place)])
                 says, told = work(self)
                 self._record(name, says, told)
             self._decide()
@@ -1015,18 +1024,21 @@ class _Chain:
     def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, tuple[Log, Log]]:
         """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
-        noise = self.facts["noise"]
+        increment, noise = self.axis.increment, self.facts["noise"]
+        free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
         for attempt in range(SIZES):
             share = SMALLER**attempt
             pace = self._pace(mass, share)
             travel = max(REACH * limits.travel * share, motions.least_travel(pace))
-            force = share * WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
-            motion = motions.trial(travel, pace, force, self.T)
-            alone, pushed = (
-                predicted(loop, profile, self.axis.increment, noise) for profile in (motion.alone, motion.pushed)
-            )
-            if travel <= REACH * limits.travel and self._fits(alone) and self._fits(pushed):
-                return motion, (alone, pushed)
+            motion = motions.trial(travel, pace, free, self.T)
+            alone = predicted(loop, motion.alone, increment, noise)
+            if travel > REACH * limits.travel or not self._fits(alone):
+                continue
+            for smaller in range(SIZES):
+                weaker = motion.weaker(free * SMALLER**smaller)
+                pushed = predicted(loop, weaker.pushed, increment, noise)
+                if self._fits(pushed) and _quickened(alone, pushed) <= PUSHED * limits.velocity:
+                    return weaker, (alone, pushed)
         raise _RefusedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
