@@ -402,6 +402,6 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     result = begun(tmp_path / "out", Axis(), "tune")
     assert result.refusal == "tuning: its margin is used up"
     assert tuned == [("frf.csv", 2.0), ("machine.toml", 2.0), ("machine.toml", 1.6), ("machine.toml", 1.3)]
-    # each within the model, and within a fit of the responses; the rule gives 1/4 of 0.25 over 5 ms of delay and velocity,
+    # each within the model, and within a fit of the responses; the rule gives 1/4 of 0.25 over 5 ms of dead time,
     # and two steps of 15 % less for Ms
     assert gains[::2] == pytest.approx(0.85**2 * 12.5 * np.array([1.0, 0.6, 0.36, 0.2]), rel=1e-4)
