@@ -28,7 +28,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 
-module = importlib.import_module("feeddrive.workflow.commission")
+module = importlib.import_module("feeddrive.workflow.commission_steps")
 
 T = 1e-3  # s
 LIMITS = BusLimits(travel=0.1, velocity=0.5, force=1000.0, following_error=2e-3, quick_stop_deceleration=2.0)
@@ -60,6 +60,7 @@ class Axis:
     held: float = 0.0
     lag: float = 0.02
     blocked: int = 0  # motions that end early
+    buzz: float = 0.0  # N, of the force of a control from sample to sample
     increment: float = 1e-8
     rotary: bool = False
     played: list[tuple[Profile, BusLimits]] = field(default_factory=list)
@@ -89,6 +90,8 @@ class Axis:
         speed = np.gradient(profile.set_position, T)
         late = (1e-4 if control is not None else self.lag) * speed
         force = self.held + self.coulomb * np.sign(speed) + self.mass * np.gradient(speed, T)
+        if control is not None:
+            force = force + 0.5 * self.buzz * (-1.0) ** np.arange(speed.size)
         spectrum = np.fft.rfft(profile.excitation)
         omega = 2.0 * np.pi * np.fft.rfftfreq(speed.size, T)
         spectrum[1:] /= -self.mass * omega[1:] ** 2
@@ -405,3 +408,39 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     # each within the model, and within a fit of the responses; the rule gives 1/4 of 0.25 over 5 ms of dead time,
     # and two steps of 15 % less for Ms
     assert gains[::2] == pytest.approx(0.85**2 * 12.5 * np.array([1.0, 0.6, 0.36, 0.2]), rel=1e-4)
+
+
+# the trial
+
+
+def tried(folder: Path, **axis: Any) -> tuple[Axis, Commissioned]:
+    """A trial of the start law, which is there as if it had been tuned, on the axis that follows as it likes."""
+    prepared(folder)
+    (folder / "8_tune").mkdir()
+    text = (folder / "3_start_law" / "machine.toml").read_text()
+    (folder / "8_tune" / "machine.toml").write_text(text)
+    paper = Axis(limits=replace(LIMITS, following_error=0.02), **axis)
+    return paper, begun(folder, paper, "trial", until="Keep")
+
+
+def test_a_new_control_first_moves_a_fifth_as_far_and_as_fast(tmp_path: Path) -> None:
+    axis, result = tried(tmp_path / "out")
+    names = [profile.name for profile, _ in axis.played]
+    assert names[:3] == ["gentle trial", "trial", "trial with a force"]
+    gentle, alone = (profile for profile, _ in axis.played[:2])
+    assert np.max(gentle.set_position) == pytest.approx(0.2 * np.max(alone.set_position))
+    assert speed(gentle) == pytest.approx(0.2 * speed(alone), rel=0.01)
+    assert result.trial is not None
+    # this axis follows a hundred times better than any start law
+    assert not result.kept
+    assert "the trial is not as predicted" in result.refusal
+
+
+@pytest.mark.parametrize(("buzz", "oscillates"), [(8.0, False), (15.0, True)])
+def test_a_force_that_changes_from_sample_to_sample_by_a_hundredth_of_its_limit_ends_the_trial(
+    tmp_path: Path, buzz: float, oscillates: bool
+) -> None:
+    """Of 1000 N, beside three times what the move itself and its friction are predicted to change."""
+    axis, result = tried(tmp_path / "out", buzz=buzz)
+    assert ("the new control oscillates" in result.refusal) is oscillates
+    assert (len(axis.played) == 1) is oscillates
