@@ -23,6 +23,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.papers import claims as papers
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.path import setpoints
+from small_axis import MACHINE as SMALL
 
 T = 1e-3  # s
 MASS, COULOMB, VISCOUS = 140.0, 55.0, 310.0  # kg, N, N s/m
@@ -304,6 +305,12 @@ def scored(*words: str, without: str = "") -> list[str]:
     return ["benchmark", "--plant", "rotary_table", *words]
 
 
+def commissioned(force: float) -> list[str]:
+    """A virtual drive; a force limit of 20 N does not overcome the friction of the axis, 40 N."""
+    Path("small.toml").write_text(SMALL.replace("force_limit_N = 1500", f"force_limit_N = {force}"))
+    return ["commission", "--virtual", "small.toml", "--yes"]
+
+
 QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.DO_NOT_TUNE: lambda: log(lambda t, f: f + 70.0 * np.sin(19.0 * t)),
     Judgment.UNITS_IN_DOUBT: lambda: shaken(1.0, unit="mN"),
@@ -313,6 +320,7 @@ QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),
     Judgment.NOT_PROVEN: lambda: certificate('"confidence": 0.97'),
     Judgment.NOT_TOGETHER: lambda: chain("emps"),
+    Judgment.NOT_COMMISSIONED: lambda: commissioned(20.0),
     Judgment.CLAIM_FAILS: lambda: claimed(1.2),
     Judgment.DONE: lambda: ["force", "V", "--column", "u", "--at-full", "30:Nm"],
 }
@@ -352,6 +360,7 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.EQUAL: proof,
     Judgment.NOT_EQUAL: lambda: proof("--flag", "-fsingle-precision-constant"),
     Judgment.CHANGED: lambda: proof(edited=True),
+    Judgment.COMMISSIONED: lambda: commissioned(1500.0),
     Judgment.CLAIMS_HOLD: lambda: claimed(0.8),
 }
 # what a good result says by its figures, and no sentence

@@ -55,6 +55,16 @@ def test_the_lag_is_the_following_error_over_the_speed() -> None:
     assert small_move(moved(lag=-0.001)).lag == 0.0
 
 
+def test_the_resistance_is_the_largest_force_of_the_even_motion() -> None:
+    """Friction, weight and cogging together, both ways."""
+    log = moved(coulomb=40.0, held=-100.0)
+    cogging = 20.0 * np.sin(2.0 * np.pi * MOVE / 2e-3)
+    told = small_move(log_of(**{**log.channels, "force": log["force"] + cogging}))
+    # a thousandth of the rows may lie above it
+    assert told.resistance == pytest.approx(160.0, rel=0.01)
+    assert told.holding == pytest.approx(-100.0, rel=0.02)
+
+
 def test_the_noise_is_that_of_the_reading_at_rest() -> None:
     rng = np.random.default_rng(3)
     log = moved()

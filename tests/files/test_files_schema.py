@@ -434,7 +434,7 @@ OTHERS = [
     ("drive", "station = 3", "station = 70000"),
     ("linuxcnc", 'hal = "axis.hal"\n', ""),
     ("linuxcnc", 'trial = "gains"', 'trial = "gain"'),
-    ("linuxcnc", "period_us = 1000", "period_us = 0"),
+    ("linuxcnc", "period_us = 1000", "period = 0"),
     ("linuxcnc", 'output = "pid.x.output"', 'output = ""'),
     ("linuxcnc", "simulated = true", "simulated = 1"),
     ("linuxcnc", "late_ms", "lated_ms"),

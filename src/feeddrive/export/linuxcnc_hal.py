@@ -340,7 +340,7 @@ def _install(component: Path) -> None:
             ["halcompile", "--install", component.name],
             cwd=component.parent,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             check=False,
         )
         if done.returncode != 0:

@@ -116,10 +116,8 @@ STANDS_OUT = 3.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
-HARDLY, NERVOUS = (
-    3.0,
-    0.01,
-)  # times what is predicted, and share of limits.force, beyond which a force is an oscillation
+# times what is predicted, and share of limits.force, beyond which a force is an oscillation
+HARDLY, NERVOUS = 3.0, 0.01
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
 HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
 AXIS = "x"
@@ -1009,10 +1007,7 @@ class Chain:
 
     def export(self) -> tuple[str, Mapping[str, float]]:
         """Write the tuned control for the target; nothing moves."""
-        outcome = export.run(
-            self._export_request(),
-            self.progress.quiet(),
-        )
+        outcome = export.run(self._export_request(), self.progress.quiet())
         if outcome.judgment.bad:
             raise RefusedError(Text(f"export: {outcome.verdict} {outcome.failure}"))
         return Text(f"for {self.request.target}, in {self.place.name}"), {}

@@ -1,0 +1,446 @@
+"""Sizes and bounds of the steps of `feeddrive commission`: of motions on an axis in closed form, and of what is tried.
+
+Steps begin from a record with facts that are stated here, as after an interruption, and end with a no to a question.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.bus.drive_file import BusLimits
+from feeddrive.bus.play import Played, Profile
+from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
+from feeddrive.files.frf import write_frf
+from feeddrive.files.log import Log
+from feeddrive.files.machine import read_machine
+from feeddrive.language.block import Block
+from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.language.progress import Progress
+from feeddrive.loop.control import Control
+from feeddrive.loop.frequency_response import FRF
+
+module = importlib.import_module("feeddrive.workflow.commission_steps")
+
+T = 1e-3  # s
+LIMITS = BusLimits(travel=0.1, velocity=0.5, force=1000.0, following_error=2e-3, quick_stop_deceleration=2.0)
+FACTS = {
+    "listened_noise": 0.0,
+    "holding": 0.0,
+    "friction": 40.0,
+    "lag": 0.02,
+    "noise": 1e-8,
+    "rough_mass": 100.0,
+    "force_sign": 1.0,
+    "length_factor": 1.0,
+    "mass": 100.0,
+    "mass_error": 1.0,
+    "coulomb": 40.0,
+    "viscous": 300.0,
+    "dead_time": 2e-3,
+    "resistance": 40.0,
+}
+
+
+@dataclass
+class Axis:
+    """An axis that follows every motion `lag` s late, with mass, friction and weight; it notes what it played."""
+
+    limits: BusLimits = LIMITS
+    mass: float = 100.0
+    coulomb: float = 40.0
+    held: float = 0.0
+    lag: float = 0.02
+    blocked: int = 0  # motions that end early
+    buzz: float = 0.0  # N, of the force of a control from sample to sample
+    increment: float = 1e-8
+    rotary: bool = False
+    played: list[tuple[Profile, BusLimits]] = field(default_factory=list)
+    where: str = "paper, axis 1"
+    is_virtual: bool = False
+    sample_time: float = T
+    takes: tuple[type[Block], ...] = (Block,)
+
+    def limited(self, limits: BusLimits) -> Axis:
+        return replace(self, limits=limits)
+
+    def scaled(self, factor: float, force_sign: int = 1) -> Axis:
+        return self
+
+    def text(self) -> str:
+        return "paper"
+
+    def read(self, path: str | Path) -> Profile:
+        raise NotImplementedError
+
+    def listen(self, seconds: float, progress: Progress | None = None) -> Played:
+        still = np.zeros(round(seconds / T))
+        return Played(self._log(still, still, still, still), None, 0, None, ())
+
+    def play(self, profile: Profile, progress: Progress | None = None, control: Control | None = None) -> Played:
+        self.played.append((profile, self.limits))
+        speed = np.gradient(profile.set_position, T)
+        late = (1e-4 if control is not None else self.lag) * speed
+        force = self.held + self.coulomb * np.sign(speed) + self.mass * np.gradient(speed, T)
+        if control is not None:
+            force = force + 0.5 * self.buzz * (-1.0) ** np.arange(speed.size)
+        spectrum = np.fft.rfft(profile.excitation)
+        omega = 2.0 * np.pi * np.fft.rfftfreq(speed.size, T)
+        spectrum[1:] /= -self.mass * omega[1:] ** 2
+        shaken = np.fft.irfft(spectrum, speed.size) if np.any(profile.excitation) else 0.0
+        log = self._log(profile.set_position, profile.set_position - late + shaken, force, profile.excitation)
+        blocked = profile.name == "small move" and len(self.of(profile.name)) <= self.blocked
+        return Played(log, "it stands" if blocked else None, 0, None, ())
+
+    @staticmethod
+    def _log(target: np.ndarray, reading: np.ndarray, force: np.ndarray, excitation: np.ndarray) -> Log:
+        channels = {
+            "set_position": target,
+            "reading_load": reading,
+            "velocity_load": np.gradient(reading, T),
+            "force": force + excitation,
+            "commanded": force + excitation,
+            "excitation": excitation,
+        }
+        units = {"set_position": "m", "reading_load": "m", "velocity_load": "m/s", "force": "N", "commanded": "N"}
+        return Log(name="paper", time=T * np.arange(target.size), channels=channels, units=units, sample_time=T)
+
+    def inside(self) -> Mapping[str, str]:
+        return {}
+
+    def keep(self, machine_file: Path, export: Path, inside: Mapping[str, str]) -> str:
+        raise AssertionError("nothing is kept here")
+
+    def restore(self, inside: Mapping[str, str]) -> str:
+        return ""
+
+    def of(self, name: str) -> list[tuple[Profile, BusLimits]]:
+        """What was played under a name, with the limits."""
+        return [each for each in self.played if each[0].name == name]
+
+
+class Person(Progress):
+    """Says yes until a question begins with some words."""
+
+    def __init__(self, until: str) -> None:
+        super().__init__()
+        self.until, self.asked, self.remarks = until, list[str](), list[str]()
+
+    def confirm(self, question: str) -> bool:
+        self.asked.append(str(question))
+        return not str(question).startswith(self.until)
+
+    def measured(self, question: str, expected: float, unit: str) -> float | None:
+        return expected
+
+    def show_remark(self, message: Any) -> None:
+        self.remarks.append(str(message))
+
+
+def begun(folder: Path, axis: Axis, before: str = "listen", until: str = "Small", **facts: float) -> Commissioned:
+    """Run the steps from one on, with the facts of those before it, until a question that gets a no."""
+    steps = list(module.STEPS)[: list(module.STEPS).index(before)]
+    done = []
+    for number, name in enumerate(steps, start=1):
+        place = folder / f"{number}_{name}"
+        files = [str(path.relative_to(folder)) for path in sorted(place.rglob("*")) if path.is_file()]
+        done.append(Step(name, "stated", {**FACTS, **facts}, digests(folder, files)))
+    if done:
+        folder.mkdir(exist_ok=True)
+        write_record(folder, axis.text(), {}, done, {})
+    return fd.commission(axis, out=folder, progress=Person(until))
+
+
+def speed(profile: Profile) -> float:
+    return float(np.max(np.abs(profile.velocity)))
+
+
+# the small move
+
+
+def test_the_small_move_begins_with_a_tenth_of_the_force_and_doubles_it_twice(tmp_path: Path) -> None:
+    axis = Axis(blocked=3)
+    result = begun(tmp_path / "out", axis, until="Friction")
+    assert result.refusal == "the small move ended early: it stands"
+    assert [limits.force for _, limits in axis.of("small move")] == pytest.approx([100.0, 200.0, 400.0], rel=0.01)
+    axis = Axis(blocked=2)
+    begun(tmp_path / "other", axis, until="Friction")
+    forces = [limits.force for _, limits in axis.of("small move")]
+    assert forces[:3] == pytest.approx([100.0, 200.0, 400.0], rel=0.01)
+
+
+@pytest.mark.parametrize(("travel", "moved"), [(0.1, 0.01), (0.05, 0.005), (1.0, 0.01)])
+def test_it_is_a_tenth_of_the_travel_and_at_most_10_mm(tmp_path: Path, travel: float, moved: float) -> None:
+    axis = Axis(limits=replace(LIMITS, travel=travel))
+    begun(tmp_path / "out", axis, until="Friction")
+    first, _ = axis.of("small move")[0]
+    assert first.set_position[-1] == pytest.approx(moved)
+
+
+def test_an_axis_that_turns_moves_by_at_most_a_fifth_of_a_radian(tmp_path: Path) -> None:
+    axis = Axis(limits=replace(LIMITS, travel=20.0), rotary=True)
+    begun(tmp_path / "out", axis, until="Friction")
+    assert axis.of("small move")[0][0].set_position[-1] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    ("lag", "expected"),
+    [
+        # 0.4 of 2 mm of following error, over the lag
+        (0.02, 0.04),
+        # of a drive that feeds forward at least 1 ms is counted, with which the fifth of the velocity is the bound
+        (0.0, 0.1),
+    ],
+)
+def test_a_push_slides_as_fast_as_the_following_error_allows(tmp_path: Path, lag: float, expected: float) -> None:
+    axis = Axis(limits=replace(LIMITS, travel=2.0), lag=lag)
+    begun(tmp_path / "out", axis, until="Friction")
+    profile, _ = axis.of("push")[0]
+    assert speed(profile) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_drive_with_feedforward_is_taken_to_be_late_by_a_millisecond(tmp_path: Path) -> None:
+    axis = Axis(limits=replace(LIMITS, travel=5.0, velocity=5.0, quick_stop_deceleration=20.0), lag=1e-4)
+    begun(tmp_path / "out", axis, until="Friction")
+    # 0.4 of 2 mm in 1 ms
+    assert speed(axis.of("push")[0][0]) == pytest.approx(0.8, rel=0.02)
+
+
+def test_a_push_needs_six_tenths_of_the_travel(tmp_path: Path) -> None:
+    axis = Axis(limits=replace(LIMITS, travel=0.05), lag=1e-3)
+    begun(tmp_path / "out", axis, until="Friction")
+    profile, _ = axis.of("push")[0]
+    # at a lower speed than that of the rule, and a little less for the shorter ramp
+    assert 0.8 * 0.6 * 0.05 < profile.set_position[-1] <= 0.6 * 0.05
+
+
+# strokes
+
+
+def none(*_: Any, **__: Any) -> Any:
+    raise ParameterError("no excitation within the limits")
+
+
+def strokes(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, error: float = 1.0, **limits: float
+) -> tuple[Axis, Commissioned]:
+    """Strokes from the facts that are stated, which give 120 kg with an error; nothing comes after them."""
+    rigid = SimpleNamespace(estimates=())
+    mass, delay = SimpleNamespace(value=120.0, error=error), SimpleNamespace(dead_time=1.0)
+    found = SimpleNamespace(result=SimpleNamespace(rigid=rigid, mass=mass, delay=delay), verdict="")
+    monkeypatch.setattr(module, "identify", SimpleNamespace(run=lambda *_: found))
+    monkeypatch.setattr(module, "design_excitation", none)
+    axis = Axis(limits=replace(LIMITS, **limits))
+    return axis, begun(folder, axis, "start_law", until="Responses")
+
+
+def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05)
+    series = [profile for profile, _ in axis.of("strokes")]
+    reached = [float(np.max(profile.set_position)) for profile in series]
+    assert reached[0] == pytest.approx(0.25 * 0.6 * 0.1)
+    assert reached[-1] == pytest.approx(0.6 * 0.1)
+    # half of the free force on 100 kg: 4.8 m/s2 and not more than the quick stop; three ramps within the travel
+    fastest = (2.0 * 0.06 / 3.0) ** 0.5
+    assert speed(series[-1]) == pytest.approx(fastest, rel=0.01)
+    assert speed(series[0]) == pytest.approx(0.1 * fastest, rel=0.01)
+
+
+def test_strokes_use_half_of_the_force_that_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05, force=200.0, quick_stop_deceleration=2.0)
+    series = [profile for profile, _ in axis.of("strokes")]
+    acceleration = float(np.max(np.abs(np.diff(series[-1].set_position, 2)))) / T**2
+    assert acceleration == pytest.approx(0.5 * (200.0 - 40.0) / 100.0, rel=0.01)
+
+
+def test_strokes_leave_a_part_of_the_velocity_for_overshoot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05, velocity=0.1)
+    assert speed(axis.of("strokes")[-1][0]) == pytest.approx(module.FAST * 0.1, rel=0.01)
+
+
+def test_a_start_law_bears_two_milliseconds_that_nobody_knows_beside_two_cycles(tmp_path: Path) -> None:
+    begun(tmp_path / "out", Axis(), "start_law", until="Friction")
+    loop = read_machine(tmp_path / "out" / "3_start_law" / "machine.toml").loop("x")
+    assert float(loop.axis.actuator.dead_time) == pytest.approx(2e-3 + 2.0 * T)
+
+
+@pytest.mark.parametrize(("error", "taken"), [(9.0, 120.0), (15.0, 100.0)])
+def test_a_mass_by_strokes_is_taken_if_it_is_known_to_a_tenth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: float, taken: float
+) -> None:
+    """The strokes give 120 kg, where the push gave 100 kg."""
+    _, result = strokes(monkeypatch, tmp_path / "out", error)
+    assert result["friction_and_mass"].figures["mass"] == taken
+
+
+# the excitation
+
+
+def standing(monkeypatch: pytest.MonkeyPatch, factor: Callable[[float], float]) -> list[Any]:
+    """Put excitations in place of designed ones that stand out of the noise by a factor of their highest line; there is
+    none for 0.  Returns the list of the options that are asked for.
+    """
+    asked = list[Any]()
+
+    def design(loop: Any, **options: Any) -> Any:
+        asked.append(SimpleNamespace(**options))
+        low, top = options["band"]
+        if not factor(top):
+            none()
+        # two lines over four samples in all: a line moves 100 kg by a / (m w^2), and its noise is that of the reading
+        noise = np.hypot(FACTS["noise"], 1e-8 / 3.5)
+        amplitude = factor(top) * noise * 100.0 * (2.0 * np.pi * top) ** 2
+        return SimpleNamespace(
+            drawings=(1,), periods=1, period=4, crest=1.0, lines=np.arange(2), frequency=[low, top], amplitude=amplitude
+        )
+
+    def written(*_: Any) -> None:
+        raise ParameterError("it would be written")
+
+    monkeypatch.setattr(module, "design_excitation", design)
+    monkeypatch.setattr(module, "excitation_report", lambda *_: None)
+    monkeypatch.setattr(module, "write_excitation", written)
+    return asked
+
+
+def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, dead_time: float) -> list[Any]:
+    """The options of each excitation that is asked for, where there is none."""
+    asked = standing(monkeypatch, lambda _: 0.0)
+    result = begun(folder, Axis(), "excitation", until="Responses", dead_time=dead_time)
+    assert "stands out of the noise" in result.refusal
+    return asked
+
+
+def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = not_designed(monkeypatch, tmp_path / "out", 0.0)
+    # lines up to 0.4 of a rate of 1 kHz, and from a fiftieth of that
+    assert asked[0].band == pytest.approx((8.0, 400.0))
+    assert {each.realisations for each in asked} == {8}
+    # of 960 N above friction
+    assert asked[0].amplitude == pytest.approx(0.5 * 960.0)
+    assert asked[0].travel == pytest.approx(0.6 * 0.1)
+
+
+def test_dead_time_and_the_rate_of_the_bus_end_the_band(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = not_designed(monkeypatch, tmp_path / "out", 3e-3)
+    # 0.4 over 3 ms and a sample
+    assert asked[0].band == pytest.approx((3.0, 100.0))
+
+
+@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {400.0}), (4.5, {400.0, 280.0})])
+def test_the_highest_line_is_five_times_its_noise_or_the_band_ends_lower(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands_out: float, tops: set[float]
+) -> None:
+    asked = standing(monkeypatch, lambda top: stands_out if top > 300.0 else 5.5)
+    result = begun(tmp_path / "out", Axis(), "excitation", until="Responses", dead_time=0.0)
+    assert result.refusal == "it would be written"
+    assert {round(each.band[1], 6) for each in asked} == tops
+
+
+# what is tried of a model, a tuning and a start law
+
+
+BAD = SimpleNamespace(judgment=SimpleNamespace(bad=True), files={}, verdict="", notes=(), failure="not good")
+
+
+def prepared(folder: Path) -> None:
+    """Files of the steps that fit and tune: a start law, and a response with lines from 4 to 200 Hz."""
+    begun(folder, Axis(), "start_law", until="Friction")
+    text = (folder / "3_start_law" / "machine.toml").read_text()
+    for place in ("5_excitation", "7_model"):
+        (folder / place).mkdir()
+        (folder / place / "machine.toml").write_text(text)
+    (folder / "6_responses" / "responses").mkdir(parents=True)
+    lines = np.linspace(4.0, 200.0, 50)
+    response = FRF(lines, -1.0 / (100.0 * (2.0 * np.pi * lines) ** 2), "commanded", "reading_load", "m/N", T)
+    write_frf(folder / "6_responses" / "responses" / "frf.csv", response)
+
+
+def test_a_model_is_fitted_to_all_of_the_band_to_half_and_to_a_quarter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    bands = list[str]()
+
+    def fitted(request: Any, _: Progress) -> Any:
+        bands.append(request.band)
+        return BAD
+
+    monkeypatch.setattr(module, "identify", SimpleNamespace(run=fitted))
+    result = begun(tmp_path / "out", Axis(), "model")
+    assert result.refusal.startswith("model:")
+    # with the encoder at the motor and at the load
+    assert bands == [band for top in (200, 100, 50) for band in 2 * [f"4..{top}"]]
+
+
+def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_law_is_slowed_down(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    tuned, gains = list[tuple[str, float | None]](), list[float]()
+
+    def not_tuned(request: Any, _: Progress) -> Any:
+        tuned.append((request.source.name, request.max_ms))
+        return BAD
+
+    def not_certified(request: Any, _: Progress) -> Any:
+        law: Any = read_machine(request.source).loop("x").control.law
+        gains.append(float(law.Kv))
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=not_tuned))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    result = begun(tmp_path / "out", Axis(), "tune")
+    assert result.refusal == "tuning: its margin is used up"
+    assert tuned == [("frf.csv", 2.0), ("machine.toml", 2.0), ("machine.toml", 1.6), ("machine.toml", 1.3)]
+    # each within the model, and within a fit of the responses; the rule gives 1/4 of 0.25 over 5 ms of dead time,
+    # and two steps of 15 % less for Ms
+    assert gains[::2] == pytest.approx(0.85**2 * 12.5 * np.array([1.0, 0.6, 0.36, 0.2]), rel=1e-4)
+
+
+# the trial
+
+
+def tried(folder: Path, **axis: Any) -> tuple[Axis, Commissioned]:
+    """A trial of the start law, which is there as if it had been tuned, on the axis that follows as it likes."""
+    prepared(folder)
+    (folder / "8_tune").mkdir()
+    text = (folder / "3_start_law" / "machine.toml").read_text()
+    (folder / "8_tune" / "machine.toml").write_text(text)
+    paper = Axis(limits=replace(LIMITS, following_error=0.02), **axis)
+    return paper, begun(folder, paper, "trial", until="Keep")
+
+
+def test_a_new_control_first_moves_a_fifth_as_far_and_as_fast(tmp_path: Path) -> None:
+    axis, result = tried(tmp_path / "out")
+    names = [profile.name for profile, _ in axis.played]
+    assert names[:3] == ["gentle trial", "trial", "trial with a force"]
+    gentle, alone = (profile for profile, _ in axis.played[:2])
+    assert np.max(gentle.set_position) == pytest.approx(0.2 * np.max(alone.set_position))
+    assert speed(gentle) == pytest.approx(0.2 * speed(alone), rel=0.01)
+    assert result.trial is not None
+    # this axis follows a hundred times better than any start law
+    assert not result.kept
+    assert "the trial is not as predicted" in result.refusal
+
+
+@pytest.mark.parametrize(("buzz", "oscillates"), [(8.0, False), (15.0, True)])
+def test_a_force_that_changes_from_sample_to_sample_by_a_hundredth_of_its_limit_ends_the_trial(
+    tmp_path: Path, buzz: float, oscillates: bool
+) -> None:
+    """Of 1000 N, beside three times what the move itself and its friction are predicted to change."""
+    axis, result = tried(tmp_path / "out", buzz=buzz)
+    assert ("the new control oscillates" in result.refusal) is oscillates
+    assert (len(axis.played) == 1) is oscillates
