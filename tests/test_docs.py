@@ -43,7 +43,10 @@ def with_python() -> list[Path]:
     return [page for page in PAGES if any(blocks(page, "python"))]
 
 
-LONG = [ROOT / "docs" / name for name in ("tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md")]
+LONG = [
+    ROOT / "docs" / name
+    for name in ("commission.md", "tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md")
+]
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def _figures(commissioned: Commissioned) -> tuple[Table | Remarks, ...]:
         return ()
     remarks = ["Both are found from the logs by the same function; that of the prediction is simulated."]
     if trial.before is None:
-        remarks.append("The control before was not measured: it cannot follow the trial within the limits.")
+        remarks.append("The control before was not measured: it could not run this motion within the limits.")
     return trial.table(), Remarks(remarks, "How they are found", warns=False)
 
 
