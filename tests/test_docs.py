@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
+from hal_programs import missing
 from slow_share import all_but
 
 ROOT = Path(__file__).parent.parent
@@ -45,7 +46,7 @@ def with_python() -> list[Path]:
 
 LONG = [
     ROOT / "docs" / name
-    for name in ("commission.md", "tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md")
+    for name in ("commission.md", "tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md", "linuxcnc.md")
 ]
 
 
@@ -54,13 +55,15 @@ LONG = [
     all_but(
         [page for page in with_python() if page not in LONG],
         with_python(),
-        "searches of the tuner, compiled FMUs, a sweep",
+        "searches of the tuner, compiled FMUs, a sweep, a session of HAL",
     ),
     ids=shown,
 )
 def test_python_of_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     if COMPILER is None and any("fd.verify(" in code or '"fmu' in code for code in blocks(page, "python")):
         pytest.skip("NOT TESTED: the page needs a compiler: apt-get install gcc libc6-dev")
+    if missing() and any("linuxcnc_axis" in code for code in blocks(page, "python")):
+        pytest.skip(missing())
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     names = namespace(f"page_{page.stem}", monkeypatch)

@@ -239,6 +239,26 @@ def test_a_horizontal_axis_begins_with_no_force() -> None:
     assert np.max(np.abs(log["commanded"])) < SCALING.newton
 
 
+def test_a_drive_without_csp_begins_without_the_force_that_holds() -> None:
+    bench = Bench(bench_loop())
+    bench.firmware.values["supported_modes"] = 1 << 9
+    played = bench.play(move(), OURS)
+    assert played.aborted is None
+    assert any("has no csp" in remark for remark in played.remarks)
+
+
+def test_a_person_ends_the_hold_before_a_control_takes_over() -> None:
+    bench = Bench(bench_loop())
+    sent = Sent(bench.firmware)
+    progress = Progress()
+    progress.cancel()
+    played = bench.play(move(), OURS, progress=progress)
+    assert played.aborted is not None
+    assert "stopped by hand" in played.aborted
+    assert sum(mode == 8 and state is PowerState.ENABLED for mode, _, state in sent.frames) < 20
+    assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+
+
 def test_a_vertical_axis_falls_without_the_force_that_holds_it() -> None:
     bench = Bench(hanging(), brake=Brake(0.1, 0.1))
     with DriveClient(bench.transport(), drive("ethercat", mode="cst", limits=WIDE), paced=False) as client:

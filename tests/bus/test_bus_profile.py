@@ -121,7 +121,7 @@ def test_garbage_is_collected_again_after_the_motion() -> None:
     assert gc.isenabled()
 
 
-def test_a_plan_ends_at_its_end_on_a_slower_bus_and_turns_no_drive(tmp_path: Path) -> None:
+def test_a_plan_ends_at_its_end_on_a_slower_bus_and_turns_what_turns(tmp_path: Path) -> None:
     """2,002 rows a ms apart, of which a bus of 4 ms takes 501: the last one stood 1 ms before the end, 10 nm away."""
     s = np.linspace(0.0, 1.0, ROWS + 1)
     place = 0.02 * s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
@@ -132,5 +132,10 @@ def test_a_plan_ends_at_its_end_on_a_slower_bus_and_turns_no_drive(tmp_path: Pat
     (found,) = read_plan_profiles(tmp_path / "m.csv", {"x": drive("ethercat", cycle_time=4e-3)})
     assert len(found.set_position) == 502
     assert found.set_position[-1] == place[-1]
-    with pytest.raises(ParameterError, match=r"axis x turns, and drive files scale lengths only"):
+    turning = drive("ethercat", cycle_time=4e-3, rotary=True)
+    (found,) = read_plan_profiles(tmp_path / "rad.csv", {"x": turning})
+    assert found.set_position[-1] == place[-1]
+    with pytest.raises(ParameterError, match=r"axis x turns, and its drive file says otherwise: write rotary = true"):
         read_plan_profiles(tmp_path / "rad.csv", {"x": drive("ethercat", cycle_time=4e-3)})
+    with pytest.raises(ParameterError, match=r"axis x does not turn, .* leave out rotary = true"):
+        read_plan_profiles(tmp_path / "m.csv", {"x": turning})

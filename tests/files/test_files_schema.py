@@ -21,6 +21,7 @@ from feeddrive.benchmark.rules import Rules, folder
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Load, Reference
 from feeddrive.bus.drive_file import read_drive
+from feeddrive.export.linuxcnc_file import read_linuxcnc_file
 from feeddrive.files import machine
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import planned_limits, read_machine
@@ -45,6 +46,7 @@ READERS: Mapping[str, Callable[[Path], Any]] = {
     "study": read_study,
     "channels": read_request,
     "drive": read_drive,
+    "linuxcnc": read_linuxcnc_file,
     "limits": lambda path: planned_limits(None, path),
     "rules": lambda path: read_section(Rules, read_toml(path).root()),
 }
@@ -174,6 +176,44 @@ breakaway_force = 20
 acceleration = 8
 energy = 1.8
 """
+LINUXCNC = """axis = "x"
+hal = "axis.hal"
+ini = "axis.ini"
+thread = "servo-thread"
+period_us = 1000
+units_per_m = 1000
+force_per_output = 95
+increment_um = 0.5
+set_position = "pid.x.command"
+set_velocity = "pid.x.command-deriv"
+set_acceleration = "sum.in0"
+position = "card.encoder.0.position"
+motor_position = "card.encoder.1.position"
+output = "pid.x.output"
+command = "card.pwm.0.value"
+force = "plant.force"
+control_enable = "pid.x.enable pid.v.enable"
+drive_enable = "card.pwm.0.enable"
+drive_fault = "card.in.3"
+stop = "card.in.4"
+brake = "card.out.2"
+brake_time_ms = 80
+held = "plant.held"
+first = "pid.x.do-pid-calcs"
+write = "card.write"
+late_ms = 5
+position_pid = "pid.x"
+velocity_pid = "pid.v"
+forward = "sum"
+trial = "gains"
+simulated = true
+components = "plant.comp"
+[limits]
+travel_mm = 100
+velocity = 0.2
+force = 500
+following_error_mm = 1
+"""
 LIMITS = """[axis.x.limits]
 velocity_mm_per_s = 500
 acceleration = 5
@@ -216,6 +256,7 @@ SAMPLES = [
     Sample("study", "forms", FORMS),
     Sample("channels", "channels", CHANNELS),
     Sample("drive", "drive", DRIVE),
+    Sample("linuxcnc", "linuxcnc", LINUXCNC),
     Sample("limits", "limits", LIMITS),
     Sample("machine", "made_from", f"{MACHINES[0].read_text(encoding='utf-8')}\n{MADE_FROM}"),
     sample("rules", RULES),
@@ -391,6 +432,12 @@ OTHERS = [
     ("drive", "force = 500", ""),
     ("drive", "lead_mm", "laed_mm"),
     ("drive", "station = 3", "station = 70000"),
+    ("linuxcnc", 'hal = "axis.hal"\n', ""),
+    ("linuxcnc", 'trial = "gains"', 'trial = "gain"'),
+    ("linuxcnc", "period_us = 1000", "period_us = 0"),
+    ("linuxcnc", 'output = "pid.x.output"', 'output = ""'),
+    ("linuxcnc", "simulated = true", "simulated = 1"),
+    ("linuxcnc", "late_ms", "lated_ms"),
     ("limits", "jerk = 100\n", ""),
     ("limits", "travel_least", "travel_lest"),
     ("limits", "[axis.c.limits]", "[axis.c.limit]"),
@@ -414,6 +461,7 @@ def test_what_the_readers_of_other_files_refuse_their_schemas_refuse(
         "study": FORMS,
         "channels": CHANNELS,
         "drive": DRIVE,
+        "linuxcnc": LINUXCNC,
         "limits": LIMITS,
         "rules": RULES.read_text(encoding="utf-8"),
     }[kind]
@@ -458,7 +506,7 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, one: Sample, se
     known = sorted(sections(), key=lambda section: section.__qualname__)
     refused = 0
     counts = {"mill": 150, "circle_diamond_square": 12, "circle": 12, "slot": 12}
-    counts |= {"forms": 120, "channels": 300, "drive": 600, "limits": 300}
+    counts |= {"forms": 120, "channels": 300, "drive": 600, "linuxcnc": 300, "limits": 300}
     for number in range(counts.get(one.name, 60)):
         content = tomllib.loads(one.text)
         table = draw.choice(tables(content))

@@ -11,6 +11,7 @@ from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from feeddrive.blocks.families import Feedforward, Filter
 from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
@@ -24,6 +25,7 @@ from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scalin
 from feeddrive.files.log import Log
 from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language import units
+from feeddrive.language.block import Block
 from feeddrive.language.errors import BusError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -87,6 +89,11 @@ class LiveAxis(Protocol):
     @property
     def rotary(self) -> bool:
         """True for an axis that turns: lengths are angles in rad, forces torques in N m."""
+        ...
+
+    @property
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: feedforward and filters, some kinds of them, or nothing."""
         ...
 
     def limited(self, limits: BusLimits) -> LiveAxis:
@@ -185,6 +192,11 @@ class BusAxis:
             with self._opened():
                 pass
         return bool(self._virtual)
+
+    @property
+    def takes(self) -> tuple[type[Block], ...]:
+        """What a control on trial may have beside its law: nothing, if only its gains go into the drive."""
+        return () if self.file.gains else (Feedforward, Filter)
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""

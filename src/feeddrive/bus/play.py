@@ -621,6 +621,7 @@ def _switch_on(
             client.ask_torque(0.0)
             client.enable()
         else:
+            client.held = 0.0
             client.enable()
     brakes = max(float(client.drive.brake_time) for client in clients)
     if not weighed:

@@ -43,6 +43,9 @@ class Sample(NamedTuple):
     trip: float
 
 
+_LEAST_FORCE = 1e-9  # N: a force limit is above 0
+
+
 class DrivenAxis:
     """A plant with its controller, simulated step by step by the same native code as in `simulate`.
 
@@ -71,6 +74,9 @@ class DrivenAxis:
                     self._velocity[row] = value
         # the whole force has its sign, that of the integral as well
         self._gains = [row for row, (name, _) in enumerate(self._closed.plan.constants) if name == "control.law.Kp"]
+        self._limits = [
+            row for row, (name, _) in enumerate(self._closed.plan.constants) if name == "control.force_limit"
+        ]
         self._tables = prepared.rows(self._closed), prepared.rows(self._open)
         motor, load = loop.axis.still(position)
         self.last = Sample(float(load), float(motor), 0.0, 0.0)
@@ -126,17 +132,24 @@ class DrivenAxis:
         enable: bool,
         alone: bool = False,
         sign: float = 1.0,
+        most: float = math.inf,
     ) -> Sample:
         """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the force limit.
 
         With `alone` only the velocity loop runs.  Without `enable` no force acts.  With `sign` = -1 every force acts
-        the other way.
+        the other way.  The force, with what is added, stays within `most` (N), where the control has a force limit.
         """
         values = {"set_position": position, "set_velocity": velocity, "added_force": sign * added_force * enable}
         constants = self._velocity if alone else self._constants
         if sign < 0.0:
             constants = constants.copy()
             constants[self._gains] *= sign
+        if most < math.inf and self._limits:
+            # the added force comes after the limit: what it takes is no more there for the control
+            constants = constants.copy()
+            least = np.maximum(_LEAST_FORCE, most - abs(added_force))
+            constants[self._limits] = np.minimum(constants[self._limits], least)
+            values["added_force"] = max(-most, min(most, values["added_force"]))
         return self._run(self._closed, constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:
@@ -672,7 +685,8 @@ class Firmware:
         """Run one bus cycle in closed loop; return the error code, 0 if the guard does not trip."""
         before = self.axis.last.position
         sign = self.faults.sign
-        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone, sign)
+        most = self.values["max_torque"] * self.scaling.newton
+        last = self.axis.follow(line, np.broadcast_to(velocity, line.size), added, enable, alone, sign, most)
         speed = (last.position - before) / self.cycle_time
         if not math.isfinite(last.position) or not math.isfinite(last.force):
             return 0x7305 if not math.isfinite(last.position) else 0xFF01

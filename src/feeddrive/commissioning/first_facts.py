@@ -18,6 +18,7 @@ from feeddrive.language.text import Text
 
 _FOLLOWS = 0.5  # of the set travel, that the reading makes at least
 _EVEN = 0.9  # of the largest set speed: rows of even motion
+_MOST = 0.999  # of the rows of even motion: a single reading may be noise
 SCATTER = 0.5  # of the mass, that its lines may scatter: the start law bears 20 % of the mean, of nine lines
 RULER, PROTRACTOR = 2e-4, 2e-3  # m and rad that a person reads off, with a tenth of a mm and of a degree
 _READ = 5e-3  # share of a distance that is read besides
@@ -30,12 +31,14 @@ class SmallMove:
 
     holding   mean of the forces of both directions, N: the weight of a vertical axis; at rest friction may hold it
     friction  half the difference of the forces of both directions, N; negative if forces count against positions
+    resistance  largest force of the slow move, N: weight, friction and cogging together
     lag       following error over speed, s: the inverse of the position gain without feedforward
     noise     RMS of the reading at rest, m
     """
 
     holding: float
     friction: float
+    resistance: float
     lag: float
     noise: float
 
@@ -62,6 +65,7 @@ def small_move(log: Log) -> SmallMove:
     return SmallMove(
         holding=0.5 * float(np.median(log["force"][forth]) + np.median(log["force"][back])),
         friction=0.5 * float(np.median(log["force"][forth]) - np.median(log["force"][back])),
+        resistance=float(np.quantile(np.abs(log["force"][forth | back]), _MOST)),
         lag=max(0.0, 0.5 * float(np.median(error[forth]) - np.median(error[back])) / float(np.max(speed))),
         noise=float(np.std(reading[rest])),
     )

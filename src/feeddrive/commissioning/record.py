@@ -195,7 +195,8 @@ def remove_stale(folder: Path, names: Sequence[str]) -> None:
     root = folder.resolve()
     for name in names:
         path = root / name
-        if not path.resolve().is_relative_to(root):
+        # a name out of a damaged record may lead out of the folder, or be one
+        if not path.resolve().is_relative_to(root) or path.is_dir():
             continue
         path.unlink(missing_ok=True)
         for parent in path.parents:

@@ -65,6 +65,22 @@ def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
     )
 
 
+def filled(log: Log) -> Log:
+    """Return a log whose readings of lost frames lie on straight lines between their neighbors, not at the last one."""
+    if "lost" not in log.channels:
+        return log
+    there = log["lost"] == 0.0
+    rows = np.arange(len(log))
+    channels = {
+        name: np.interp(rows, rows[there], values[there]) if name in _READ and np.any(there) else values
+        for name, values in log.channels.items()
+    }
+    return replace(log, channels=channels)
+
+
+_READ = ("reading_load", "reading_motor", "velocity_load", "force")  # columns that a frame carries back
+
+
 def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
     """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
     axis = loop.axis
@@ -80,7 +96,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
         seed=seed,
-        record=["set_position", "reading_load", "force", "velocity_load"],
+        record=["set_position", "reading_load", "force", "velocity_load", "velocity_motor"],
         name=played.name,
     )
     rows = slice(0, played.set_position.size)
@@ -89,6 +105,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         "set_position": run["set_position"][rows],
         "reading_load": run["reading_load"][rows],
         "velocity_load": run["velocity_load"][rows],
+        "velocity_motor": run["velocity_motor"][rows],
         "force": force,
         "commanded": force + played.excitation[: force.size],
         "excitation": played.excitation[: force.size],
@@ -97,6 +114,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         "set_position": "m",
         "reading_load": "m",
         "velocity_load": "m/s",
+        "velocity_motor": "m/s",
         "force": "N",
         "commanded": "N",
         "excitation": "N",
@@ -106,7 +124,7 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
 
 def _counted(sensor: object, increment: float, noise: float) -> Encoder:
     base = sensor if isinstance(sensor, Encoder) else Encoder()
-    return replace(base, resolution=increment, noise=noise or None)
+    return replace(base, resolution=increment or None, noise=noise or None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -126,6 +144,12 @@ class Trial(Result):
     def agrees(self) -> bool:
         """True if following error (RMS) and stiffness lie within 10 % of their predictions."""
         return all(abs(self.ratio(name) - 1.0) <= AGREED for name in ("following_rms", "stiffness"))
+
+    @property
+    def is_worse(self) -> bool:
+        """True if the control before has both the smaller following error and the larger stiffness."""
+        before, now = self.before, self.measured
+        return before is not None and (before.following_rms < now.following_rms and before.stiffness > now.stiffness)
 
     def table(self) -> Table:
         """Return a table of the figures: predicted, measured, their ratio, and before."""

@@ -5,6 +5,8 @@ from feeddrive.language.lazy_package import make_lazy
 make_lazy(
     __name__,
     {
+        "linuxcnc_axis": "LinuxcncAxis simulated_linuxcnc_axis",
+        "linuxcnc_file": "read_linuxcnc_file",
         "targets": "write_export",
         "verify": "Verified verify_export",
     },

@@ -216,6 +216,7 @@ def plant_comp(routine: Routine, title: str, made_by: str) -> str:
         if quantity(v.path) in _PLANT_INPUTS
     ]
     pins += [pin(plant_pin(v.path), "float", "out", _OUTPUTS[quantity(v.path)][1]) for v in routine.outputs]
+    pins.append(pin("held", "bit", "in", "while on, time stands still: as a brake would hold the axis"))
     own = {Item("units-per-m", "float", "rw", "length units of the machine in a metre; read at the first call"): 1000.0}
     for port in ports(routine):
         said = "where the axis stands at first, mm; read at the first call"

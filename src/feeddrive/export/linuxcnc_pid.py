@@ -473,24 +473,32 @@ def ini_fragment(cascade: Cascade, law: LinuxcncPid, joint: int, head: Sequence[
     return "\n".join(lines) + "\n"
 
 
-def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head: Sequence[str]) -> str:
-    """Return the .hal fragment of an axis: components, wiring and settings, without the pins of the drive."""
+def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int | None, head: Sequence[str]) -> str:
+    """Return the .hal fragment of an axis: components, wiring and settings, without the pins of the drive.
+
+    Without a joint (None) the signals of its pins have no source, and the settings are those of `[JOINT_0]`.
+    """
+    of_joint = "" if joint is None else f"joint.{joint}."
+
+    def planner(pin: str) -> str:
+        return of_joint and f"{of_joint}{pin} "
+
     two, encoders = law.velocity is not None, cascade.loop.axis.encoders()
     pids = [f"{name}.position", *[f"{name}.velocity"] * two]
     motor = cascade.loop.axis.actuator.motor
     unit = "N" if motor is None else motor.unit
     last = pids[-1]
     wires = [
-        f"net {name}-enable  joint.{joint}.amp-enable-out => {' '.join(f'{pid}.enable' for pid in pids)}",
-        f"net {name}-set     joint.{joint}.motor-pos-cmd => {name}.position.command",
-        f"net {name}-set-v   joint.{joint}.vel-cmd => {name}.forward.in1",
-        f"net {name}-set-a   joint.{joint}.acc-cmd => {name}.forward.in0",
+        f"net {name}-enable  {planner('amp-enable-out')}=> {' '.join(f'{pid}.enable' for pid in pids)}",
+        f"net {name}-set     {planner('motor-pos-cmd')}=> {name}.position.command",
+        f"net {name}-set-v   {planner('vel-cmd')}=> {name}.forward.in1",
+        f"net {name}-set-a   {planner('acc-cmd')}=> {name}.forward.in0",
         f"net {name}-forward {name}.forward.out => {last}.bias",
-        f"net {name}-load    joint.{joint}.motor-pos-fb => {name}.position.feedback",
+        f"net {name}-load    {planner('motor-pos-fb')}=> {name}.position.feedback",
         f"net {name}-{'motor' if encoders == 2 else 'load'}   => {name}.speed.in" if two else "",
         f"net {name}-speed   {name}.speed.out => {name}.velocity.feedback" if two else "",
         f"net {name}-wanted  {name}.position.output => {name}.velocity.command" if two else "",
-        f"net {name}-index   joint.{joint}.index-enable => {name}.position.index-enable",
+        f"net {name}-index   {planner('index-enable')}=> {name}.position.index-enable" if of_joint else "",
         *_filter_wires(law, name, last),
     ]
     filters = [f"{name}.filter{i}" for i in range(len(law.filters))]
@@ -521,11 +529,11 @@ def hal_fragment(cascade: Cascade, law: LinuxcncPid, name: str, joint: int, head
         f"#   {name}-load     is written by the encoder {'at the table' if encoders == 2 else 'of the axis'}",
         *([f"#   {name}-motor    is written by the motor's encoder, scaled to travel of the table"] * (encoders == 2)),
         f"#   {name}-output   goes to the drive, in {unit}",
-        f"#   joint.{joint}.amp-fault-in   is written by the drive's fault, so that it disables the pids",
-        f"#   joint.{joint}.index-enable   goes to the encoder too, if it has an index",
+        f"#   {of_joint}amp-fault-in   is written by the drive's fault, so that it disables the pids",
+        f"#   {of_joint}index-enable   goes to the encoder too, if it has an index",
         f"net {name}-output  {end}",
         "",
-        *_settings(law, name, joint),
+        *_settings(law, name, joint or 0),
     ]
     return "\n".join(lines) + "\n"
 

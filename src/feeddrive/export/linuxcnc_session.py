@@ -5,19 +5,24 @@ killed real-time process leaves remnants.  A session therefore has separate IPC,
 A running LinuxCNC and its installation are not affected.  Unprivileged use requires a kernel with user namespaces.
 """
 
+import contextlib
+import json
 import os
+import queue
 import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from feeddrive.export.design import Answers, Design, Trial
-from feeddrive.export.linuxcnc import hal, input_pin, servo_period
+from feeddrive.export.linuxcnc import hal, input_pin, servo_period, text
 from feeddrive.language.errors import FeeddriveError, MissingProgramError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.loop import quantity
@@ -82,16 +87,7 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     Raises MissingProgramError if LinuxCNC is not installed, and HalError if the session cannot be isolated, fails or
     times out.
     """
-    check_session()
-    for component in components:
-        for file in component.parent.iterdir():
-            if file.suffix in (".comp", ".h") and file.parent != folder:
-                shutil.copy(file, folder / file.name)
-    names = " ".join(component.name for component in components)
-    user = _NOBODY if os.geteuid() == 0 else _USER
-    script = folder / "session.sh"
-    script.write_text(_SESSION.format(modules=MODULES, components=names, user=user), encoding="utf-8")
-    (folder / "run.sh").write_text(f"{run}\n", encoding="utf-8")
+    script = _written(folder, components, run)
     status, printed = _ran(script, patience)
     for _ in range(_AGAIN):
         if status != 0 and _LATE in printed:
@@ -99,6 +95,22 @@ def session(folder: Path, components: Sequence[Path], run: str, patience: float 
     if status == 0:
         return printed
     raise HalError(f"LinuxCNC failed with status {status}; it said:\n{printed[-3000:]}")
+
+
+def _written(folder: Path, components: Sequence[Path], run: str) -> Path:
+    """Write the script of a session into its folder, with the components, and return its path."""
+    check_session()
+    for component in components:
+        for file in component.parent.iterdir():
+            if file.suffix in (".comp", ".h") and file.parent != folder:
+                # with its time: what was compiled from it in an earlier session of this folder is still good
+                shutil.copy2(file, folder / file.name)
+    names = " ".join(component.name for component in components)
+    user = _NOBODY if os.geteuid() == 0 else _USER
+    script = folder / "session.sh"
+    script.write_text(_SESSION.format(modules=MODULES, components=names, user=user), encoding="utf-8")
+    (folder / "run.sh").write_text(f"{run}\n", encoding="utf-8")
+    return script
 
 
 def _ran(script: Path, patience: float) -> tuple[int, str]:
@@ -144,7 +156,11 @@ cp {modules}/*.so stock
 mount -t tmpfs -o mode=1777 feeddrive {modules}
 cp stock/*.so {modules}
 rm -r stock
-for each in {components}; do halcompile --install $each; done
+for each in {components}; do
+    made=${{each%.comp}}.so
+    [ $made -nt $each ] || halcompile --compile $each
+    cp $made {modules}
+done
 export RTAPI_FIFO_PATH={modules}/socket HOME=$PWD
 {user} bash run.sh
 """
@@ -209,7 +225,6 @@ def halrun(
     for i, piece in enumerate(pieces):
         (folder / f"in{i}.txt").write_text(_rows(samples[:, piece], types[piece]), encoding="utf-8")
     (folder / "drain.py").write_text(_DRAIN, encoding="utf-8")
-    (folder / "unpaced.c").write_text(_UNPACED, encoding="utf-8")
     lines = [
         f"loadrt threads name1=servo-thread period1={period}",
         f"loadrt streamer depth={','.join([str(len(samples) + 2)] * len(pieces))} "
@@ -226,13 +241,20 @@ def halrun(
         *at_end,
     ]
     (folder / "run.hal").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    unpaced = "gcc -shared -fPIC -O1 -o unpaced.so unpaced.c; LD_PRELOAD=$PWD/unpaced.so "
-    printed = session(folder, components, f"{'' if paced else unpaced}halrun -f run.hal", patience)
+    printed = session(folder, components, run_line(folder, paced=paced), patience)
     out = folder / "out.bin"
     rows = np.fromfile(out, dtype="<f8").reshape(-1, len(taken)) if out.exists() else np.empty((0, len(taken)))
     if len(rows) != len(samples):
         raise HalError(f"LinuxCNC's HAL gave {len(rows)} of {len(samples)} samples back; it said:\n{printed[-2000:]}")
     return HalRun(rows, printed)
+
+
+def run_line(folder: Path, *, paced: bool) -> str:
+    """Return the bash line that runs `run.hal` of the folder; without `paced` no period is waited for."""
+    if paced:
+        return "halrun -f run.hal"
+    (folder / "unpaced.c").write_text(_UNPACED, encoding="utf-8")
+    return "gcc -shared -fPIC -O1 -o unpaced.so unpaced.c; LD_PRELOAD=$PWD/unpaced.so halrun -f run.hal"
 
 
 def _rows(values: np.ndarray, types: str) -> str:
@@ -284,6 +306,166 @@ with open("out.bin", "wb") as out:
         time.sleep(0.001)
 component.exit()
 """
+
+
+class LiveSession:
+    """A HAL that stays loaded, with a program inside that does what it is asked: halcmd, and motions.
+
+    folder      a folder for intermediate files, kept as long as the session
+    components  .comp files that are installed for the session, each with its include files in the same folder
+    lines       halcmd commands that load the components, the threads, a streamer and a sampler
+    alone       True for namespaces of its own, which leave the system as it is and reach no hardware; False to run as
+                `halrun` does, with the components that are installed
+    paced       False to run without waiting for the periods, where nothing real moves
+
+    Raises MissingProgramError if LinuxCNC is not installed, and HalError if HAL does not start.
+    """
+
+    def __init__(
+        self, folder: Path, components: Sequence[Path], lines: Sequence[str], *, alone: bool, paced: bool
+    ) -> None:
+        self.folder, self.alone = folder, alone
+        (folder / "player.py").write_text(text("player.txt"), encoding="utf-8")
+        player = "loadusr -w /usr/bin/python3 player.py"
+        (folder / "run.hal").write_text("\n".join([*lines, player]) + "\n", encoding="utf-8")
+        run = run_line(folder, paced=paced)
+        if alone:
+            self._command = [*_alone(), "bash", _written(folder, components, run).name]
+        else:
+            check_programs()
+            (folder / "run.sh").write_text(f"{run}\n", encoding="utf-8")
+            self._command = ["bash", "run.sh"]
+        self._printed: list[str] = []
+        for tried in range(_AGAIN + 1):
+            self._begin()
+            try:
+                self._answer(_PATIENCE)
+            except HalError:
+                if tried == _AGAIN or not any(_LATE in line for line in self._printed):
+                    raise
+            else:
+                return
+
+    def _begin(self) -> None:
+        self._printed.clear()
+        self._program = subprocess.Popen(
+            self._command,
+            cwd=self.folder,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            # Ctrl-C is for the program that asks: it brakes the axis
+            start_new_session=True,
+        )
+        self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
+        self._listener = threading.Thread(target=self._listen, args=(self._program, self._answers), daemon=True)
+        self._listener.start()
+
+    def _listen(self, program: subprocess.Popen[str], answers: queue.Queue[dict[str, Any] | None]) -> None:
+        assert program.stdout is not None
+        for line in program.stdout:
+            if line.startswith("@@"):
+                answers.put(json.loads(line[2:]))
+            else:
+                self._printed.append(line)
+        answers.put(None)
+
+    def _answer(self, patience: float) -> dict[str, Any]:
+        """Return the next answer. Raises HalError, with what LinuxCNC said, if none comes."""
+        try:
+            answer = self._answers.get(timeout=patience)
+        except queue.Empty:
+            self.close()
+            raise HalError(
+                f"LinuxCNC did not answer within {Quantity(patience, 's'):6 SI}; it said:\n{self.printed()}"
+            ) from None
+        if answer is None:
+            self.close()
+            raise HalError(f"LinuxCNC ended; it said:\n{self.printed()}")
+        return answer
+
+    def printed(self) -> str:
+        """Return what LinuxCNC printed last, without what it prints when all is well."""
+        return "".join(line for line in self._printed if not line.startswith(_USUAL))[-3000:]
+
+    @property
+    def runs(self) -> bool:
+        """True until the session has ended."""
+        return self._program.poll() is None
+
+    def ask(self, **order: object) -> dict[str, Any]:
+        """Send an order and return its answer. Raises HalError for one that fails, and if the session has ended."""
+        self._send(order)
+        return self._checked(self._answer(_PATIENCE))
+
+    def _checked(self, answer: dict[str, Any]) -> dict[str, Any]:
+        if answer.get("status", 0) != 0:
+            raise HalError(f"LinuxCNC refused: {str(answer['printed']).strip()[-2000:]}")
+        return answer
+
+    def _send(self, order: Mapping[str, object]) -> None:
+        assert self._program.stdin is not None
+        try:
+            self._program.stdin.write(f"{json.dumps(order)}\n")
+            self._program.stdin.flush()
+        except OSError:
+            raise HalError(f"LinuxCNC ended; it said:\n{self.printed()}") from None
+
+    def halcmd(self, *lines: str) -> str:
+        """Execute halcmd commands and return what they print. Raises HalError with the message of the first failure."""
+        file = self.folder / "order.hal"
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return str(self.ask(do="run", command=["halcmd", "-s", "-f", file.name])["printed"])
+
+    def run(self, *command: str) -> str:
+        """Run a program in the session and return what it prints. Raises HalError if it fails."""
+        return str(self.ask(do="run", command=list(command))["printed"])
+
+    def play(self, stopped: Callable[[int], bool], **order: object) -> dict[str, Any]:
+        """Play a motion (see `player.txt`) and return how it ended.
+
+        stopped  called ten times a second with the number of rows that have been played; True brakes the axis
+        """
+        self._send({"do": "play", **order})
+        halted, played = False, 0
+        while True:
+            try:
+                answer = self._answers.get(timeout=0.05)
+            except queue.Empty:
+                answer = {"played": played}
+            if answer is None or "fault" in answer or "status" in answer:
+                break
+            played = int(answer["played"])
+            if stopped(played) and not halted:
+                halted = True
+                self._send({"do": "stop"})
+        if answer is None:
+            self.close()
+            raise HalError(f"LinuxCNC ended in motion; it said:\n{self.printed()}")
+        return self._checked(answer)
+
+    def close(self) -> None:
+        """End the session: HAL is unloaded, which switches the drive off."""
+        if self._program.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._program.stdin.close()
+        try:
+            self._program.wait(_ENDING)
+        except subprocess.TimeoutExpired:
+            os.killpg(self._program.pid, signal.SIGKILL)
+            self._program.wait()
+        if threading.current_thread() is not self._listener:
+            self._listener.join(_ENDING)
+        if self._program.stdout is not None:
+            self._program.stdout.close()
+
+
+_USUAL = ("Running with fallback_uid", "Note: Using POSIX", "Compiling realtime", "Linking ")
+_PATIENCE = 60.0  # s for an order to be done; compiling a component is the longest
+_ENDING = 10.0  # s for HAL to unload itself
 
 
 OUTPUTS = {

@@ -342,6 +342,10 @@ _KINDS: dict[str, tuple[Callable[[Mapping[str, Any]], bool], str]] = {
         lambda keys: isinstance(keys.get("interface"), str),
         "it has an interface, scaling and limits; `feeddrive play` and `listen` take it by --drive",
     ),
+    "an axis of LinuxCNC": (
+        lambda keys: isinstance(keys.get("hal"), str),
+        "it names a HAL file, pins, a thread and limits",
+    ),
     "roles of a log's columns": (
         lambda keys: isinstance(keys.get("log"), dict) and "machine" not in keys,
         "`feeddrive channels` writes it, and other commands take it by --channels",
@@ -353,7 +357,7 @@ _PAIR = re.compile(r"^\s*(?:\[[^,]*\]\s*(?:#.*)?$|[\w.\"'-]+\s*=)", re.MULTILINE
 def read_toml(path: str | Path, wanted: str = "", *, quoting: bool = True) -> TomlFile:
     """Read a TOML file. Raises FileError with file, line and remedy if it is missing, too large or not TOML.
 
-    wanted   "a machine file", "a job" or "a drive file": a file of another kind is refused,
+    wanted   "a machine file", "a job", "a drive file" or "an axis of LinuxCNC": a file of another kind is refused,
              and the message names its kind
     quoting  show the line in errors; False for a file that is only referenced by another file
     """

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from feeddrive.benchmark.rules import Rules
 from feeddrive.bus.drive_file import DriveFile
+from feeddrive.export.linuxcnc_file import LinuxcncFile
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.job import JobSection
 from feeddrive.files.machine import LimitsSection, MachineSection
@@ -24,6 +25,7 @@ FILES: Mapping[str, type[Section]] = {
     "study": StudySection,
     "channels": ChannelsSection,
     "drive": DriveFile,
+    "linuxcnc": LinuxcncFile,
     "limits": LimitsSection,
     "rules": Rules,
 }

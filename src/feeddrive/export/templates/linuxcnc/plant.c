@@ -20,7 +20,7 @@ ${outputs}
 
 FUNCTION(write)
 {
-    if (started) {
+    if (started && !held) {
         const ${P}_inputs given = {${inputs}};
         const uint64_t mode = ${P}_flush_begin();
         ${P}_step(&core, &given, &now);
