@@ -73,8 +73,8 @@ def _pictures(commissioned: Commissioned) -> Iterator[Picture]:
         yield Picture(
             "trial",
             "Trial of the new control",
-            "Wide: measured on the drive. Thin: predicted before. Deflection: the reading with the pulse less "
-            "that without it.",
+            "What the drive did, and what was predicted before. Deflection: the reading with a pulse of force less "
+            "that without it; the force is that with the pulse.",
             "Following error, deflection by a pulse of force, force and velocity over time, predicted and measured.",
             lambda: plot.commissioning_trial_chart(found.runs),
         )
