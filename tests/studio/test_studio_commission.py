@@ -20,7 +20,7 @@ from feeddrive.studio import jobs
 from feeddrive.studio.command import StudioRequest
 from feeddrive.studio.jobs import CANCELLED, DONE, Job, Question
 from feeddrive.studio.server import Session
-from feeddrive.workflow.commission import STEPS
+from feeddrive.workflow.commission_steps import STEPS
 
 DRIVE = """
 bus = "ethercat"

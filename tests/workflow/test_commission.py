@@ -26,7 +26,8 @@ from feeddrive.files.toml_file import parse_toml
 from feeddrive.language.errors import BusError, FileError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.workflow.commission import STEPS, CommissionRequest, commission
+from feeddrive.workflow.commission import commission
+from feeddrive.workflow.commission_steps import STEPS, CommissionRequest
 from small_axis import MACHINE
 
 LOOP = machine_of_text(MACHINE, "small.toml").loop(None)

@@ -14,7 +14,8 @@ from feeddrive.export.linuxcnc_pid import stock_law
 from feeddrive.files.machine import read_machine
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Loop
-from feeddrive.workflow.commission import CommissionRequest, commission
+from feeddrive.workflow.commission import commission
+from feeddrive.workflow.commission_steps import CommissionRequest
 from hal_programs import needs_linuxcnc
 
 

@@ -9,9 +9,11 @@ from feeddrive.bus.drive_file import BusDrive as BusDrive
 from feeddrive.bus.drive_file import BusLimits as BusLimits
 from feeddrive.bus.drive_file import DriveScaling as DriveScaling
 from feeddrive.bus.drive_file import read_drive as read_drive
+from feeddrive.bus.gantry import Gantry as Gantry
 from feeddrive.bus.live import BusAxis as BusAxis
 from feeddrive.bus.live import LiveAxis as LiveAxis
 from feeddrive.bus.live import virtual_bus_axis as virtual_bus_axis
 from feeddrive.bus.play import play_profile as play_profile
 from feeddrive.bus.play import read_profile as read_profile
 from feeddrive.bus.sampling import DriveSamples as DriveSamples
+from feeddrive.bus.virtual_gantry import virtual_gantry as virtual_gantry

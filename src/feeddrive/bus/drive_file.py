@@ -45,6 +45,12 @@ class BusLimits(Section):
     velocity: Number = parameter("m/s", "largest speed", above=0)
     force: Number = parameter("N", "largest force", above=0)
     following_error: Number = parameter("m", "largest difference of target and position", above=0)
+    skew: Number | None = parameter(
+        "m",
+        "largest difference of the two drives of a gantry from where its beam is free of force; needed for a gantry",
+        above=0,
+        default=None,
+    )
     acceleration: Number | None = parameter(
         "m/s2", "largest acceleration; without it only jumps beyond the largest speed are seen", above=0, default=None
     )

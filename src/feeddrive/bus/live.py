@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, Self, runtime_checkable
+from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from feeddrive.bus import cia402
 from feeddrive.bus.client import DriveClient, identify, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
+from feeddrive.bus.ethercat import Segment
 from feeddrive.bus.gains import gains_of, write_gains
 from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
 from feeddrive.bus.sampling import Sampler
@@ -131,6 +132,14 @@ class LiveAxis(Protocol):
     def restore(self, inside: Mapping[str, str]) -> Text:
         """Write what was in the drive, and read it back; return what was done."""
         ...
+
+
+class Ready(NamedTuple):
+    """A drive that is ready for a motion: in its mode, with the control that leads it, and what was written into it."""
+
+    drive: BusDrive
+    leading: ControlInMaster | None = None
+    told: tuple[str, ...] = ()
 
 
 class BusAxis:
@@ -284,15 +293,36 @@ class BusAxis:
         Raises BusError if the drive cannot be switched on, and ParameterError or StructureError for a profile or a
         control that does not suit it.
         """
+        ready = self.ready(profile, control)
+        played: Played | None = None
+        try:
+            with self.client(ready.drive) as client:
+                self._virtual = client.is_virtual
+                played = play_profile(
+                    client,
+                    profile,
+                    name=Path(profile.name).stem,
+                    progress=progress,
+                    control=ready.leading,
+                )
+        except BusError as error:
+            if played is None:
+                raise
+            # it was the end that failed: the log of the motion is kept
+            return replace(played, aborted=played.aborted or str(error))
+        return replace(played, remarks=(*ready.told, *played.remarks))
+
+    def ready(self, profile: Profile, control: Control | Loop | None = None) -> Ready:
+        """Check a motion, compile its control, and write the gains of a drive that closes all loops; see `play`."""
         gains = self.file.gains if control is not None else {}
         mode = "csp"
         if control is not None and not gains:
             mode = "csv" if self.file.drive.mode == "csv" else "cst"
         drive = replace(self.file.drive, mode=mode)
         check_profile(profile, drive, follows=mode == "cst")
-        told: list[str] = []
-        leading: ControlInMaster | None = None
-        if control is not None and not gains:
+        if control is None:
+            return Ready(drive)
+        if not gains:
             # compiled before the bus is opened for the motion: a drive does not wait for that
             leading = ControlInMaster(
                 control,
@@ -302,27 +332,17 @@ class BusAxis:
                 encoders=self._positions(),
                 lost_frames=drive.lost_frames,
             )
-        if gains and control is not None:
-            wanted = gains_of(control.control if isinstance(control, Loop) else control)
-            with self._opened() as transport:
-                told = write_gains(transport, gains, wanted, drive.scaling, rotary=drive.rotary)
-        played: Played | None = None
-        try:
-            with DriveClient(self._transport(drive), drive, paced=self._paced) as client:
-                self._virtual = client.is_virtual
-                played = play_profile(
-                    client,
-                    profile,
-                    name=Path(profile.name).stem,
-                    progress=progress,
-                    control=leading,
-                )
-        except BusError as error:
-            if played is None:
-                raise
-            # it was the end that failed: the log of the motion is kept
-            return replace(played, aborted=played.aborted or str(error))
-        return replace(played, remarks=(*told, *played.remarks))
+            return Ready(drive, leading)
+        wanted = gains_of(control.control if isinstance(control, Loop) else control)
+        with self._opened() as transport:
+            told = write_gains(transport, gains, wanted, drive.scaling, rotary=drive.rotary)
+        return Ready(drive, None, tuple(told))
+
+    def client(self, drive: BusDrive, segment: Segment | None = None) -> DriveClient:
+        """Return the client of the drive, on a `segment` if it shares one with other drives."""
+        file = self.file
+        made = self._made(drive) if self._made else transport_of(drive, file.interface, file.bitrate, segment)
+        return DriveClient(made, drive, paced=self._paced)
 
     def inside(self) -> Mapping[str, str]:
         """Return the objects that a motion or a trial writes, by their address, as they are now. Raises BusError."""
@@ -433,13 +453,18 @@ def _place(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex:02X}"
 
 
+def virtual_cycle_time(loop: Loop) -> float:
+    """Return the cycle time of the bus of a virtual drive, s: as many samples as make it no shorter than 0.25 ms."""
+    T = float(loop.sample_time)
+    return T * max(1, math.ceil(_SHORTEST / T - 1e-9))
+
+
 def virtual_bus_axis(loop: Loop) -> BusAxis:
     """Return the axis of a virtual drive with a loop, whose control is the old one of the drive, in virtual time.
 
     A cycle of its bus has as many samples of the loop as make it no shorter than 0.25 ms.
     """
-    scaling, T = scaling_of(loop), float(loop.sample_time)
-    cycle_time = T * max(1, math.ceil(_SHORTEST / T - 1e-9))
+    scaling, cycle_time = scaling_of(loop), virtual_cycle_time(loop)
     firmware = Firmware(DrivenAxis(loop), scaling, cycle_time)
     content = drive_text(loop, scaling, "ethercat", "virtual", 1, cycle_time)
     name = f"virtual drive of axis {loop.name}"

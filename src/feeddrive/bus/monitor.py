@@ -87,6 +87,33 @@ def reaction_to(fault: Fault) -> str:
     return REACTIONS.get(fault.kind, BRAKE)
 
 
+class Skew(NamedTuple):
+    """The check of the two drives of a gantry: the difference of their positions stays near that of the free beam.
+
+        |x1 - x2 - free| > most        fault, and both brake
+
+    free  difference of the two counts at which the beam is free of force, m
+    most  limits.skew, m
+
+    Actual values count, also those of a wanted twist.  It sees no twist of a beam whose drives count against each
+    other.
+    """
+
+    free: float
+    most: float
+
+    def fault(self, first: float, second: float, cycle: int) -> Fault | None:
+        """Return the fault of a cycle with these positions of both drives, m; None if there is none."""
+        twist = first - second - self.free
+        if abs(twist) <= self.most:
+            return None
+        said = Text(
+            f"the two drives are {Quantity(twist, 'm'):SI} apart from where the beam is free of force, more than "
+            f"limits.skew = {Quantity(self.most, 'm'):SI}"
+        )
+        return Fault("skew", abs(twist), self.most, "m", cycle, said)
+
+
 class Cycle(NamedTuple):
     """One cycle as the monitor sees it; `answer` is None if the frame was lost, and statusword and mode are not used.
 

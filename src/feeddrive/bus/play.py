@@ -30,6 +30,7 @@ from feeddrive.bus.monitor import (
     RESTING,
     Cycle,
     Monitor,
+    Skew,
     begin_braking,
     brake,
     braking_distance,
@@ -367,6 +368,7 @@ def play_together(
     names: Sequence[str] = (),
     progress: Progress | None = None,
     controls: Sequence[ControlInMaster | None] = (),
+    skew: Skew | None = None,
 ) -> list[Played]:
     """Switch the drives on, play a profile on each in lockstep, hold the last position, and switch them off.
 
@@ -420,6 +422,8 @@ def play_together(
             faults = [
                 rows.watched(row, first.pace.elapsed, stop or row.tripped) for rows, row in zip(kept, sent, strict=True)
             ]
+            if skew is not None and not any(faults):
+                faults[0] = skew.fault(*(rows.last.position for rows in kept), k)
             if any(faults):
                 aborted, reactions = _trouble(kept, faults), _reactions(faults)
                 break
@@ -500,7 +504,8 @@ def _trouble(kept: Sequence[_Rows], faults: Sequence[Fault | None]) -> str:
     rows, fault = next((rows, fault) for rows, fault in zip(kept, faults, strict=True) if fault is not None)
     # the client knows the bus, and the words for the error code of the drive
     reason = (rows.client.trouble() if fault.kind in ("frames", "drive") else "") or fault.message
-    return reason if len(kept) == 1 or fault.kind == "stop" else Text(f"{rows.client.transport.where}: {reason}")
+    of_all = len(kept) == 1 or fault.kind in ("stop", "skew")
+    return reason if of_all else Text(f"{rows.client.transport.where}: {reason}")
 
 
 def _reactions(faults: Sequence[Fault | None]) -> list[str]:
@@ -816,6 +821,11 @@ class _Rows:
         self._targets = (rest, rest)  # the last two
         self.braking = begin_braking(client.drive, rest, rest, 0.0)
         self.reaction = BRAKE
+
+    @property
+    def last(self) -> ActualValues:
+        """The last actual values."""
+        return self._last
 
     @property
     def complete(self) -> int:

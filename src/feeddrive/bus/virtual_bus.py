@@ -115,12 +115,11 @@ class _VirtualTransport(ABC):
 
 
 class VirtualEtherCAT(_VirtualTransport):
-    """An EtherCAT segment with one virtual drive, in virtual time."""
+    """An EtherCAT segment with a virtual drive at a station, in virtual time."""
 
-    where = "EtherCAT in virtual time, station 1"
-
-    def __init__(self, firmware: Firmware) -> None:
+    def __init__(self, firmware: Firmware, station: int = 1) -> None:
         super().__init__(firmware)
+        self.where = f"EtherCAT in virtual time, station {station}"
         self._slave = SlaveController(firmware)
         self._objects = self._slave.objects
 

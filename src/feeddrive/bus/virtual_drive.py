@@ -43,7 +43,7 @@ class Sample(NamedTuple):
     trip: float
 
 
-_LEAST_FORCE = 1e-9  # N: a force limit is above 0
+LEAST_FORCE = 1e-9  # N: a force limit is above 0
 
 
 class DrivenAxis:
@@ -147,7 +147,7 @@ class DrivenAxis:
         if most < math.inf and self._limits:
             # the added force comes after the limit: what it takes is no more there for the control
             constants = constants.copy()
-            least = np.maximum(_LEAST_FORCE, most - abs(added_force))
+            least = np.maximum(LEAST_FORCE, most - abs(added_force))
             constants[self._limits] = np.minimum(constants[self._limits], least)
             values["added_force"] = max(-most, min(most, values["added_force"]))
         return self._run(self._closed, constants, values, enable, position.size, 0)

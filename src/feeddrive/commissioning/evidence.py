@@ -68,4 +68,5 @@ def _responses(folder: Path) -> dict[str, Modelled]:
 
 def _of(folder: Path, step: str, file: str) -> Path | None:
     """Return a file of a step, whose folder has its number before its name; None if it is not there."""
-    return next((path for path in sorted(folder.glob(f"*_{step}/{file}")) if path.is_file()), None)
+    places = (place for place in sorted(folder.glob("*_*")) if place.name.partition("_")[2] == step)
+    return next((place / file for place in places if (place / file).is_file()), None)

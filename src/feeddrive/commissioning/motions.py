@@ -131,6 +131,7 @@ class TrialMotion:
     rest    rows at rest before the motion
     moving  rows from the beginning of the motion to its end
     pulsed  rows from the beginning of the pulse to 1.5 times its length
+    travel, pace  of the motion, m
     """
 
     alone: Profile
@@ -139,6 +140,14 @@ class TrialMotion:
     rest: slice
     moving: slice
     pulsed: slice
+    travel: float
+    pace: Pace
+
+    def slower(self, share: float, sample_time: float) -> Profile:
+        """Return a short and slow motion without a pulse: a share of travel, speed and acceleration."""
+        slow = Pace(share * self.pace.speed, share * self.pace.acceleration)
+        stops = [(share * self.travel, slow), (0.0, slow)]
+        return profile("gentle trial", path(stops, sample_time, TRIAL_REST), sample_time)
 
     def weaker(self, force: float) -> TrialMotion:
         """Return the same motion with a pulse of another force, N."""
@@ -169,6 +178,8 @@ def trial(travel: float, pace: Pace, force: float, sample_time: float) -> TrialM
         slice(still // 3, still),
         moving,
         slice(first, first + round(1.5 * length)),
+        travel,
+        pace,
     )
 
 

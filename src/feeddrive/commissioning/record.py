@@ -149,7 +149,7 @@ def read_commissioned(folder: Path) -> Commissioned:
     path = folder / FILE
     with _understood(path) as document:
         figures = {
-            name: Figures(**{str(key): float(value) for key, value in document[name].items()})
+            name: Figures(**{str(key): float(value) for key, value in document[name].items() if value is not None})
             for name in ("predicted", "measured", "before")
             if name in document
         }

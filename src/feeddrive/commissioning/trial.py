@@ -8,7 +8,7 @@ noise              RMS of force and reading at rest before the motion
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from feeddrive.commissioning.motions import TrialMotion
 from feeddrive.files.log import Log
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Column, Result, Table
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
@@ -28,13 +30,22 @@ AGREED = 0.1  # share by which measured and predicted may differ
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures of a trial: following error (m), stiffness (N/m), noise of force (N) and of the reading (m)."""
+    """The figures of a trial: following error (m), stiffness (N/m), noise of force (N) and of the reading (m).
+
+    Those of a gantry also have the largest skew of the motion (m), and the stiffness against a skew force (N/m).
+    """
 
     following_rms: float
     following_peak: float
     stiffness: float
     force_noise: float
     position_noise: float
+    skew_peak: float | None = None
+    skew_stiffness: float | None = None
+
+    def values(self) -> dict[str, float]:
+        """Return the figures that are there, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 UNITS = {
@@ -43,7 +54,11 @@ UNITS = {
     "stiffness": ("stiffness against a pulse of force", "N/m"),
     "force_noise": ("noise of the force at rest, RMS", "N"),
     "position_noise": ("noise of the position at rest, RMS", "m"),
+    "skew_peak": ("skew, largest", "m"),
+    "skew_stiffness": ("stiffness against a pulse of skew", "N/m"),
 }
+
+JUDGED = {"following_rms": "following error", "stiffness": "stiffness", "skew_stiffness": "stiffness against skew"}
 
 
 def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
@@ -83,18 +98,15 @@ _READ = ("reading_load", "reading_motor", "velocity_load", "force")  # columns t
 
 def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
     """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
-    axis = loop.axis
-    counted = {
-        name: _counted(getattr(axis, name), increment, noise)
-        for name in ("encoder_load", "encoder_motor")
-        if name == "encoder_load" or getattr(axis, name) is not None
-    }
-    real = replace(loop, axis=replace(axis, **counted))
+    real = replace(loop, axis=counted(loop.axis, increment, noise))
     T = float(loop.sample_time)
+    # a law that is switched on begins with the force that acts, which carries a hanging axis
+    enable = None if real.control.guard is None else (np.arange(played.set_position.size) > 0).astype(float)
     run = simulate(
         real,
         path_of(real.control, played.set_position, T),
         added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
+        enable=enable,
         seed=seed,
         record=["set_position", "reading_load", "force", "velocity_load", "velocity_motor"],
         name=played.name,
@@ -122,6 +134,12 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
     return Log(name=played.name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 
+def counted(axis: Axis, increment: float, noise: float) -> Axis:
+    """Return an axis with counts and noise of its encoders, m."""
+    there = [name for name in ("encoder_load", "encoder_motor") if name == "encoder_load" or getattr(axis, name)]
+    return replace(axis, **{name: _counted(getattr(axis, name), increment, noise) for name in there})
+
+
 def _counted(sensor: object, increment: float, noise: float) -> Encoder:
     base = sensor if isinstance(sensor, Encoder) else Encoder()
     return replace(base, resolution=increment or None, noise=noise or None)
@@ -142,8 +160,19 @@ class Trial(Result):
 
     @property
     def agrees(self) -> bool:
-        """True if following error (RMS) and stiffness lie within 10 % of their predictions."""
-        return all(abs(self.ratio(name) - 1.0) <= AGREED for name in ("following_rms", "stiffness"))
+        """True if following error (RMS) and stiffness, that against skew as well, lie within 10 % of their
+        predictions.
+        """
+        return all(abs(self.ratio(name) - 1.0) <= AGREED for name in self._judged)
+
+    @property
+    def _judged(self) -> dict[str, str]:
+        return {name: said for name, said in JUDGED.items() if name in self.predicted.values()}
+
+    def sentence(self) -> str:
+        """Return how near the judged figures are to their predictions, as a clause."""
+        said = [Text(f"{words} {Quantity(self.ratio(name), 'share'):3}") for name, words in self._judged.items()]
+        return Text(f"{joined(', ', said[:-1])} and {said[-1]} of what was predicted")
 
     @property
     def is_worse(self) -> bool:
@@ -154,11 +183,11 @@ class Trial(Result):
     def table(self) -> Table:
         """Return a table of the figures: predicted, measured, their ratio, and before."""
         rows = []
-        for field in fields(Figures):
-            title, unit = UNITS[field.name]
-            values = [Quantity(getattr(which, field.name), unit) for which in (self.predicted, self.measured)]
-            before = "-" if self.before is None else Quantity(getattr(self.before, field.name), unit)
-            ratio = self.ratio(field.name)
+        for name in self.predicted.values():
+            title, unit = UNITS[name]
+            values = [Quantity(getattr(which, name), unit) for which in (self.predicted, self.measured)]
+            before = "-" if self.before is None else Quantity(getattr(self.before, name), unit)
+            ratio = self.ratio(name)
             rows.append([title, *values, Quantity(ratio) if np.isfinite(ratio) else "-", before, UNIT])
         heads = [
             "trial",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from feeddrive.studio.uploads import Understood
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome, Request
-    from feeddrive.workflow.commission import CommissionRequest
+    from feeddrive.workflow.commission_steps import CommissionRequest
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
     from feeddrive.workflow.run_job import RunRequest

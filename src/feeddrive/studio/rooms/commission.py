@@ -23,8 +23,8 @@ from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.works import Shown, commissioned, shown_report
 from feeddrive.workflow.command import fields_of
-from feeddrive.workflow.commission import AXIS, STEPS, CommissionRequest
 from feeddrive.workflow.commission_report import commission_report
+from feeddrive.workflow.commission_steps import AXIS, STEPS, CommissionRequest
 
 _VIRTUAL, _DRIVE = "virtual", "drive"
 _OWN = "the axis of this page"
