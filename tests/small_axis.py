@@ -13,5 +13,5 @@ encoder_load = { kind = "encoder", resolution_nm = 10 }
 [axis.x.control]
 force_limit_N = 1500
 guard = { following_error_limit_mm = 2, velocity_limit = 0.5 }
-law = { kind = "cascade_ppi", Kv = 30, Kp = 2e4, Tn_ms = 20 }
+law = { kind = "cascade_ppi", Kv = 15, Kp = 8e3, Tn_ms = 40 }
 """  # noqa: E501  # as a person writes it

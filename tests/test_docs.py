@@ -46,7 +46,7 @@ def with_python() -> list[Path]:
 
 LONG = [
     ROOT / "docs" / name
-    for name in ("tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md", "linuxcnc.md")
+    for name in ("commission.md", "tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md", "linuxcnc.md")
 ]
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from small_axis import MACHINE
 
-LONG = 120e3  # ms
+LONG = 600e3  # ms, for a computer that is busy with other work
 
 
 def test_a_person_answers_on_the_page_and_another_tab_cannot(served: Any, tmp_path: Path) -> None:
@@ -51,7 +51,7 @@ def test_a_person_answers_on_the_page_and_another_tab_cannot(served: Any, tmp_pa
     page.wait_for_function(begins, timeout=LONG)
     opened.settled()
     page.click("#commission-answer-no")
-    assert opened.ended() == "done"
+    assert opened.ended(600.0) == "done"
     page.wait_for_selector("#commission-archive")
     assert page.locator("#commission-question").is_hidden()
     said = page.inner_text(".commission .evidence")

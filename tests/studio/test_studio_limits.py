@@ -50,7 +50,7 @@ def test_canceled_work_may_end_by_itself_for_more_than_a_second() -> None:
     """A search that ends by itself leaves its best result, one that is killed leaves none."""
     killed = list[float]()
     for needs in (1.0, 2.0):
-        job = Stand(_pipe=None, _over=Stand(wait=lambda seconds, needs=needs: seconds >= needs))
+        job = Stand(_pipe=None, patience=0.0, _over=Stand(wait=lambda seconds, needs=needs: seconds >= needs))
         job.kill = lambda needs=needs: killed.append(needs)
         jobs.Job._end(job)  # type: ignore[arg-type]
     assert killed == [2.0]

@@ -44,7 +44,6 @@ class Drive:
         # as somebody has set it by the maker's tool
         self.firmware.values |= {"max_torque": 2900, "following_error_window": 170_000}
         whole = BusAxis(drive_of(parse_toml(text, "drive.toml")), lambda _: transport(self.firmware), paced=False)
-        whole._text = text
         self.axis = self.within(whole, travel=0.1)
         self.before = {} if self.firmware.state is PowerState.ENABLED else dict(self.axis.inside())
 
@@ -86,7 +85,7 @@ class Person(Progress):
 
 
 def begun(axis: Any, out: Path | None, person: Progress) -> Commissioned:
-    return fd.commission(axis, out=out, progress=person)
+    return commission.run(CommissionRequest(axis, out=out), person).result
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +147,7 @@ def test_scaling_that_the_drive_contradicts_ends_it_with_both_numbers(tmp_path: 
 def test_a_drive_that_somebody_else_has_enabled_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     drive = Drive(TEXT.replace('"ethercat"', '"canopen"'), VirtualCANopen)
     drive.firmware.state = PowerState.ENABLED
-    drive.firmware.values["statusword"] = drive.firmware._status()
+    drive.firmware.values["statusword"] = PowerState.ENABLED.status
     held = dict(drive.firmware.values)
     with pytest.raises(BusError, match="is 'operation enabled' already: another master or the tool of its maker"):
         begun(drive.axis, tmp_path / "out", Person())
@@ -173,7 +172,6 @@ def test_a_limit_that_is_missing_is_named_with_the_file(tmp_path: Path, key: str
 
 def test_questions_of_a_real_drive_are_not_answered_by_an_option(tmp_path: Path) -> None:
     drive = Drive()
-    drive.firmware.values["name"] = "a real one"
     real = type("Real", (BusAxis,), {"is_virtual": False})
     axis = real(drive.axis.file, lambda _: VirtualEtherCAT(drive.firmware), paced=False)
     with pytest.raises(ParameterError, match=r"--yes is for a virtual drive only: .* may move something real"):
@@ -183,10 +181,10 @@ def test_questions_of_a_real_drive_are_not_answered_by_an_option(tmp_path: Path)
 
 def test_a_travel_that_is_too_small_for_the_excitation_is_named(folder: Path) -> None:
     drive = Drive()
-    narrow = Drive.within(drive.axis, travel=2e-4)
+    narrow = Drive.within(drive.axis, travel=2e-5)
     result = begun(narrow, folder, Person())
     assert not result.kept
-    assert "travel" in result.refusal
+    assert "no excitation within limits.travel" in result.refusal
     assert drive.is_as_it_was()
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+from feeddrive.certificate.systems import READINGS
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
@@ -56,8 +57,12 @@ def _responses(folder: Path) -> dict[str, Modelled]:
     measured = read_frfs(path)
     if machine is None:
         return {name: Modelled(frf, None) for name, frf in measured.items()}
-    loop = next(iter(read_machine(machine).loops.values()))
-    model = linearize(loop, ["cut"], [frf.output for frf in measured.values()])
+    loops = list(read_machine(machine).loops.values())
+    outputs = [frf.output for frf in measured.values()]
+    # of several axes together the model is none of a single loop
+    if len(loops) != 1 or not set(outputs) <= set(READINGS):
+        return {name: Modelled(frf, None) for name, frf in measured.items()}
+    model = linearize(loops[0], ["cut"], outputs)
     # a sampled model has no response above its Nyquist frequency
     highest = 0.5 / model.sample_time
     return {

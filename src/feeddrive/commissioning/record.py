@@ -39,7 +39,7 @@ class Commissioned(Result):
     questions  how often the user was asked
     refusal    the reason for which the control before stays in place; empty if there is none
     evidence   what was measured, for pictures
-    rotary     True for an axis that turns
+    turns      True for an axis that turns
     """
 
     where: str
@@ -49,7 +49,12 @@ class Commissioned(Result):
     questions: int = 0
     refusal: str = ""
     evidence: Evidence = field(default_factory=Evidence)
-    rotary: bool = False
+    turns: bool = False
+
+    @property
+    def rotary(self) -> bool:
+        """True for an axis that turns: lengths are in rad, forces in N m."""
+        return self.turns
 
     def table(self) -> Table:
         """Return a table of the steps and their results."""

@@ -80,9 +80,9 @@ def commissioning_trial_chart(runs: Mapping[str, Log]) -> Chart:
     velocity = 1e3 * np.gradient(alone["set_position"], alone.sample_time)
     panels = (
         Panel(f"following error\n({unit_name('m')})", tuple(errors), share=2.0),
-        Panel(f"deflection by the pulse\n({unit_name('m')})", tuple(deflections), share=2.0),
-        Panel(f"force with the pulse\n({unit_name('N')})", tuple(forces), share=1.5),
-        Panel(f"set velocity\n({unit_name('m/s')})", (_curve(alone, velocity, "", NEUTRAL, DASHED),)),
+        Panel(f"deflection\n({unit_name('m')})", tuple(deflections), share=2.0),
+        Panel(f"force\n({unit_name('N')})", tuple(forces), share=1.5),
+        Panel(f"velocity\n({unit_name('m/s')})", (_curve(alone, velocity, "", NEUTRAL, DASHED),)),
     )
     return Chart("time (s)", panels, height=7.0, legend=PANELS)
 

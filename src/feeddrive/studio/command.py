@@ -21,6 +21,7 @@ from pathlib import Path
 
 from feeddrive.bus.drive_file import read_drive
 from feeddrive.evaluation.scheduler import is_loopback
+from feeddrive.export.linuxcnc_file import read_linuxcnc_file
 from feeddrive.files.atomic_io import refusal
 from feeddrive.files.growing import Pipe
 from feeddrive.files.toml_file import read_toml
@@ -132,8 +133,8 @@ class StudioRequest(Request):
         default=(),
     )
     commission: tuple[Path, ...] = option(
-        "drive file whose drive the room Commission may move, after each question is answered there; may be repeated; "
-        "only for a page on this machine",
+        "drive file, or file of an axis of LinuxCNC, whose axis the room Commission may move once its questions are "
+        "answered there; may be repeated; only for a page on this machine",
         default=(),
     )
     folder: Path = option(
@@ -194,9 +195,8 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
             raise FileError(f"{request.source}: no such file")
     check_followed(request.follow)
     for path in request.commission:
-        # the file of an axis of LinuxCNC is read when it is commissioned
-        if "hal" not in read_toml(path).content:
-            read_drive(path)
+        reader = read_linuxcnc_file if "hal" in read_toml(path).content else read_drive
+        reader(path)
     password = "" if request.password_file is None else read_password(request.password_file)
     if not (PAGE / "index.html").is_file():
         raise ParameterError(

@@ -63,7 +63,7 @@ def _figures(commissioned: Commissioned) -> tuple[Table | Remarks, ...]:
         return ()
     remarks = ["Both are found from the logs by the same function; that of the prediction is simulated."]
     if trial.before is None:
-        remarks.append("The control before was not measured: it cannot follow the trial within the limits.")
+        remarks.append("The control before was not measured: it could not run this motion within the limits.")
     return trial.table(), Remarks(remarks, "How they are found", warns=False)
 
 
@@ -73,8 +73,8 @@ def _pictures(commissioned: Commissioned) -> Iterator[Picture]:
         yield Picture(
             "trial",
             "Trial of the new control",
-            "Wide: measured on the drive. Thin: predicted before. Deflection: the reading with the pulse less "
-            "that without it.",
+            "What the drive did, and what was predicted before. Deflection: the reading with a pulse of force less "
+            "that without it; the force is that with the pulse.",
             "Following error, deflection by a pulse of force, force and velocity over time, predicted and measured.",
             lambda: plot.commissioning_trial_chart(found.runs),
         )

@@ -95,7 +95,7 @@ class Commission(Room):
             **limits,
         )
 
-        def then(_: str) -> None:
+        def then(_: None) -> None:
             self.desk.did("commission", request)
 
         work = partial(commissioned, request)
@@ -191,7 +191,7 @@ class Commission(Room):
 
 def _does(work: Any) -> str:
     """Return what a step will do: the first paragraph of its docstring."""
-    return " ".join(inspect.getdoc(work).partition("\n\n")[0].split())
+    return " ".join((inspect.getdoc(work) or "").partition("\n\n")[0].split())
 
 
 @cache
