@@ -18,8 +18,9 @@ from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.identification import regression
 from feeddrive.identification.motion import law_other_readings, law_search, law_structures
 from feeddrive.identification.motion.law_other_readings import OtherReadings
-from feeddrive.identification.motion.law_rows import LawRows, Signals, steadied
+from feeddrive.identification.motion.law_rows import LawRows, Signals
 from feeddrive.identification.motion.law_search import Scored, Search
+from feeddrive.identification.motion.law_set_position import restored
 from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.regression import Estimate, Frame
@@ -41,11 +42,12 @@ MOST_EXCESS = 0.15  # by which a law may leave more than the free law, in square
 STEADY = (
     15.0  # of n ln of the sums of squares, by which other gains may explain the slow part of a log better: chance is 5
 )
+# of n ln of the sums of squares, that a slower position loop must explain to be named as the reason of a refusal: such
+# loops explain 150 and more, dead bands and errors of rounded set positions up to 40 by chance (25 foreign logs)
+HELD = 60.0
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
 _SAME, _SAME_ERRORS = 0.1, 3.0
-_SUMMED = 8  # rows whose scores are summed at most to show their memory
-_ORDER = 8  # of the autoregression of a residual
 _SHOWN = 3  # laws that are named
 _PER_MM = 1000.0  # LinuxCNC's machine unit in a meter
 
@@ -209,9 +211,8 @@ def _searched(log: MotionLog, signals: Signals) -> Search | None:
     count = count_of(signals.wanted)
     if count <= law_other_readings.SEEN * float(np.max(np.abs(np.diff(signals.wanted)))):
         return law_search.search([signals], log.force_limit)
-    smooth = replace(signals, wanted=steadied(signals.wanted, count))
     # a law that computes with the rounded positions itself leaves less with them
-    return law_search.search([smooth, signals], log.force_limit)
+    return law_search.search([restored(signals, count), signals], log.force_limit)
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,9 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     """Return the verdict, and the search that it judges."""
     exact = law_search.ROUNDING**2 * found.floor.power
     other = _other(found, limit) if found.best.fitted.ssr > exact else None
-    # no model and no low pass makes up for other readings; a twist may be one of these
-    if not found.deep and (other is None or not _foreign(other, found.floor.memory)):
-        found = law_search.deeper(found)
+    # no model and no low pass makes up for counts of other readings; a twist may be one of these
+    if not found.deep and (other is None or not _blue(other, found.floor.memory)):
+        found = law_search.deeper(found, whole=other is not None)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= exact:
         return _Verdict(True, False, False, None), found
@@ -247,20 +248,26 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     quiet = added < WHITE or best.fitted.ssr < floor.ssr
     left = math.sqrt(max(0.0, best.fitted.ssr - floor.ssr) / floor.power)
     rows = _rows(found, best)
-    if law_search.slower(rows, best.fitted, floor) > 0.0:
+    slow, bend = law_search.slower(rows, best.fitted, floor), law_search.nonlinear(rows, best.fitted, floor)
+    if _held(slow, bend):
         return _Verdict(False, False, False, None, held=True), found
-    bent = law_search.nonlinear(rows, best.fitted, floor) > 0.0
+    bent, whole = bend > 0.0, max(slow, bend) <= 0.0
     close = best.fitted.ssr < (1.0 + MOST_EXCESS) * floor.ssr
     explains = found.rows.force.size >= LEAST_ROWS and close and best.criterion < floor.price and not floor.misses(best)
     explains = explains and law_other_readings.differs(found.rows, best) < STEADY
     # where even the free law leaves most of the force, a law that leaves as much is no evidence of one
     silent = floor.left > MOST_NOISE
-    if explains and quiet and not bent and not silent and (other is None or other.ahead(best) < STEADY):
+    if explains and quiet and whole and not silent and (other is None or other.ahead(best) < STEADY):
         return _Verdict(True, False, False, None), found
     if other is not None:
         return _Verdict(False, False, bent, other), found
-    near = left < NEAR and quiet and not bent and not silent
+    near = left < NEAR and quiet and whole and not silent
     return _Verdict(False, near, bent, None, silent), found
+
+
+def _held(slow: float, bend: float) -> bool:
+    """Return True if a slower position loop is the reason of what a law leaves, by what it and a bend explain."""
+    return slow > max(bend, HELD)
 
 
 def _other(found: Search, limit: float | None) -> OtherReadings | None:
@@ -292,7 +299,13 @@ def _foreign(other: OtherReadings, memory: float) -> bool:
     """Return True if the counts of the log are not in the force, or those of another reading are."""
     assert other.counts is not None
     reading, wanted = other.counts
-    return wanted.missing or reading.missing or (memory < -WHITE and not reading.heard)
+    return wanted.missing or reading.missing or _blue(other, memory)
+
+
+def _blue(other: OtherReadings, memory: float) -> bool:
+    """Return True if the force has counts of another reading than that of the log."""
+    assert other.counts is not None
+    return memory < -WHITE and not other.counts[0].heard
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
@@ -406,7 +419,7 @@ def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[La
     one, rows = alike[0], _rows(found, alike[0])
     columns = law_structures.regressors(one.fitted, rows)
     columns = np.column_stack([columns, *_slopes(rows, one, columns)])
-    covariance = _covariance(columns, found.residual(one))
+    covariance = law_search.covariance_of(columns, found.residual(one)) + _by_set_position(rows, one.fitted, columns)
     errors = regression.errors(covariance)
     same = [one, *(other for other in alike[1:] if _same(one.fitted, other.fitted, errors))]
     covariance = covariance + _scatter(one, same, columns.shape[1])
@@ -415,31 +428,11 @@ def _reading(log: MotionLog, found: Search, alike: Sequence[Scored]) -> tuple[La
     return _cascade_reading(log.frame, one.fitted, covariance, log.sample_time), same
 
 
-def _covariance(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return the covariance of the coefficients: the robust one, widened to that of colored noise where it is less.
-
-        (XᵀX)⁻¹ Xᵀ Γ X (XᵀX)⁻¹,   Xᵀ Γ X = σ² Yᵀ Y,   Y = X after 1/A(z) backwards in time
-
-    A, σ: an autoregression of the residual. Gains absorb the slow part of colored noise, in which few rows are
-    independent: its share of the residual is missing in the robust covariance, but not in an autoregression, which the
-    fast part shows as well.
-    """
-    from scipy.linalg import solve_toeplitz  # takes a second to import
-    from scipy.signal import lfilter
-
-    robust = regression.robust_covariance(columns, rest, smooth=_SUMMED)
-    n = rest.size
-    past = np.array([float(rest[j:] @ rest[: n - j]) for j in range(_ORDER + 1)]) / n
-    if past[0] <= 0.0:
-        return robust
-    weights = solve_toeplitz(past[:-1], past[1:])
-    power = max(0.0, float(past[0] - weights @ past[1:]))
-    passed = np.asarray(lfilter([1.0], np.concatenate([[1.0], -weights]), columns[::-1], axis=0))
-    inverse = regression.inverse_gram(columns)
-    colored = power * inverse @ (passed.T @ passed) @ inverse
-    own, other = np.diag(robust), np.diag(colored)
-    wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
-    return robust * np.outer(wider, wider)
+def _by_set_position(rows: LawRows, fitted: Fitted, columns: np.ndarray) -> np.ndarray:
+    """Return the covariance of the coefficients by the errors of a set position that was restored."""
+    off = law_search.by_set_position(rows, fitted)
+    moved = off @ columns @ regression.inverse_gram(columns)
+    return moved.T @ moved / max(1, len(off))
 
 
 def _holds(structure: Structure, other: Structure) -> bool:

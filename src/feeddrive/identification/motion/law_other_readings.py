@@ -27,7 +27,7 @@ from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Si
 from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
 from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import count_of
-from feeddrive.identification.regression import median_spread, robust_covariance
+from feeddrive.identification.regression import median_spread
 
 _HIGHEST = 40.0  # Hz: what is faster is counts and noise, in a loop that follows set motion
 _SAMPLES = (1, 2, 4, 8)  # of the velocity that are tried: others make nearly the lag of one of these
@@ -39,7 +39,9 @@ _DAMPING = 0.03  # of an axis that twists, with which samples, delay and corner 
 _BENDS = np.geomspace(1e-6, 1.5e-4, 9)  # s2: m_load/k of an axis with its antiresonance from 13 to 160 Hz
 _STARTS = 4  # fits without and with a low pass that are searched finely
 _KEPT = 4  # of these, from which parts are left out
-_NARROWED = 2  # cascades with some of the parts that are searched finely
+_AS_LATE = 1.0  # samples of delay and of half a difference, by which cascades with some of the parts may differ from it
+_NARROWED = 6  # cascades with some of the parts that are searched
+_FIRST_STEPS = 3  # of a search, that tell which of them are searched finely
 _FINE = 6  # of these, that are searched finely
 _MERGED = 0.7  # of ln 1/Tn, within which two starts of a fine search are one
 _TWO = 0.1  # of ln 1/Tn, beyond which two fits are two minima
@@ -52,7 +54,9 @@ SEEN = 1e-5  # of the largest set speed: a step of the set position by rounding 
 _ORDER = 7  # of the differences that leave counts
 _PREDICTED = 20  # samples from which the fast force is predicted
 _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
-_HEARD = 500.0  # variances of the force: motion, other than counts, explains up to 300, and counts that are read 900 up
+# of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in
+# them and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
+_HEARD = 0.08
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
 _WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
@@ -150,16 +154,18 @@ class Counts:
     expected   what they would command by the law, as sum of squares over the variance of the force
     explained  what a free law of them explains of the force, likewise
     unknowns   number of its coefficients
+    rows       number of rows
     """
 
     expected: float
     explained: float
     unknowns: int
+    rows: int
 
     @property
     def heard(self) -> bool:
         """True if the force follows them: motion that is left explains less."""
-        return self.explained > _HEARD
+        return self.explained > _HEARD * self.rows
 
     @property
     def missing(self) -> bool:
@@ -185,7 +191,7 @@ def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> 
     force = fast[:, -2]
     memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
     if force.size < law_search.LEAST_ROWS or memory[0] == 0.0:
-        return Counts(0.0, 0.0, len(past))
+        return Counts(0.0, 0.0, len(past), force.size)
     memory[0] *= 1.0 + _NOTHING
     predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
     fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
@@ -194,7 +200,7 @@ def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> 
     changes = changes[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
     explained = float(np.sum((np.linalg.qr(changes)[0].T @ force) ** 2))
     noise = (float(force @ force) - explained) / (force.size - changes.shape[1])
-    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1])
+    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1], force.size)
 
 
 def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
@@ -226,6 +232,7 @@ def differs(rows: LawRows, one: Scored) -> float:
     columns = columns / np.where(sizes > 0.0, sizes, 1.0)
     other = rest - columns @ np.linalg.lstsq(columns, rest, rcond=1e-12)[0]
     noise = law_search.ROUNDING**2 * float(slow.force @ slow.force)
+    noise += law_search.by_chance(slow, one.fitted, columns)
     return law_search.independent(other) * math.log((float(rest @ rest) + noise) / (float(other @ other) + noise))
 
 
@@ -315,7 +322,7 @@ class _Slow:
             best.setdefault((kind.n, kind.d, kind.lag is None, kind.integral), one)
         return list(best.values())
 
-    def refined(self, one: Scored, held: tuple[str, ...] = ()) -> Scored:
+    def refined(self, one: Scored, held: tuple[str, ...] = (), steps: int = _STEPS) -> Scored:
         """Return a fit at its own minimum over twist, loss, low pass, smoothing and 1/Tn, but for those `held`."""
         from scipy.optimize import least_squares  # takes a second to import
 
@@ -339,7 +346,7 @@ class _Slow:
         inside = np.clip(place, low + 1e-6, high - 1e-6)
         scale = 1.0 / math.sqrt(self.floor.ssr + law_search.ROUNDING**2 * self.floor.power)
         found = least_squares(
-            lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=_STEPS
+            lambda values: scale * at(values)[2], inside, bounds=(low, high), diff_step=_STEP, max_nfev=steps
         )
         fitted, smoothing, _ = at(found.x)
         return self._score(fitted, smoothing) if _acts(fitted) else one
@@ -362,10 +369,18 @@ class _Slow:
                     twist=_ANY if one.structure.twist.compliance else STIFF,
                 )
                 found.setdefault((kind, round(math.log(one.fitted.rate or 1.0) / _MERGED)), one)
-        fine = [self.refined(one, ("smoothing",)) for one in sorted(found.values(), key=_criterion)[:_FINE]]
+        # with other samples the twist and the low pass are others, too
+        coarse = [self.refined(one, ("smoothing",), _FIRST_STEPS) for one in found.values()]
+        fine = [self.refined(one, ("smoothing",)) for one in sorted(coarse, key=_criterion)[:_FINE]]
         fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         if not fine:
             return None
+        if fine[0].structure.friction is not None and fine[0].signals.smoothing > 0.0:
+            # parts that are not there had biased the smoothing
+            best = self.refined(fine[0])
+            others = (replace(one, signals=best.signals) for one in fine[1:])
+            fine = [best, *(self.refined(one, ("smoothing",)) for one in others)]
+            fine = sorted((one for one in fine if one.fitted.sensible), key=_criterion)
         # Kv and 1/Tn may change places in the law as well
         other = self.refined(_exchanged(fine[0]), ("smoothing",)) if fine[0].structure.curved else fine[0]
         if other.fitted.sensible and abs(math.log((other.fitted.rate or 1.0) / (fine[0].fitted.rate or 1.0))) > _TWO:
@@ -411,8 +426,26 @@ class _Slow:
         return self.refined(tried[0]) if tried and tried[0].criterion < one.criterion else None
 
     def _narrowed(self, like: Scored) -> list[Scored]:
-        """Return cascades with some parts of a wide one: the likeliest ones, with and without a twist."""
-        variants = self.scored(_variants(like.structure), like.signals.smoothing)
+        """Return the likeliest cascades with some parts of a wide one and other samples that are about as late.
+
+        Of those with and without a twist, and of those without friction feedforward, at least one is among them.
+        """
+        kind, smoothing = like.structure, like.signals.smoothing
+        part = self.part(kind.lag, smoothing)
+        tried, tasks = list[Structure](), list[law_structures.Problem]()
+        for n in _SAMPLES:
+            for d in _DELAYS:
+                if abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
+                    continue
+                for twist in dict.fromkeys((STIFF, kind.twist)):
+                    wide = _widest(n, d, kind.lag, 0.0)
+                    wide = replace(wide, twist=twist, drag=twist.compliance > 0.0)
+                    task = law_structures.problem(wide, self.rows.basis, part)
+                    for structure in _parts(wide):
+                        tried.append(structure)
+                        tasks.append(_some(task, wide, structure))
+        fits = [one for one in law_structures.fits(tried, tasks) if _acts(one)]
+        variants = sorted((self._score(one, smoothing) for one in fits), key=_criterion)
         rate = like.fitted.rate or 1.0
         near = [one for one in variants if abs(math.log((one.fitted.rate or 1.0) / rate)) < _MERGED]
         stiff = [one for one in near if one.structure.twist.compliance == 0.0]
@@ -450,28 +483,33 @@ def _widest(n: int, d: int, lag: Lag | None, compliance: float) -> Structure:
     )
 
 
-def _variants(like: Structure) -> Iterator[Structure]:
-    """Yield cascades with the twist and the low pass of another one, with and without each of their parts."""
-    n, d = like.n, like.d
+def _parts(wide: Structure) -> Iterator[Structure]:
+    """Yield a cascade with and without each of its parts, but for the twist and the low pass."""
     for forward in law_structures.FORWARD:
-        for fed in ("", "backward"):
-            for friction in (None, 0):
+        for fed in ("", wide.fed):
+            for friction in (None, wide.friction):
                 for integral in (True, False):
-                    stiff = Structure(
-                        CASCADE,
-                        integral,
-                        n,
-                        d,
-                        forward=forward,
-                        fed=fed,
-                        friction=friction,
-                        lag=like.lag,
-                        shifted=integral,
-                    )
-                    yield stiff
-                    if like.twist.compliance > 0.0:
-                        yield replace(stiff, twist=like.twist)
-                        yield replace(stiff, twist=like.twist, drag=True)
+                    for drag in (False, True) if wide.drag else (False,):
+                        yield replace(
+                            wide,
+                            forward=forward,
+                            fed=fed,
+                            friction=friction,
+                            integral=integral,
+                            shifted=integral,
+                            drag=drag,
+                        )
+
+
+def _some(task: law_structures.Problem, wide: Structure, structure: Structure) -> law_structures.Problem:
+    """Return the problem of a structure, which has some parts of a wide one, from that of the wide one."""
+    places = [wide.gains.index(name) for name in structure.gains]
+    A, B = task.A[:, places], task.B[:, places]
+    if structure.forward == "one":
+        k, whole = structure.gains.index("Kp"), wide.gains.index("Kp ff")
+        A[:, k] += task.A[:, whole]
+        B[:, k] += task.B[:, whole]
+    return law_structures.Problem(A, B, task.y)
 
 
 def _unknowns(one: Scored) -> dict[str, float]:
@@ -514,4 +552,4 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
     rest = found.rows.force - own[:, :size] @ one.fitted.values
-    return robust_covariance(np.column_stack([own, *slopes]), rest, smooth=8)
+    return law_search.covariance_of(np.column_stack([own, *slopes]), rest)

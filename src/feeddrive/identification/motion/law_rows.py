@@ -20,13 +20,13 @@ _SKIP = 0.2  # s at the start: the filters and models of the law hold a past the
 _SHORT = 40  # rows: a shorter stretch between two limits would be spent on its own constant
 _SETTLED = 0.05  # s: of a rest that still tell how motion ends
 _STARTING = 0.05  # s: of a rest that already tell how motion begins
+_STILL = 1e-6  # of the largest set speed, up to which a set position rests: the rounding of a file
 _HELD = 1e-3  # of the largest force, within which successive samples are at the limit: the rounding of a log
 _BEFORE, _AFTER = 2, 6  # rows around a limit that are left out with it: filters and differences reach across its edge
 
 
 _MEDIAN, _NOISE = 15, 4.0  # samples and standard deviations with which a noisy plateau of the command is found
 _WARM = 500  # samples that pass through the filters before the rows of a search that takes fewer
-_HALVINGS = 12  # of the range of 14 decades of the smoothness of a set position
 _OVER = 2.5  # samples of the slow rows in a period of the highest frequency, which lets half of it pass
 _KERNEL = 6  # slow samples over which their low pass reaches
 _STOPPED = 7.0  # shape of its Kaiser window: a thousandth and less is left from 2.5 times the highest frequency on
@@ -281,6 +281,13 @@ class LawRows:
         columns[:, signs] = self.taken(whole[:, signs])
         return replace(self, whole=whole, columns=columns, raw=signals)
 
+    def with_other_set_positions(self) -> Iterator[LawRows]:
+        """Yield the rows with each of the set positions that are as likely."""
+        for wanted in self.raw.others:
+            signals = replace(self.raw, wanted=wanted, others=())
+            whole = signals.basis(self.basis)
+            yield replace(self, whole=whole, columns=self.taken(whole), raw=signals)
+
     def centered(self, values: np.ndarray) -> np.ndarray:
         """Return values without their mean over each stretch."""
         if not self.starts.size:
@@ -363,6 +370,8 @@ class Signals:
     """The signals of a log: reading x and set position (m), command (N) and sample time (s).
 
     smoothing  velocity scale, m/s, over which the sign of the set velocity changes smoothly; 0: abruptly
+    others     set positions that are as likely, if it was restored from a rounded one
+    resting    set speed, m/s, up to which the axis is taken to rest: what a restored set position moves in a rest
     """
 
     x: np.ndarray
@@ -370,6 +379,8 @@ class Signals:
     force: np.ndarray
     T: float
     smoothing: float = 0.0
+    others: tuple[np.ndarray, ...] = ()
+    resting: float = 0.0
 
     @classmethod
     def of(cls, log: MotionLog) -> Self:
@@ -380,7 +391,8 @@ class Signals:
     def part(self, begin: int, end: int) -> Signals:
         """Return the samples `begin` to `end` - 1."""
         cut = slice(begin, end)
-        return replace(self, x=self.x[cut], wanted=self.wanted[cut], force=self.force[cut])
+        others = tuple(other[cut] for other in self.others)
+        return replace(self, x=self.x[cut], wanted=self.wanted[cut], force=self.force[cut], others=others)
 
     @property
     def fastest(self) -> float:
@@ -410,7 +422,7 @@ class Signals:
     def direction(self, name: str) -> np.ndarray:
         """Return the basis column of the direction of the set motion (sign) or of its absolute value (moves)."""
         v = np.diff(self.wanted, prepend=self.wanted[0]) / self.T
-        sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(np.abs(v) < _still(v), 0.0, v))
+        sign = np.tanh(v / self.smoothing) if self.smoothing > 0.0 else np.sign(np.where(self._rests(v), 0.0, v))
         kind = name.rstrip("-0123456789")
         return shifted(np.abs(sign) if kind == "moves" else sign, int(name[len(kind) :]))
 
@@ -431,13 +443,16 @@ class Signals:
         A motor that stands is up to half a count from its reading, and the integral of a law sums that: it is another
         constant before and after the rest.
         """
-        v = np.diff(self.wanted, prepend=self.wanted[0])
-        still = np.abs(v) < _still(v)
+        still = self._rests(np.diff(self.wanted, prepend=self.wanted[0]) / self.T)
         after, before = round(_SETTLED / self.T), round(_STARTING / self.T)
         moves = np.concatenate([[0], np.cumsum(~still)])
         ends = np.arange(still.size)
         first, last = np.maximum(ends - after, 0), np.minimum(ends + before + 1, still.size)
         return moves[last] > moves[first]
+
+    def _rests(self, v: np.ndarray) -> np.ndarray:
+        """Return True where the set velocity is that of a rest."""
+        return np.abs(v) < max(_STILL * float(np.max(np.abs(v))), self.resting)
 
     def below_plateau(self) -> np.ndarray:
         """Return a mask of the samples at which the command is below its highest plateau by more than the noise.
@@ -451,11 +466,6 @@ class Signals:
         spread = median_spread(self.force - middle)
         most = float(np.max(np.abs(middle)))
         return ~widened(np.abs(self.force) > (1.0 - _HELD) * most - _NOISE * spread)
-
-
-def _still(v: np.ndarray) -> float:
-    # rounding of a set position at rest
-    return 1e-6 * float(np.max(np.abs(v)))
 
 
 def widened(flags: np.ndarray, before: int = _BEFORE, after: int = _AFTER) -> np.ndarray:
@@ -488,34 +498,6 @@ def filtered(rows: LawRows, coefficients: tuple[np.ndarray, np.ndarray], columns
     initial: Any = lfilter_zi(b, a)
     values, _ = lfilter(b, a, columns, axis=0, zi=initial[:, None] * columns[:1])
     return rows.taken(np.asarray(values))
-
-
-def steadied(values: np.ndarray, count: float) -> np.ndarray:
-    """Return an estimate of a set position before rounding: the smoothest one within the rounding errors.
-
-    It minimizes Σ (s - rounded)² + λ Σ (third difference of s)² with λ such that the RMS of s - rounded in motion is
-    that of rounding errors, count/√12 (Whittaker-Henderson smoothing).
-    """
-    from scipy.linalg import solveh_banded  # takes a second to import
-
-    n = values.size
-    bands = np.zeros((4, n))
-    weights = np.array([-1.0, 3.0, -3.0, 1.0])
-    for i in range(4):
-        for j in range(i, 4):
-            bands[3 - (j - i), j : n - 3 + j] += weights[i] * weights[j]
-    moves = widened(np.diff(values, prepend=values[0]) != 0.0, 3, 3)
-    offset, low, high, best = values - values[0], -2.0, 12.0, values
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        matrix = 10.0**middle * bands
-        matrix[3] += 1.0
-        smooth = solveh_banded(matrix, offset)
-        if np.sqrt(np.mean((smooth - offset)[moves] ** 2)) > count / np.sqrt(12.0):
-            high = middle
-        else:
-            low, best = middle, smooth + values[0]
-    return best
 
 
 def halves(rows: LawRows, share: float) -> Iterator[slice]:

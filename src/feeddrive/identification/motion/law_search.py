@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.identification import regression
 from feeddrive.identification.motion import law_structures
 from feeddrive.identification.motion.law_rows import (
     MOST_DELAY,
@@ -27,6 +28,7 @@ ROUNDING = 1e-5  # of the force: what is left below it is rounding of the log, a
 _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse than the best to be fitted
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
+_CLEARLY = 0.5  # of the excess of a law over the free law, that is left without strays, if these hide the law
 STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
@@ -58,6 +60,13 @@ MOST_LAG = 1.5  # samples between motion and command; a law with a low pass look
 _LATE, _TOLD = 1.0, 400.0
 _EXCHANGED = 0.02  # of ln 1/Tn, from which on two fits of one structure are different laws
 _TRIED_FROM = 0.02  # of the sum of squares of the free law: from so much more on, further structures are tried
+# the errors of a restored set position count so much in squares: those that are drawn for it are 0.3 to 1 of the true
+# ones in most logs
+_DOUBTED = 4.0
+_SUMMED = 8  # rows whose scores are summed at most to show their memory
+_ORDER = 8  # of the autoregression of a residual
+MOVING = 0.2  # of the rows, in which an axis must move that rests may be left out
+_MOST_ALLOWED = 0.15  # of the sum of squares of the free law: where errors of the set position make more, none is sure
 _CHANCE = 4.0  # standard deviations of a chi square, beyond which a law misses something that the free law sees
 
 
@@ -85,6 +94,8 @@ class Floor:
     effective  number of independent rows
     unknowns   number of coefficients
     rows       number of rows of the log
+    allowed    sum of squares that a right law may leave more, by the errors of a restored set position, which the free
+               law makes up for
     """
 
     ssr: float
@@ -93,6 +104,7 @@ class Floor:
     effective: float
     unknowns: int
     rows: int
+    allowed: float = 0.0
 
     @property
     def price(self) -> float:
@@ -110,20 +122,26 @@ class Floor:
         `chance`: standard deviations of a chi square.
         """
         spare = self.unknowns - scored.structure.parameters
-        return self.criterion(scored.fitted.ssr, 0) > spare + chance * math.sqrt(2.0 * spare)
+        return self.criterion(scored.fitted.ssr, 0, self.allowed) > spare + chance * math.sqrt(2.0 * spare)
+
+    def hopeless(self, rows: LawRows, least: float) -> bool:
+        """Return True if a superset of structures leaves more of rows of a search than a law may: `least`."""
+        share = rows.force.size / self.rows
+        part = replace(floor_of(rows, rows.reduced()), effective=self.effective * share, allowed=self.allowed * share)
+        return part.criterion(least, 0, part.allowed) > self.unknowns + _CHANCE * math.sqrt(2.0 * self.unknowns)
 
     def wants_more(self, scored: Scored) -> bool:
         """Return True if the fit of a structure is not good enough, so that other structures should be tried."""
-        return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr
+        return self.misses(scored) or scored.fitted.ssr > (1.0 + _TRIED_FROM) * self.ssr + self.allowed
 
     def gain(self, more: float, less: float) -> float:
         """Return n ln(more / less) for two sums of squares and n independent rows."""
         noise = ROUNDING**2 * self.power
         return self.effective * math.log((more + noise) / (less + noise))
 
-    def criterion(self, ssr: float, unknowns: int) -> float:
-        """Return n ln(ssr / floor) + p ln n for p unknowns and n independent rows."""
-        return self.gain(ssr, self.ssr) + unknowns * math.log(self.effective)
+    def criterion(self, ssr: float, unknowns: int, allowed: float = 0.0) -> float:
+        """Return n ln(ssr / (floor + allowed)) + p ln n for p unknowns and n independent rows."""
+        return self.gain(ssr, self.ssr + allowed) + unknowns * math.log(self.effective)
 
 
 def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> Floor:
@@ -134,6 +152,54 @@ def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> 
     rest = rows.force - rows.columns[:, places] @ gains
     left = part.right - own @ gains
     return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size, rest.size)
+
+
+def by_set_position(rows: LawRows, found: Fitted) -> np.ndarray:
+    """Return the force of a law, (k, rows), by what k set positions that are as likely differ from the first one."""
+    size = found.values.size
+    own = law_structures.regressors(found, rows)[:, :size] if rows.raw.others else np.zeros((rows.force.size, size))
+    off = [
+        (law_structures.regressors(found, other)[:, :size] - own) @ found.values
+        for other in rows.with_other_set_positions()
+    ]
+    return np.array(off).reshape(-1, rows.force.size)
+
+
+def by_chance(rows: LawRows, found: Fitted, columns: np.ndarray) -> float:
+    """Return the sum of squares that columns explain of the errors of a restored set position in the force of a law."""
+    off = by_set_position(rows, found)
+    if not off.size:
+        return 0.0
+    sizes = np.linalg.norm(columns, axis=0)
+    kept = columns[:, sizes > 0.0] / sizes[sizes > 0.0]
+    return _DOUBTED * float(np.sum((off @ np.linalg.qr(kept)[0]) ** 2)) / len(off)
+
+
+def covariance_of(columns: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the covariance of the coefficients: the robust one, widened to that of colored noise where it is less.
+
+        (XᵀX)⁻¹ Xᵀ Γ X (XᵀX)⁻¹,   Xᵀ Γ X = σ² Yᵀ Y,   Y = X after 1/A(z) backwards in time
+
+    A, σ: an autoregression of the residual. Gains absorb the slow part of colored noise, in which few rows are
+    independent: its share of the residual is missing in the robust covariance, but not in an autoregression, which the
+    fast part shows as well.
+    """
+    from scipy.linalg import solve_toeplitz  # takes a second to import
+    from scipy.signal import lfilter
+
+    robust = regression.robust_covariance(columns, rest, smooth=_SUMMED)
+    n = rest.size
+    past = np.array([float(rest[j:] @ rest[: n - j]) for j in range(_ORDER + 1)]) / n
+    if past[0] <= 0.0:
+        return robust
+    weights = solve_toeplitz(past[:-1], past[1:])
+    power = max(0.0, float(past[0] - weights @ past[1:]))
+    passed = np.asarray(lfilter([1.0], np.concatenate([[1.0], -weights]), columns[::-1], axis=0))
+    inverse = regression.inverse_gram(columns)
+    colored = power * inverse @ (passed.T @ passed) @ inverse
+    own, other = np.diag(robust), np.diag(colored)
+    wider = np.sqrt(np.maximum(1.0, np.divide(other, own, out=np.ones_like(own), where=own > 0.0)))
+    return robust * np.outer(wider, wider)
 
 
 def independent(rest: np.ndarray) -> float:
@@ -205,17 +271,21 @@ def _explained(rows: LawRows, found: Fitted, floor: Floor, kinds: Sequence[Seque
     own = law_structures.regressors(found, rows)
     rest = rows.force - own[:, : found.values.size] @ found.values
     linear = np.hstack([own, rows.columns])
-    both = np.column_stack([linear, more, rest])
-    sizes = np.linalg.norm(both[:, :-1], axis=0)
+    columns, off = np.hstack([linear, more]), by_set_position(rows, found)
+    sizes = np.linalg.norm(columns, axis=0)
+    both = np.column_stack([columns / np.where(sizes > 0.0, sizes, 1.0), rest, *off])
     # what the linear columns leave of the others
-    R = triangle(both / np.append(np.where(sizes > 0.0, sizes, 1.0), 1.0))[linear.shape[1] :, linear.shape[1] :]
+    R = triangle(both)[linear.shape[1] :, linear.shape[1] :]
     noise = ROUNDING**2 * float(rows.force @ rows.force)
     effective = floor.effective * rows.force.size / floor.rows
-    least, first, explained = float(np.sum(R[:, -1] ** 2)), 0, []
+    rests, first, explained = R[:, more.shape[1] :], 0, []
+    lefts = np.sum(rests**2, axis=0)
     for kind in kinds:
         chosen = R[:, first : first + len(kind)]
-        other = R[:, -1] - chosen @ np.linalg.lstsq(chosen, R[:, -1], rcond=1e-9)[0]
-        gain = effective * math.log((least + noise) / (float(other @ other) + noise))
+        others = np.sum((rests - chosen @ np.linalg.lstsq(chosen, rests, rcond=1e-9)[0]) ** 2, axis=0)
+        # errors of the set position are no evidence
+        by_chance = _DOUBTED * float(np.mean(lefts[1:] - others[1:])) if off.size else 0.0
+        gain = effective * math.log((lefts[0] + noise) / (others[0] + by_chance + noise))
         explained.append(gain - len(kind) * math.log(effective))
         first += len(kind)
     return max(explained)
@@ -255,25 +325,47 @@ class Search:
 def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
     """Return the search for the structures that explain a log, or None if too few rows are below the limit.
 
-    `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation with the
-    smallest residual is returned, on which models and low passes are still to be tried (`deeper`).
+    `choices` are interpretations of the log, likeliest first. If no fit is good enough, the interpretation of which a
+    free law leaves least is returned, on which models and low passes are still to be tried (`deeper`).
     """
-    found = list[Search]()
+    every, keep = list[list[Search]](), choices[0].free(limit)
+    if choices[0].others:
+        # a restored set position is off by up to half a count in a rest, which the integral of a law sums
+        moving = keep & choices[0].between_rests()
+        keep = moving if np.sum(moving) > MOVING * np.sum(keep) else keep
     for signals in choices:
-        keep = signals.free(limit)
         first = _searched(signals, keep)
         if first is None:
             continue
-        found.append(first)
+        found = [first]
+        every.append(found)
         for trial in (keep, *_trials(signals, keep, first)):
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
                 one = _with_models(one) if _is_loose(one.best) else one
                 return _with_low_passes(one) if _hidden(one) else one
             found += [] if one is None or one is first else [one]
-    if not found:
+    if not every:
         return None
-    return replace(min(found, key=lambda one: one.floor.criterion(one.best.fitted.ssr, 0)), deep=False)
+    # a model or a low pass may be missing yet: the free law tells whether the law read rounded set positions
+    first, *trials = min(every, key=lambda found: found[0].floor.left)
+
+    def excess(one: Search) -> float:
+        return one.floor.criterion(one.best.fitted.ssr, 0)
+
+    # where the law is not found yet, strays may be what it leaves
+    best = min(trials, key=excess, default=first)
+    return replace(best if excess(best) < _CLEARLY * excess(first) else first, deep=False)
+
+
+def _allowing(found: Search) -> Floor:
+    """Return the free law with what it may leave less than the best structure by errors of the set position."""
+    floor, rows, best = found.floor, found.rows, found.best.fitted
+    if not rows.raw.others:
+        return floor
+    free = by_chance(rows, best, rows.columns)
+    own = by_chance(rows, best, law_structures.regressors(best, rows))
+    return replace(floor, allowed=min(_MOST_ALLOWED * floor.ssr, max(0.0, free - own)))
 
 
 def _trials(signals: Signals, keep: np.ndarray, first: Search) -> Iterator[np.ndarray]:
@@ -322,25 +414,29 @@ def _searched(signals: Signals, keep: np.ndarray, again: int = _TURNS) -> Search
     if again > 0 and abs(better.smoothing - signals.smoothing) > _SMOOTHED * better.smoothing:
         # samples and filters made up for the wrong sign before, and the free law had it, too
         return _searched(better, keep, again - 1)
-    return _with_more(found, (_shifted,))
+    return _with_more(replace(found, floor=_allowing(found)), (_shifted,))
 
 
-def deeper(found: Search) -> Search:
-    """Return the search extended by reference models and low passes, the more likely ones first."""
+def deeper(found: Search, *, whole: bool = False) -> Search:
+    """Return the search extended by reference models and low passes, the more likely ones first.
+
+    `whole`: only by laws that explain the log as the free law does, none that is near to it.
+    """
     found = replace(found, deep=True)
     steps = (_with_models, _with_low_passes)
     # no model has a friction feedforward here
     for step in steps if found.best.structure.friction is None else reversed(steps):
-        found = step(found) if found.floor.wants_more(found.best) else found
+        found = step(found, whole=whole) if found.floor.wants_more(found.best) else found
     return found
 
 
-def _with_models(found: Search) -> Search:
+def _with_models(found: Search, *, whole: bool = False) -> Search:
     """Return the search extended by reference models in the integral."""
-    return found.with_fits(_again(found.rows, found.floor, _models(found.rows.fewer(_FEWER), found.floor)))
+    more = _models(found.rows.fewer(_FEWER), found.floor, whole=whole)
+    return found.with_fits(_again(found.rows, found.floor, more)) if more else found
 
 
-def _with_low_passes(found: Search) -> Search:
+def _with_low_passes(found: Search, *, whole: bool = False) -> Search:
     """Return a search with low passes of the command, and with such of the velocity."""
     best, floor = found.best, found.floor
     # friction feedforward keeps the direction that explains most so far
@@ -359,7 +455,7 @@ def _with_low_passes(found: Search) -> Search:
     least = min(scan.least for scan, _ in scans)
     for scan, place in scans:
         # none of these can win if their superset leaves clearly more
-        if floor.gain(scan.least, least) > _ODD:
+        if floor.gain(scan.least, least) > _ODD or (whole and floor.hopeless(few, scan.least)):
             continue
         more = place(few, floor, scan, friction=friction)
         more = sorted(_again(rows, floor, more), key=lambda one: one.criterion)
@@ -453,14 +549,17 @@ def _again(rows: LawRows, floor: Floor, found: list[Scored]) -> list[Scored]:
     return again
 
 
-def _models(rows: LawRows, floor: Floor) -> list[Scored]:
+def _models(rows: LawRows, floor: Floor, *, whole: bool = False) -> list[Scored]:
     """Return fits with a reference model in the integral, for the likeliest n and d."""
     some = [law_structures.through_model(rows, Model(rate, 0, False), 0, 0, central=False) for rate in _STANDING]
     # models of four rates with free gains stand for any model while n and d are told apart
     Q, part = _orthogonal(rows)
     wide = _extended(part, Q, np.hstack(some))
     found: list[Scored] = []
-    for n, d in list(_scanned(rows, wide))[:2]:
+    scan = _scanned(rows, wide)
+    if whole and floor.hopeless(rows, min(scan.values())):
+        return []
+    for n, d in list(scan)[:2]:
         problems = law_structures.ModelProblems(rows, n, d)
         coarse: list[Fitted] = []
         for inside in (True, False):
