@@ -37,7 +37,7 @@ _BEGIN = 10  # rows at rest at the beginning of a motion
 _NEAR = 2.0  # times the frequency of the skew, up to which lines tell its mass and stiffness
 _LOWEST, _BELOW = 2e-3, 30  # of the first measured line of the skew, and lines from there on
 _DENSE = 1.5  # ratio of neighbouring lines, from which on they are used
-_RECORD = ("set_position", "reading_load", "force", "velocity_load")
+_RECORD = ("set_position", "reading_load", "force", "velocity_load", "velocity_motor")
 _MOVED = 0.2  # of the skew, that each side moves by itself
 _SMOOTH = 0.02  # s over which a speed is taken
 _STIFFER = 3.0  # times the stiffness in common: that of a beam
@@ -336,11 +336,7 @@ def predicted_gantry(
         }
         or None,
         seed=seed,
-        record=[
-            f"{name}.{signal}"
-            for name in names
-            for signal in ("set_position", "reading_load", "force", "velocity_load")
-        ],
+        record=[f"{name}.{signal}" for name in names for signal in _RECORD],
         name=profiles[0].name,
     )
     rows = slice(0, profiles[0].set_position.size)
@@ -348,14 +344,16 @@ def predicted_gantry(
     for side, (name, each) in zip(SIDES, played.items(), strict=True):
         channels[f"set_position_{side}"] = run[f"{name}.set_position"][rows]
         channels[f"reading_{side}"] = run[f"{name}.reading_load"][rows]
-        channels[f"velocity_{side}"] = run[f"{name}.velocity_load"][rows]
+        channels[f"velocity_load_{side}"] = run[f"{name}.velocity_load"][rows]
+        channels[f"velocity_motor_{side}"] = run[f"{name}.velocity_motor"][rows]
         channels[f"force_{side}"] = channels[f"commanded_{side}"] = run[f"{name}.force"][rows] + each.excitation
 
     def whole(column: str, parts: tuple[float, float]) -> np.ndarray:
         return parts[0] * channels[f"{column}_first"] + parts[1] * channels[f"{column}_second"]
 
     channels |= {"set_position": whole("set_position", shares), "commanded": whole("commanded", (1.0, 1.0))}
-    channels |= {"reading_load": whole("reading", shares), "velocity_load": whole("velocity", shares)}
+    channels |= {"reading_load": whole("reading", shares)}
+    channels |= {name: whole(name, shares) for name in ("velocity_load", "velocity_motor")}
     channels["force"] = channels["commanded"]
     units = {name: "N" if name.startswith(("force", "commanded")) else "m" for name in channels}
     units |= {name: "m/s" for name in channels if name.startswith("velocity")}

@@ -9,6 +9,7 @@ is measured as that of the common motion is, and tuning and certificate hold for
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -84,7 +85,7 @@ class GantryChain(Chain):
     @property
     def motion(self) -> GantryMotion:
         """The common motion, which is the axis of all steps but those of the skew."""
-        return cast(GantryMotion, self.axis)
+        return self.axis
 
     @property
     def gantry(self) -> Gantry:
@@ -142,8 +143,7 @@ class GantryChain(Chain):
             "skew_sign_second": float(told.signs[1]),
         }
         self._know_skew(facts)
-        for side, axis in zip(SIDES, self.gantry.sides, strict=True):
-            write_whole(self.place / f"drive_{side}.toml", axis.text())
+        self._write_drive()
         turned = [side for side, sign in zip(SIDES, told.signs, strict=True) if sign < 0]
         signs = f"; the force of the {' and '.join(turned)} counts against its positions" if turned else ""
         return Text(
@@ -196,8 +196,9 @@ class GantryChain(Chain):
         """Return the skew as it was measured or, before, as it is taken to be, for the mass of the whole (kg)."""
         s1, s2 = self.gantry.shares
         stiffness = self.facts["beam_stiffness"] / (s1 * s2)
-        damping = self.facts.get("beam_damping", DAMPED * 2.0 * (stiffness * mass) ** 0.5 * s1 * s2) / (s1 * s2)
-        return Beam(mass, stiffness, damping)
+        if "beam_damping" in self.facts:
+            return Beam(mass, stiffness, self.facts["beam_damping"] / (s1 * s2))
+        return Beam(mass, stiffness, 2.0 * DAMPED * math.sqrt(stiffness * mass))
 
     def _whole(self, loop: Loop, beam: Beam) -> Machine:
         """Return the machine of both sides for a loop of the whole."""
