@@ -98,6 +98,7 @@ REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
 SURE = 0.1  # error of a mass by strokes, above which the rough one stays
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
+STRUCTURES = (None, "modal", "rigid")  # of the model: by evidence, or where that is not told apart by the lines
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
@@ -171,6 +172,16 @@ def excited(path: Path) -> Profile:
     """Return the profile of a file that `write_excitation` wrote."""
     log = read_log(path)
     return motions.profile(path.stem, log["set_position"], log.sample_time, log["excitation"])
+
+
+class _Model(NamedTuple):
+    """A model of the axis. The one that leaves less of the strokes comes first, then of the lines that were not used."""
+
+    left: float
+    unused: float
+    place: str
+    text: str
+    says: str
 
 
 def _error(signals: Mapping[str, np.ndarray]) -> float:
@@ -831,37 +842,52 @@ class Chain:
         return Text(f"{' and '.join(outputs)}, {len(logs)} realisations.{doubt}")
 
     def model(self) -> tuple[str, Mapping[str, float]]:
-        """Fit masses, springs and dead time to the responses, in a narrower band if it must be; nothing moves."""
-        frequency = next(iter(self._responses().values())).frequency
-        for share in NARROWER:
-            tried = [self._fitted(place, float(frequency[0]), share * float(frequency[-1])) for place in self._places()]
-            good = [outcome for outcome in tried if not outcome.judgment.bad and "Machine" in outcome.files]
-            if good:
-                best = min(good, key=lambda outcome: outcome.result.fit.agreement.unused)
-                # the files of the step are those of the last fit
-                if best is not tried[-1]:
-                    place = self._places()[tried.index(best)]
-                    best = self._fitted(place, float(frequency[0]), share * float(frequency[-1]))
-                return Text(f"{best.verdict} {self._with_friction()}"), {"model_band": share * float(frequency[-1])}
-        raise RefusedError(Text(f"model: {tried[0].verdict} {' '.join(tried[0].notes)}"))
+        """Fit masses, springs and dead time to the responses, and friction to the strokes; nothing moves.
 
-    def _with_friction(self) -> str:
-        """Fit the friction of the model to the strokes, write it into the machine file, and return a sentence on it."""
+        The band is narrower, and the structure simpler, if it must be.  Where the only encoder is, is told by the
+        strokes: the start law moved the axis, and a model under which it does not is none.
+        """
+        frequency = next(iter(self._responses().values())).frequency
+        refused = ""
+        for structure in STRUCTURES:
+            for share in NARROWER:
+                high = share * float(frequency[-1])
+                models: list[_Model] = []
+                for place in self._places():
+                    outcome = self._fitted(place, structure, float(frequency[0]), high)
+                    if not outcome.judgment.bad and "Machine" in outcome.files:
+                        models.append(self._with_friction(place, outcome))
+                    refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
+                if not models:
+                    continue
+                best = min(models)
+                # the report of the step is that of the last fit
+                if best.place != self._places()[-1]:
+                    self._fitted(best.place, structure, float(frequency[0]), high)
+                write_whole(self.place / "machine.toml", best.text)
+                return best.says, {"model_band": high}
+        raise RefusedError(Text(f"model: {refused}"))
+
+    def _with_friction(self, place: str, outcome: Outcome[Any]) -> _Model:
+        """Return the model of an outcome with the friction that explains the strokes best."""
         model = read_machine(self.place / "machine.toml").loop(AXIS)
         control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
         strokes = self._in("friction_and_mass", "strokes.parquet")
         control = replace(control, law=replace(control.law, velocity_encoder=model.control.law.velocity_encoder))
+        unused = outcome.result.fit.agreement.unused
         try:
             fit = fit_friction(replace(model, control=control), read_log(strokes), self.facts["coulomb"])
         except NotIdentifiableError as error:
-            return f"Its friction is that of the strokes alone: {error}."
+            text = (self.place / "machine.toml").read_text(encoding="utf-8")
+            says = Text(f"{outcome.verdict} Its friction is that of the strokes alone: {error}.")
+            return _Model(math.inf, unused, place, text, says)
         text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
-        inputs = (self._in("responses", "responses/frf.csv"), strokes)
-        write_whole(self.place / "machine.toml", with_origins(text, inputs))
-        return Text(
-            f"Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves {Quantity(fit.left, 'm'):3} "
-            "RMS of the strokes."
+        says = Text(
+            f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
+            f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
         )
+        inputs = (self._in("responses", "responses/frf.csv"), strokes)
+        return _Model(fit.left, unused, place, with_origins(text, inputs), says)
 
     def _responses(self) -> dict[str, FRF]:
         return read_frfs(self._in("responses", "responses/frf.csv"))
@@ -870,8 +896,10 @@ class Chain:
         """Return where the only encoder may be; of a drive with two encoders both places are known."""
         return ("both",) if len(self._responses()) > 1 else ("motor", "load")
 
-    def _fitted(self, place: str, low: float, high: float) -> Outcome[Any]:
-        """Fit the responses with the encoder at a place, and write the files of the step."""
+    def _fitted(self, place: str, structure: str | None, low: float, high: float) -> Outcome[Any]:
+        """Fit the responses with the encoder at a place, and write the files of the step; by evidence without a
+        structure.
+        """
         loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
         encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
         axis = replace(
@@ -890,6 +918,7 @@ class Chain:
                 machine=machine_of_text(text, "machine.toml"),
                 axis=AXIS,
                 band=f"{low:.6g}..{high:.6g}",
+                model=structure,
                 out=self.place,
                 **one,
             ),
