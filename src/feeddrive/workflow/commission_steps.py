@@ -175,7 +175,7 @@ def excited(path: Path) -> Profile:
 
 
 class _Model(NamedTuple):
-    """A model of the axis. The one that leaves less of the strokes comes first, then of the lines that were not used."""
+    """A model of the axis: first the one that leaves less of the strokes, then of the lines that were not used."""
 
     left: float
     unused: float
@@ -976,12 +976,16 @@ class Chain:
         return tuple(measured_point(frf, sample_time=self.T, name=frf.output) for frf in self._beside())
 
     def _start_again(self, slower: float) -> None:
-        """Write the model with its start law, all of whose rates are a share of those of its rule."""
+        """Write the model with the start law, all of whose rates are a share of those of its rule.
+
+        It keeps what is fed forward, without which a slow law would not follow within the limits.
+        """
         model = self._in("model", "machine.toml")
         loop = read_machine(model).loop(AXIS)
         law: Any = loop.control.law
         law = replace(law, Kv=slower * law.Kv, Kp=slower * law.Kp, Tn=law.Tn / slower)
-        loop = replace(loop, control=replace(loop.control, law=law))
+        fed = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control.feedforward
+        loop = replace(loop, control=replace(loop.control, law=law, feedforward=fed))
         with new_directory(self.place) as folder:
             text = self._machine(loop, "safe start law of feeddrive commission")
             write_whole(folder / "machine.toml", with_origins(text, (model,)))
