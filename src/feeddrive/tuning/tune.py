@@ -202,6 +202,8 @@ class Best(NamedTuple):
 class Tuner:
     """A tuning task: points, goal and limits, which are the same for every set of tunables that is tried."""
 
+    _whole: tuple[Control, tuple[str, ...], Criteria] | None = None
+
     def __init__(
         self,
         points: tuple[OperatingPoint, ...],
@@ -221,7 +223,6 @@ class Tuner:
         self.kept = [point.sparse() for point in points]
         self.noisy = any(point.variance is not None for point in points)
         self.evaluations, self.progress = 0, progress
-        self._whole: tuple[Control, tuple[str, ...], Criteria] | None = None
 
     def on_all_lines(self, control: Control, names: tuple[str, ...]) -> Criteria:
         """Return the criteria on all lines. Those of the same control are kept, with what they have evaluated."""
