@@ -626,8 +626,8 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
             f"the loop repeats itself every {N} samples: loop gain and margins are computed for at most {MOST}; "
             f"set position_every <= {MOST}, or take a longer sample time"
         )
-    # at a multiple of the slow rate, Nyquist among them, one image is at 0 Hz, where a free mass and an integral have an
-    # infinite gain: the limit there is taken from beside it
+    # at a multiple of the slow rate, Nyquist among them, one image is at 0 Hz, where a free mass and an integral have
+    # an infinite gain: the limit there is taken from beside it
     turns = np.round(frequency * N * T)
     on_image = (turns > 0.0) & (np.abs(frequency * N * T - turns) < _ASIDE)
     lines = np.where(on_image, (turns - _ASIDE) / (N * T), frequency)
