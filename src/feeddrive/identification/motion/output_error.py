@@ -249,7 +249,7 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
         return None
     if counted is not None:
         return counted._replace(steps=steps + counted.steps)
-    wider = np.hypot(errors(covariance), _moved_near_rest(loop, log, skip, sizes, columns, left))
+    wider = np.hypot(errors(covariance), _doubt(loop, log, skip, sizes, columns, left))
     estimates = _estimates(loop, names, columns, left, wider)
     return _Fit(loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), estimates, steps)
 
@@ -294,11 +294,46 @@ def _with_counts(
     moved = np.array([_solved(weighed.columns, other) for other in others])
     covariance = robust_covariance(weighed.columns, weighed.left, smooth=_SMOOTH)
     scattered = np.diag(covariance) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1)
-    robust = np.hypot(
-        np.sqrt(scattered), _moved_near_rest(loop, log, skip, weighed.scale, weighed.columns, weighed.left)
-    )
+    robust = np.hypot(np.sqrt(scattered), _doubt(loop, log, skip, weighed.scale, weighed.columns, weighed.left))
     estimates = _estimates(loop, names, weighed.columns, weighed.left, robust)
     return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), estimates, _ROUNDS, count)
+
+
+def _doubt(
+    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """Return the errors that the residual does not show, shape (p,): friction near standstill, and the dead time.
+
+    For the arguments see `_moved_near_rest`.
+    """
+    near_rest = _moved_near_rest(loop, log, skip, scale, columns, left)
+    return np.hypot(near_rest, _moved_by_dead_time(loop, log, skip, scale, columns, left))
+
+
+def _moved_by_dead_time(
+    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """Return the error of each parameter due to that of the dead time, shape (p,).
+
+        error² = max(0, error_wider² - error²) + d²
+
+    The fit takes the best whole number of samples.  With the dead time as one more unknown, each parameter moves by d,
+    and its error grows where the log hardly tells a delay from it.
+    """
+    try:
+        change = _signals(later(loop, 1), log, skip) - _signals(loop, log, skip)
+    # a loop that is unstable one sample later determines its dead time well
+    except DivergedError:
+        return np.zeros(columns.shape[-1])
+    if not np.any(change):
+        return np.zeros(columns.shape[-1])
+    wider = np.concatenate([columns, (change / scale)[:, :, None]], axis=2)
+    p = columns.shape[-1]
+    moved = _solved(wider, left)[:p] - _solved(columns, left)
+    before, after = (
+        np.diag(robust_covariance(x, left - x @ _solved(x, left), smooth=_SMOOTH))[:p] for x in (columns, wider)
+    )
+    return np.sqrt(np.maximum(after - before, 0.0) + moved**2)
 
 
 def _moved_near_rest(
