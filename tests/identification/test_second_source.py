@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from feeddrive.tuning.filters import read_block
 from feeddrive.workflow.channels import scale_doubts
 from feeddrive.workflow.commissioning import compared
 from feeddrive.workflow.force import DriveValues
-from feeddrive.workflow.identify import _feed
+from feeddrive.workflow.identify import programmed_feed
 from feeddrive.workflow.identify_responses import IdentifyRequest
 
 T = 1e-3
@@ -267,13 +268,13 @@ def test_a_feed_is_in_mm_per_min_and_in_degrees_per_min_of_an_axis_that_turns(
         rotary=rotary,
         turning=turning,
     )
-    request = IdentifyRequest("run.csv", feed=text, lead=lead)
-    assert _feed(request, log) == pytest.approx(feed, rel=1e-9)
+    request = IdentifyRequest(Path("run.csv"), feed=text, lead=lead)
+    assert programmed_feed(request, log) == pytest.approx(feed, rel=1e-9)
     told = [str(remark) for remark in request.about_gear()]
     assert (len(told) == 1 and "--lead 20 mm without --gear: gear 1 is taken" in told[0]) is (lead is not None)
-    assert IdentifyRequest("run.csv", lead=lead, gear=1.0).about_gear() == []
+    assert IdentifyRequest(Path("run.csv"), lead=lead, gear=1.0).about_gear() == []
     with pytest.raises(ParameterError, match="--feed 3:kg: the unit kg must be a speed"):
-        _feed(replace(request, feed="3:kg", lead=None), log)
+        programmed_feed(replace(request, feed="3:kg", lead=None), log)
 
 
 # a commissioning file

@@ -422,8 +422,8 @@ def inverse(matrix: Sequence[Complexes]) -> list[Complexes]:
     scale, places = [max(map(abs, line)) or 1.0 for line in matrix], list(range(n))
     for k in range(n):
         best = max(range(k, n), key=lambda i: abs(rows[i][k]) / scale[i])
-        for part in (rows, scale, places):
-            part[k], part[best] = part[best], part[k]
+        rows[k], rows[best], scale[k], scale[best] = rows[best], rows[k], scale[best], scale[k]
+        places[k], places[best] = places[best], places[k]
         # a singular matrix gets a huge inverse, whose residual then fails the bound
         pivot = rows[k][k] or 1e-300
         # column k of the inverse, of the row that was at `places[k]`, takes the place of the one that is eliminated

@@ -455,7 +455,7 @@ def _identified(
             raise NotIdentifiableError(f"{error}. What the samples say of the columns: {against[0]}") from None
         raise
     against, remarks = against_known(
-        identified, request.mass, _feed(request, motion), None if loop is None else float(loop.sample_time)
+        identified, request.mass, programmed_feed(request, motion), None if loop is None else float(loop.sample_time)
     )
     second = () if read is None else read.second
     return replace(
@@ -466,7 +466,7 @@ def _identified(
     )
 
 
-def _feed(request: IdentifyRequest, log: MotionLog) -> float | None:
+def programmed_feed(request: IdentifyRequest, log: MotionLog) -> float | None:
     """Return the programmed feed in the unit of the log's speed, m/s or rad/s; None if none was given.
 
     Raises ParameterError for a text that is no speed, and for a feed along the table in a log of a shaft without a
