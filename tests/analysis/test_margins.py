@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from feeddrive.analysis.loop_model import LoopModel
+from feeddrive.analysis.loop_model import LoopModel, loop_model
 from feeddrive.analysis.margins import (
     bandwidth,
     complementary_sensitivity,
@@ -22,6 +22,7 @@ from feeddrive.analysis.margins import (
 )
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.rigid import Rigid
+from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
@@ -250,16 +251,47 @@ def test_a_slow_loop_has_its_crossover_on_the_lines() -> None:
     assert margins(loop).crossover == pytest.approx(0.075, rel=1e-3)
 
 
-@pytest.mark.parametrize(("damping", "dense"), [(1e-3, True), (6e-4, False)])
-def test_a_resonance_has_a_line_every_quarter_of_its_half_width(damping: float, dense: bool) -> None:
-    """Lines of 100 Hz that are 0.02 Hz apart: a parabola through nearer ones would be fitted to rounding."""
-    T, f = 1e-3, 100.0
-    s = 2.0 * np.pi * f * (-damping + 1j)
-    turn = s.imag * T
-    A = np.exp(s.real * T) * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    one = np.array([[1.0], [0.0]])
-    model = StateSpace(A, one, one.T, np.zeros((1, 1)), T, ("a", "b"), ("cut",), ("force",))
+def resonant(damping: float, *frequencies: float) -> np.ndarray:
+    """Return the lines about 100 Hz of a loop with resonances there of this damping ratio."""
+    T, n = 1e-3, 2 * len(frequencies)
+    A = np.zeros((n, n))
+    for k, f in enumerate(frequencies):
+        s = 2.0 * np.pi * f * (-damping + 1j)
+        turn = s.imag * T
+        part = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.exp(s.real * T) * part
+    one = np.ones((n, 1))
+    model = StateSpace(A, one, one.T, np.zeros((1, 1)), T, tuple(map(str, range(n))), ("cut",), ("force",))
     lines = LoopModel(model, model).lines()
-    near = lines[np.abs(lines - f) < 4.01 * damping * f]
-    assert (near.size >= 32) is dense
-    assert np.min(np.diff(lines) / lines[:-1]) > 1.9e-4
+    return lines[np.abs(lines - 100.0) < 4.1 * damping * 100.0]
+
+
+@pytest.mark.parametrize("damping", [1e-3, 6e-4, 1e-5, 1e-7])
+def test_a_resonance_has_a_line_every_quarter_of_its_half_width(damping: float) -> None:
+    assert resonant(damping, 100.0).size >= 32
+
+
+@pytest.mark.parametrize(
+    ("damping", "apart", "both"),
+    [(1e-2, 0.03, True), (1e-2, 0.015, False), (1e-4, 0.00125, True), (1e-4, 0.0007, False)],
+)
+def test_lines_of_two_resonances_that_nearly_coincide_are_not_both_kept(
+    damping: float, apart: float, both: bool
+) -> None:
+    """They keep 0.02 Hz at 100 Hz, or 0.1 of the half width, 0.01 Hz with a damping ratio of 1e-4, if that is less."""
+    assert (resonant(damping, 100.0, 100.0 + apart).size > 60) is both
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-3, 5e-4, 1e-5])
+def test_the_lines_of_a_loop_meet_the_peak_of_a_resonance_with_little_damping(damping: float) -> None:
+    """At the pole s = -ζw ± jw√(1 - ζ²) a resonance has its peak, to ζ², and 30 and 70 kg have one of w² = k/21 kg."""
+    w, reduced = 2.0 * np.pi * 60.0, 21.0
+    plant = TwoMass(mass_motor=70.0, mass_load=30.0, stiffness=w * w * reduced, damping=2.0 * damping * w * reduced)
+    law = CascadePPI(Kv=5.0, Kp=2000.0, Tn=0.1, velocity_encoder="motor")
+    model = loop_model(Loop(control=Control(law=law), axis=Axis(plant=plant), sample_time=1e-3))
+    f = model.lines()
+    peak = np.abs(model.loop_gain(np.array([60.0 * np.sqrt(1.0 - damping**2)])).response[0])
+    # 1 % for the slope of the loop gain beside the resonance, over the half width of the largest damping
+    assert np.max(np.abs(model.loop_gain(f).response[np.abs(f - 60.0) < 3.0])) == pytest.approx(peak, rel=0.01)
+    # no two lines nearly coincide but for the width of the resonance
+    assert np.min(np.diff(f) / f[1:]) > 0.5 * min(2e-4, 0.1 * damping)

@@ -412,6 +412,39 @@ class Stand(SimpleNamespace):
 
 
 @pytest.mark.parametrize(
+    ("held", "why"), [(0.3, "too short to find its law"), (0.6, "at its limit in nearly all rows")]
+)
+def test_too_few_rows_are_told_from_a_command_at_its_limit(held: float, why: str) -> None:
+    """180 rows, a share of them at the largest force: with 0.4 of them free it is the limit, with 0.7 the length."""
+    log = logged("Cascade", tuple(PI.items()))
+    rows = slice(400, 580)
+    force = log.force[rows].copy()
+    most = float(np.max(np.abs(force)))
+    force[: round(held * force.size)] = most
+    assert log.set_position is not None
+    cut = Stand(
+        name="log",
+        position=log.position[rows],
+        force=force,
+        set_position=log.set_position[rows],
+        sample_time=T,
+        force_limit=None,
+    )
+    with pytest.raises(NotIdentifiableError, match=why):
+        identify_control(cut)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("doubt", "told"), [(0.45, "tells its gains to +-88 % only"), (0.55, "are too short to tell")])
+def test_gains_that_are_less_than_their_errors_are_not_told_in_percent(
+    doubt: float, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify_law.LawReading, "doubt", property(lambda _: doubt))
+    with pytest.raises(NotIdentifiableError) as refused:
+        found("Cascade", **CASCADE, ff=0.9)
+    assert told in str(refused.value)
+
+
+@pytest.mark.parametrize(
     ("changes", "error", "known"),
     [
         ({}, 0.05, True),

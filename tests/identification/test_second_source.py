@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,11 +19,14 @@ from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.known_values import against_known, top_speed
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.second_source import CLOCK, FORCE, LENGTH, LOAD, Ratio, causes_of, said
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.tuning.filters import read_block
 from feeddrive.workflow.channels import scale_doubts
 from feeddrive.workflow.commissioning import compared
 from feeddrive.workflow.force import DriveValues
+from feeddrive.workflow.identify import programmed_feed
+from feeddrive.workflow.identify_responses import IdentifyRequest
 
 T = 1e-3
 # unit of each value, and how it follows force, sample time and length that are read too large
@@ -240,6 +245,36 @@ def test_a_feed_is_reached_if_it_is_held_for_a_while(held: float, known: bool) -
     if reached is not None:
         # within a tenth of the share in which a speed counts as constant
         assert reached == pytest.approx(0.2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "rotary", "turning", "lead", "feed"),
+    [
+        ("6000", False, False, None, 0.1),
+        ("6:m/min", False, False, None, 0.1),
+        ("3600", True, True, None, 2.0 * math.pi / 6.0),
+        ("10 rev/min", True, True, None, 2.0 * math.pi / 6.0),
+        ("6000", True, False, 0.02, 0.1 / (0.02 / (2.0 * math.pi))),
+    ],
+)
+def test_a_feed_is_in_mm_per_min_and_in_degrees_per_min_of_an_axis_that_turns(
+    text: str, rotary: bool, turning: bool, lead: float | None, feed: float
+) -> None:
+    log = MotionLog(
+        name="run",
+        position=np.arange(200.0),
+        force=np.sin(np.arange(200)),
+        sample_time=T,
+        rotary=rotary,
+        turning=turning,
+    )
+    request = IdentifyRequest(Path("run.csv"), feed=text, lead=lead)
+    assert programmed_feed(request, log) == pytest.approx(feed, rel=1e-9)
+    told = [str(remark) for remark in request.about_gear()]
+    assert (len(told) == 1 and "--lead 20 mm without --gear: gear 1 is taken" in told[0]) is (lead is not None)
+    assert IdentifyRequest(Path("run.csv"), lead=lead, gear=1.0).about_gear() == []
+    with pytest.raises(ParameterError, match="--feed 3:kg: the unit kg must be a speed"):
+        programmed_feed(replace(request, feed="3:kg", lead=None), log)
 
 
 # a commissioning file

@@ -169,3 +169,19 @@ def test_a_period_that_is_too_long_is_refused(screw: Loop) -> None:
 
 def test_a_period_of_48_samples_has_a_loop_gain(screw: Loop) -> None:
     assert np.all(np.isfinite(loop_gain(two_rates(screw, 48), LINES[:2]).response))
+
+
+@pytest.mark.parametrize("every", [2, 8])
+def test_where_an_image_is_at_0_hz_the_loop_gain_is_that_beside_it(slide: Loop, every: int) -> None:
+    """A free mass and an integral are infinite at 0 Hz; the loop of that image is closed, and its limit is finite."""
+    loop = two_rates(slide, every, Tn=0.02)
+    rate = 1.0 / (every * float(loop.sample_time))
+    places = rate * np.arange(1, every // 2 + 1)
+    # 1e-5 of the slow rate to either side is where rounding begins to decide
+    there, beside = (loop_gain(loop, places + off * rate).response for off in (0.0, -1e-3))
+    # 1/(1 + L) changes by 1 % over a thousandth of the slow rate at most
+    assert 1.0 / (1.0 + there) == pytest.approx(1.0 / (1.0 + beside), rel=0.01)
+    for off in (-0.7e-4, 0.7e-4, 1.4e-4):
+        assert 1.0 / (1.0 + loop_gain(loop, places[:1] + off * rate).response) == pytest.approx(
+            1.0 / (1.0 + there[:1]), rel=0.01
+        )

@@ -11,6 +11,7 @@ from feeddrive.loop.loop import Loop
 _LOWEST = 1e-5  # of Nyquist: where the lines of a loop gain begin
 _LINES = 40  # a decade
 _APART = 2e-4  # of a frequency: lines keep this distance
+_OF_WIDTH = 0.1  # of the half width of a resonance: its lines keep at least this distance
 _BESIDE = np.linspace(-4.0, 4.0, 33)  # half widths of a resonance at which lines are added
 
 
@@ -39,10 +40,18 @@ class LoopModel:
         poles = poles[(np.abs(poles) > 0.1) & (np.abs(poles.imag) > 0.0)]
         s = np.log(poles) / self.open.sample_time
         beside = np.abs(s.imag)[:, None] + np.abs(s.real)[:, None] * _BESIDE
-        near = beside.ravel() / (2.0 * np.pi)
-        both = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < nyquist)]]))
-        # a parabola through lines that nearly coincide would be fitted to rounding errors; the last line is Nyquist
-        return both[np.append(np.diff(both) > _APART * both[:-1], True)]
+        near, width = beside.ravel() / (2.0 * np.pi), np.repeat(np.abs(s.real) / (2.0 * np.pi), _BESIDE.size)
+        inside = (near > spread[0]) & (near < nyquist)
+        both, first = np.unique(np.concatenate([spread, near[inside]]), return_index=True)
+        # a parabola through lines that nearly coincide would be fitted to rounding errors, unless the response changes
+        # between them, as at a resonance with little damping
+        apart = np.minimum(_APART * both, np.concatenate([_APART * spread, _OF_WIDTH * width[inside]])[first])
+        kept = np.ones(both.size, bool)
+        last = both.size - 1  # Nyquist
+        for k in range(both.size - 2, -1, -1):
+            kept[k] = both[last] - both[k] > min(apart[k], apart[last])
+            last = k if kept[k] else last
+        return both[kept]
 
     def loop_gain(self, frequency: np.ndarray) -> FRF:
         """Return the loop gain L = -force/cut; `cut` is the force injected at the actuator, where the loop is opened.

@@ -414,24 +414,29 @@ def _float(x: int, scale: int) -> float:
 
 
 def inverse(matrix: Sequence[Complexes]) -> list[Complexes]:
-    """Invert a matrix by Gauss-Jordan elimination with scaled partial pivoting.
+    """Invert a matrix by Gauss-Jordan elimination in place, with scaled partial pivoting.
 
     The result need not be exact: its residual E enters the bounds.
     """
-    n = len(matrix)
-    rows = [[*line, *(complex(i == j) for j in range(n))] for i, line in enumerate(matrix)]
-    scale = [max(map(abs, line)) or 1.0 for line in matrix]
+    n, rows = len(matrix), list(matrix)
+    scale, places = [max(map(abs, line)) or 1.0 for line in matrix], list(range(n))
     for k in range(n):
         best = max(range(k, n), key=lambda i: abs(rows[i][k]) / scale[i])
         rows[k], rows[best], scale[k], scale[best] = rows[best], rows[k], scale[best], scale[k]
+        places[k], places[best] = places[best], places[k]
         # a singular matrix gets a huge inverse, whose residual then fails the bound
         pivot = rows[k][k] or 1e-300
-        top = rows[k] = [x / pivot for x in rows[k]]
-        for i in range(n):
-            factor = rows[i][k]
+        # column k of the inverse, of the row that was at `places[k]`, takes the place of the one that is eliminated
+        top = [x / pivot for x in rows[k]]
+        top[k] = 1.0 / pivot
+        for i, line in enumerate(rows):
+            factor = line[k]
             if factor and i != k:
-                rows[i] = [x - factor * y for x, y in zip(rows[i], top, strict=True)]
-    return [line[n:] for line in rows]
+                rows[i] = line = [x - factor * y for x, y in zip(line, top, strict=True)]
+                line[k] = -factor * top[k]
+        rows[k] = top
+    order = sorted(range(n), key=places.__getitem__)
+    return [[line[k] for k in order] for line in rows]
 
 
 def sums(rows: Sequence[Sequence[complex]], vector: Sequence[complex]) -> list[Any]:
@@ -460,6 +465,18 @@ class Stretch:
             self.q = max((x / y for x, y in zip(after, self.p, strict=True)), default=0.0) * (1.0 + ROUND)
             self.p = after
         self.fits = self.q <= NEAR
+        # what all images share
+        N = len(loop.C)
+        self.rows = list(zip(*loop.B, strict=True))
+        self.size = [sum(map(abs, line)) for line in self.rows]
+        self.bent = [0.5 * h * h * sum((b / N) ** 2 * abs(x) for b, x in enumerate(line)) for line in self.rows]
+        self.gains = [[abs(c) for c in line] for line in loop.C]
+        self.lags = [[(b - a) / N for b in range(a)] for a in range(N)]
+        self.through = [sum(map(abs, line)) for line in loop.D]
+        self.spread = [
+            0.5 * h * h * sum(x * x * abs(d) for x, d in zip(lag, line, strict=True))
+            for lag, line in zip(self.lags, loop.D, strict=True)
+        ]
 
     def bounded(self, rest: list[float]) -> list[float]:
         """Return an upper bound of (I - M)⁻¹ rest: a vector v + c p for which (I - M)(v + c p) >= rest."""
@@ -475,32 +492,28 @@ class Stretch:
 
         Each sample of the force, divided by this sine, is y0 + (θ - θ0) y1 up to a bounded remainder.
         """
-        (_, B, C, D), h, N = self.loop, self.h, len(self.loop.C)
+        (_, _, C, D), h, N = self.loop, self.h, len(self.loop.C)
         turn = [cmath.exp(1j * (self.center + 2.0 * math.pi * k) * b / N) for b in range(N)]
-        rows = list(zip(*B, strict=True))
-        size = [sum(map(abs, line)) for line in rows]
-        x0 = sums(self.R, sums(rows, turn))
-        b1 = sums(rows, [1j * b / N * w for b, w in enumerate(turn)])
+        x0 = sums(self.R, sums(self.rows, turn))
+        b1 = sums(self.rows, [1j * b / N * w for b, w in enumerate(turn)])
         x1 = sums(self.R, [b - 1j * self.zeta * x for b, x in zip(b1, x0, strict=True)])
         most = [abs(x) + h * abs(y) for x, y in zip(x0, x1, strict=True)]
-        bent = [0.5 * h * h * sum((b / N) ** 2 * abs(x) for b, x in enumerate(line)) for line in rows]
         moved = [
             s + ROUND * (1.0 + h) * (b + m) + 0.5 * h * h * abs(x) + h * h * abs(y)
-            for s, b, m, x, y in zip(bent, size, most, x0, x1, strict=True)
+            for s, b, m, x, y in zip(self.bent, self.size, most, x0, x1, strict=True)
         ]
         rest = [w + e + ROUND * m for w, e, m in zip(sums(self.W, moved), sums(self.E, most), most, strict=True)]
         rest = self.bounded(rest)
         y0, y1, square = list[complex](), list[complex](), 0.0
         for a in range(N):
             back, s0, s1 = turn[a].conjugate(), sum(map(mul, C[a], x0)), sum(map(mul, C[a], x1))
-            lag = [(b - a) / N for b in range(a)]
             there = [d * w * back for d, w in zip(D[a], turn, strict=False)]
             y0.append(back * s0 + sum(there))
-            y1.append(back * (s1 - 1j * a / N * s0) + 1j * sum(map(mul, lag, there)))
-            gains = [abs(c) for c in C[a]]
+            y1.append(back * (s1 - 1j * a / N * s0) + 1j * sum(map(mul, self.lags[a], there)))
+            gains = self.gains[a]
             loose = sum(map(mul, gains, rest)) + 0.5 * h * h * (a / N) ** 2 * (abs(s0) + h * abs(s1))
-            loose += h * h * a / N * abs(s1) + 0.5 * h * h * sum(x * x * abs(d) for x, d in zip(lag, D[a], strict=True))
-            loose += 4.0 * ROUND * (sum(map(mul, gains, most)) + sum(map(abs, D[a])))
+            loose += h * h * a / N * abs(s1) + self.spread[a]
+            loose += 4.0 * ROUND * (sum(map(mul, gains, most)) + self.through[a])
             square += loose * loose
         return y0, y1, math.sqrt(square)
 

@@ -166,9 +166,22 @@ class Resolvent:
 
     def left(self, C: np.ndarray) -> np.ndarray:
         """Return C (z - A)⁻¹ of shape (n, rows, points), for one C for all points or one C per point."""
+        if not self.scale.size:
+            return np.zeros((0, C.shape[-2], self.z.size), complex)
+        w = self._left(C)
+        return ((self.vectors.conj().T / self.scale).T @ w.reshape(len(w), -1)).reshape(w.shape)
+
+    def between(self, C: np.ndarray, B: np.ndarray) -> np.ndarray:
+        """Return C (z - A)⁻¹ B of shape (columns, rows, points), for one C and one B for all points."""
+        if not self.scale.size:
+            return np.zeros((B.shape[1], C.shape[0], self.z.size), complex)
+        w = self._left(C)
+        right = self.vectors.conj().T @ (B / self.scale[:, None])
+        return (right.T @ w.reshape(len(w), -1)).reshape(-1, *w.shape[1:])
+
+    def _left(self, C: np.ndarray) -> np.ndarray:
+        """Return C (z - A)⁻¹ in the basis of the Schur form, shape (n, rows, points)."""
         n, z = self.scale.size, self.z
-        if not n:
-            return np.zeros((0, C.shape[-2], z.size), complex)
         S, Z = self.form, self.vectors
         left = (C * self.scale) @ Z
         w = (
@@ -179,7 +192,7 @@ class Resolvent:
         for i in range(n):
             w[i] /= z - S[i, i]
             w[i + 1 :] += S[i, i + 1 :, None, None] * w[i]
-        return ((Z.conj().T / self.scale).T @ w.reshape(n, -1)).reshape(w.shape)
+        return w
 
 
 # A tangent that is zero for all values is None and costs no operation.

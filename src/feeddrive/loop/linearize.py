@@ -470,6 +470,7 @@ def _cells(seed: Any) -> np.ndarray:
 # samples of a period: a response has as many images, and its cost grows with their square
 MOST = 64
 _BLOCK = 2**19  # entries of all matrices in memory at once
+_ASIDE = 1e-4  # of the slow rate of a multirate loop: nearer to its multiples rounding decides
 
 
 @dataclass(frozen=True, eq=False)
@@ -625,8 +626,13 @@ def gain_of(model: Lifted, frequency: np.ndarray, output: str = "force", input: 
             f"the loop repeats itself every {N} samples: loop gain and margins are computed for at most {MOST}; "
             f"set position_every <= {MOST}, or take a longer sample time"
         )
+    # at a multiple of the slow rate, Nyquist among them, one image is at 0 Hz, where a free mass and an integral have
+    # an infinite gain: the limit there is taken from beside it
+    turns = np.round(frequency * N * T)
+    on_image = (turns > 0.0) & (np.abs(frequency * N * T - turns) < _ASIDE)
+    lines = np.where(on_image, (turns - _ASIDE) / (N * T), frequency)
     # N × N matrices at all frequencies at once would fill the memory
-    blocks = np.array_split(frequency, max(1, -(-frequency.size * N * N // _BLOCK)))
+    blocks = np.array_split(lines, max(1, -(-frequency.size * N * N // _BLOCK)))
     parts = [images_closed(-model.harmonics(block, output, input)) for block in blocks if block.size]
     gain, rest = (np.concatenate([part[i] for part in parts]) for i in range(2))
     return FRF(frequency, gain, input, output, "N/N", T), rest

@@ -273,6 +273,7 @@ class Criteria:
         assert goal.goal is not None
         self._declared = goal.goal
         self._known: dict[bytes, Evaluation] = {}
+        self._latest: tuple[bytes, list[Answer]] | None = None
         self._below = [Below(point) for point in points]
         every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
         self._lines, places = np.unique(np.concatenate(every), return_inverse=True)
@@ -289,10 +290,16 @@ class Criteria:
 
     def answers(self, x: np.ndarray) -> list[Answer]:
         """Return the closed loop at each operating point for tunables exp(x), with derivatives with respect to x."""
-        values = np.exp(x)
-        if self.control.period > 1:
-            return self._of_two_rates(values)
-        return self._answers(self.control.at(values, self._lines), values)
+        key = np.asarray(x, float).tobytes()
+        # an evaluation is often followed by a question for its closed loops
+        if self._latest is None or self._latest[0] != key:
+            values = np.exp(x)
+            if self.control.period > 1:
+                loops = self._of_two_rates(values)
+            else:
+                loops = self._answers(self.control.at(values, self._lines), values)
+            self._latest = key, loops
+        return self._latest[1]
 
     def _of_two_rates(self, values: np.ndarray, *, look: bool = False) -> list[Answer]:
         """Return the closed loops of a multirate controller, whose response also depends on the axis."""

@@ -11,7 +11,9 @@ import numpy as np
 
 from feeddrive.loop.gradient import Resolvent
 
-_ROUNDING = 1e-14  # of the terms that an entry of a matrix is the sum of
+# of the terms that an entry of a matrix is the sum of: derivatives have rounding errors of 1e-13, and with a smaller
+# share these would be taken for four times as many products
+_ROUNDING = 1e-11
 _BLOCK = 2**12  # lines times images computed at once: the arrays of a block then stay in the cache
 
 
@@ -82,7 +84,9 @@ class _Parts:
     controller deviates from its time-invariant part or sets slow states; there are few of them, since a position loop
     runs once per period. With the slow states s at the start of a period and the input values w of that period
 
-        ζ s = S s + Q w,   force and fast states get η_k = P_k s + G_k w in sample k,   ζ = z^N
+        ζ s = S s + Q w,   force and fast states get η_k = V (P_k s + G_k w) in sample k,   ζ = z^N
+
+    V, `along`, has few columns: what a slow part gives, such as a set velocity, enters at one place.
     """
 
     def __init__(self, samples: np.ndarray) -> None:
@@ -99,17 +103,20 @@ class _Parts:
         W, s = len(self.taken), slow.size
         # the slow states from those at the start of the period, and from the numbers taken
         through = np.eye(s, s + W)
-        self.given = np.zeros((N, rows.size, s + W))
+        given = np.zeros((N, rows.size, s + W))
         for k in range(N):
             new = np.zeros((n + 1, W))
             for place, (sample, column) in enumerate(self.taken):
                 if sample == k:
                     new[:, place] = apart[k, :, column]
-            self.given[k] = samples[k][np.ix_(rows, slow)] @ through
-            self.given[k, :, s:] += new[rows]
+            given[k] = samples[k][np.ix_(rows, slow)] @ through
+            given[k, :, s:] += new[rows]
             through = samples[k][np.ix_(slow, slow)] @ through
             through[:, s:] += new[slow]
         self.slow, self.set = through[:, :s], through[:, s:]
+        pairs = _products(given.transpose(1, 0, 2).reshape(1, rows.size, N * (s + W)))
+        self.along = np.array([column for _, column, _ in pairs]).reshape(-1, rows.size).T
+        self.given = np.array([row for _, _, row in pairs]).reshape(-1, N, s + W).transpose(1, 0, 2)
 
     def closed(self, cycles: np.ndarray, images: list[int], axis: np.ndarray) -> _Closed:
         """Return the response with the loops at the images closed, for lines at f T = cycles."""
@@ -121,44 +128,47 @@ class _Parts:
         turn = cycles + np.array(every)[:, None] / N  # of z at each image, (images, lines)
         A, B, c, d = self.base[:n, :n], self.base[:n, n:], self.base[n:, :n], self.base[n, n:]
         picked = np.concatenate([c, np.eye(n)[states]])
-        left = Resolvent(A, np.exp(2j * np.pi * turn).ravel()).left(picked).reshape(n, len(picked), *turn.shape)
-        direct = np.einsum("imf,ir->rmf", left[:, 0], B) + d[:, None, None]
+        inner, readings = np.concatenate([B, self.along[:n]], axis=1), axis.shape[1]
+        answers = Resolvent(A, np.exp(2j * np.pi * turn).ravel()).between(picked, inner)
+        answers = answers.reshape(inner.shape[1], len(picked), *turn.shape)
+        direct = answers[:readings, 0] + d[:, None, None]
         given = self._given(cycles, every)
-        force = np.einsum("imf,imwf->mwf", left[:, 0], given[:, :n].transpose(1, 0, 2, 3)) + given[:, n]
+        force = np.einsum("vmf,mvwf->mwf", answers[readings:, 0] + self.along[n][:, None, None], given)
         # what each number taken hears of the readings at each image, and of itself through the fast states
-        hears = np.zeros((len(every), W, axis.shape[1], lines), complex)
+        hears = np.zeros((len(every), W, readings, lines), complex)
         own = np.broadcast_to(np.eye(W), (lines, W, W)).astype(complex)
         state = 0
         for place, (sample, column) in enumerate(self.taken):
             phase = np.exp(2j * np.pi * sample * turn)
             if column < n:
                 state += 1
-                heard = phase * left[:, state]
-                hears[:, place] = np.einsum("imf,ir->mrf", heard, B)
-                own[:, place] -= np.einsum("imf,imwf->fw", heard, given[:, :n].transpose(1, 0, 2, 3))
+                heard = phase * answers[:, state]
+                hears[:, place] = heard[:readings].transpose(1, 0, 2)
+                own[:, place] -= np.einsum("vmf,mvwf->fw", heard[readings:], given)
             else:
                 hears[:, place, column - n] = phase
         single = 1.0 - np.sum(axis * direct[:, 1 : 1 + many].transpose(1, 0, 2), axis=1)  # 1 + L of the fast part
         share = axis / single[:, None]
         by_force = np.sum(hears[1 : 1 + many] * share[:, None], axis=2)  # (images, W, lines)
-        inner = own - np.einsum("mvf,mwf->fvw", by_force, force[1 : 1 + many])
+        loop = own - np.einsum("mvf,mwf->fvw", by_force, force[1 : 1 + many])
         # what is taken for a unit reading at the line, and how the numbers taken count there
-        back = np.linalg.solve(inner, hears[0].transpose(2, 0, 1)).transpose(1, 2, 0)
-        ahead = np.linalg.solve(inner.transpose(0, 2, 1), force[0].T[:, :, None])[:, :, 0].T
+        back = np.linalg.solve(loop, hears[0].transpose(2, 0, 1)).transpose(1, 2, 0)
+        ahead = np.linalg.solve(loop.transpose(0, 2, 1), force[0].T[:, :, None])[:, :, 0].T
         value = direct[:, 0] + np.einsum("wf,wrf->rf", force[0], back)
         forces = np.einsum("mwf,wrf->mrf", force[1 : 1 + many], back)
-        readings = share[:, :, None] * forces[:, None]
         counts = np.einsum("wf,mwf->mf", ahead, by_force)
-        rest = np.prod(single, axis=0) * np.linalg.det(inner) / np.linalg.det(own)
-        return _Closed(value, readings, counts, rest)
+        rest = np.prod(single, axis=0) * np.linalg.det(loop) / np.linalg.det(own)
+        return _Closed(value, share[:, :, None] * forces[:, None], counts, rest)
 
     def _given(self, cycles: np.ndarray, images: list[int]) -> np.ndarray:
-        """Return the harmonics of η for unit input values, shape (images, fast states and force, W, lines)."""
+        """Return the harmonics of P s + G w for unit input values w, shape (images, columns of V, W, lines)."""
         N, s, W = self.period, self.slow.shape[0], len(self.taken)
         lines = cycles.size
         start = Resolvent(self.slow, np.exp(2j * np.pi * N * cycles)).after(self.set).transpose(1, 2, 0)
         rows = self.given.shape[1]
-        over_time = self.given[:, :, :s].reshape(N * rows, s) @ start.reshape(s, W * lines)
+        # real times complex, as real numbers
+        flat = np.ascontiguousarray(start).reshape(s, W * lines).view(float)
+        over_time = (self.given[:, :, :s].reshape(N * rows, s) @ flat).view(complex)
         over_time = over_time.reshape(N, rows, W, lines) + self.given[:, :, s:, None]
         over_time *= np.exp(-2j * np.pi * np.arange(N)[:, None] * cycles)[:, None, None]
         waves = np.exp(-2j * np.pi / N * np.outer(images, np.arange(N))) / N

@@ -202,6 +202,8 @@ class Best(NamedTuple):
 class Tuner:
     """A tuning task: points, goal and limits, which are the same for every set of tunables that is tried."""
 
+    _whole: tuple[Control, tuple[str, ...], Criteria] | None = None
+
     def __init__(
         self,
         points: tuple[OperatingPoint, ...],
@@ -221,6 +223,12 @@ class Tuner:
         self.kept = [point.sparse() for point in points]
         self.noisy = any(point.variance is not None for point in points)
         self.evaluations, self.progress = 0, progress
+
+    def on_all_lines(self, control: Control, names: tuple[str, ...]) -> Criteria:
+        """Return the criteria on all lines. Those of the same control are kept, with what they have evaluated."""
+        if self._whole is None or self._whole[0] is not control or self._whole[1] != names:
+            self._whole = control, names, self.criteria(control, names, whole=True)
+        return self._whole[2]
 
     def criteria(
         self, control: Control, names: tuple[str, ...], whole: bool = False, *, rough: bool = False
@@ -275,7 +283,7 @@ class Tuner:
                     end = self._kept(search, end, x, speeds(control, names), evolved=evolved)
                     evolved = False
                 end = self._on_all_lines(control, names, search, end)
-                wanted = needed(self.criteria(control, names, whole=True)(end.x).bounds, sure, self.confidence)
+                wanted = needed(self.on_all_lines(control, names)(end.x).bounds, sure, self.confidence)
                 if wanted < sure + _SETTLED and search.broken(end.judged) <= _KEPT:
                     sure_ends.append((end, sure))
                 # where a bound stays violated a larger reserve violates it more
@@ -287,11 +295,11 @@ class Tuner:
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         # a missing band explains more than conflicting limits, so it is checked before the refusal
         if search.broken(end.judged) > 5e-3:
-            require_covered(self.criteria(control, names, whole=True).answers(end.x))
+            require_covered(self.on_all_lines(control, names).answers(end.x))
             if trial:
                 raise UnstableError(f"no setting was found that keeps {self.limits.sentence()}")
             self._refuse(search, end)
-        require_covered(self.criteria(control, names, whole=True).answers(end.x))
+        require_covered(self.on_all_lines(control, names).answers(end.x))
         if self.noisy:
             require_good(search.criteria.answers(end.x), 1.0)
             if cost > _COSTLY:
@@ -389,7 +397,7 @@ class Tuner:
     def as_it_is(self, control: Control, names: tuple[str, ...]) -> Best:
         """Evaluate a controller as it is, without a search; `names` are its tunables."""
         x = logarithms(control, names)
-        criteria = self.criteria(control, names, whole=True)
+        criteria = self.on_all_lines(control, names)
         search = Search(criteria, x, x)
         evaluation = search.judge(x)
         if evaluation is None:
@@ -504,7 +512,7 @@ class Tuner:
     def _on_all_lines(self, control: Control, names: tuple[str, ...], search: Search, end: End) -> End:
         """Check the result on all lines; add lines on which it violates a bound and search again, for a few rounds."""
         for _ in range(_CUTS):
-            whole = self.criteria(control, names, whole=True)
+            whole = self.on_all_lines(control, names)
             evaluation = whole(end.x)
             added = False
             for bound in evaluation.bounds:
@@ -638,7 +646,7 @@ class Tuner:
             if isinstance(filter_, Notch)
         ]
         peaks: dict[float, float] = {}
-        for answer in self.criteria(best.control, best.names, whole=True).answers(best.end.x):
+        for answer in self.on_all_lines(best.control, best.names).answers(best.end.x):
             f, size = answer.point.frequency, np.abs(answer.gain)
             for k in resonances_above(f, size):
                 if all(abs(np.log(f[k] / other)) > _APART for other in (*taken, *peaks)):
@@ -1215,7 +1223,7 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
     cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
-    whole = tuner.criteria(best.control, best.names, whole=True)
+    whole = tuner.on_all_lines(best.control, best.names)
     return Tuned(
         control=control,
         loops=loops,

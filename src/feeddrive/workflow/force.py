@@ -199,6 +199,21 @@ def scale_of(
 _SIZE = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*:?\s*(.*)")
 
 
+def number_with_unit(flag: str, text: str, example: str) -> tuple[float, str]:
+    """Parse `3.2:Nm`, `3.2Nm` or `3.2 Nm` into a number > 0 and its unit, which may be empty.
+
+    Raises ParameterError, which shows the example, for any other string.
+    """
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ParameterError(f"{flag} {text}: must be a number and a unit, as {example}")
+    value, unit = float(match[1]), unit_of(match[2]) or match[2]
+    # a reversed sign is the matter of --inverted alone
+    if not (math.isfinite(value) and value > 0.0):
+        raise ParameterError(f"{flag} {text}: must be > 0")
+    return value, unit
+
+
 def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
     """Parse a string such as `3.2:Nm` into a value and its unit: N m, N, A or, for --at-full, percent.
 
@@ -206,14 +221,7 @@ def _size(flag: str, text: str | None, what: str) -> tuple[float, str]:
     """
     if text is None:
         raise ParameterError(f"{flag} is missing: {what}; as {flag} {'12:A' if flag == '--at-full' else '3.2:Nm'}")
-    # 3.2:Nm, 3.2Nm and 3.2 Nm alike
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise ParameterError(f"{flag} {text}: must be a number and a unit, as 3.2:Nm or 850:N")
-    value, unit = float(match[1]), unit_of(match[2]) or ""
-    # a reversed sign is the matter of --inverted alone
-    if not (math.isfinite(value) and value > 0.0):
-        raise ParameterError(f"{flag} {text}: must be > 0")
+    value, unit = number_with_unit(flag, text, "3.2:Nm or 850:N")
     for known in ("N m", "N", "A", *(("percent",) if flag == "--at-full" else ())):
         try:
             return value * units.factor(unit, known), known

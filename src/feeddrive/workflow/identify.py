@@ -6,6 +6,7 @@ Identified values are written into an existing machine file, whose comments are 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -35,7 +36,7 @@ from feeddrive.identification.motion.motion_log import MotionLog, count_of
 from feeddrive.identification.motion.pooled import IdentifiedLogs, law_table, pool_logs
 from feeddrive.identification.motion.rigid import RigidFit
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate, lever
-from feeddrive.language import tree
+from feeddrive.language import tree, units
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import FeeddriveError, LogError, NotIdentifiableError, ParameterError, sentence
 from feeddrive.language.judgment import Judgment
@@ -54,6 +55,7 @@ from feeddrive.tuning.start_law import SPREAD, start_law
 from feeddrive.workflow.channels import ALL, Doubt, Mapped, mapped, no_column
 from feeddrive.workflow.command import Outcome, called, command, line
 from feeddrive.workflow.drive_logs import column_texts, log_names, narrow, write_report, written
+from feeddrive.workflow.force import number_with_unit
 from feeddrive.workflow.identify_responses import (
     IdentifyRequest,
     identify_commissioned,
@@ -407,7 +409,7 @@ def _law(request: IdentifyRequest, motion: MotionLog) -> tuple[Law | None, list[
             f"--law {file}: the gains of an ODrive are those at the motor: give the --lead of the screw or belt, or "
             "--rotary for an axis that turns"
         )
-    place = None if request.lead is None else lever(request.lead, request.gear)
+    place = None if request.lead is None else lever(request.lead, request.geared)
     return read_odrive(file, axis or "axis0", place)
 
 
@@ -427,9 +429,9 @@ def _identified(
         motion = MotionLog(**channels)
         law, said = _law(request, motion)
         identified = identify_motion(
-            motion, loop, law=law, friction=friction, lead=request.lead, gear=request.gear, motor=run.motor
+            motion, loop, law=law, friction=friction, lead=request.lead, gear=request.geared, motor=run.motor
         )
-        identified = replace(identified, remarks=(*identified.remarks, *said))
+        identified = replace(identified, remarks=(*identified.remarks, *said, *request.about_gear()))
         # before the machine file is written: implausible units and wrong columns must not reach it
         if read is not None:
             read.stop(progress)
@@ -453,7 +455,7 @@ def _identified(
             raise NotIdentifiableError(f"{error}. What the samples say of the columns: {against[0]}") from None
         raise
     against, remarks = against_known(
-        identified, request.mass, request.feed, None if loop is None else float(loop.sample_time)
+        identified, request.mass, programmed_feed(request, motion), None if loop is None else float(loop.sample_time)
     )
     second = () if read is None else read.second
     return replace(
@@ -462,6 +464,29 @@ def _identified(
         contradicted=joined("; ", (*second, *against)),
         remarks=(*identified.remarks, *remarks),
     )
+
+
+def programmed_feed(request: IdentifyRequest, log: MotionLog) -> float | None:
+    """Return the programmed feed in the unit of the log's speed, m/s or rad/s; None if none was given.
+
+    Raises ParameterError for a text that is no speed, and for a feed along the table in a log of a shaft without a
+    lead.
+    """
+    if request.feed is None:
+        return None
+    value, unit = number_with_unit("--feed", request.feed, "6000 or 6:m/min")
+    unit = unit or ("deg/min" if log.turning else "mm/min")
+    with suppress(ParameterError):
+        return value * units.factor(unit, log.frame.velocity)
+    if log.rotary and not log.turning and request.lead is not None:
+        with suppress(ParameterError):
+            return value * units.factor(unit, "m/s") / lever(request.lead, request.geared)
+    wanted = "a speed along the table, as m/min"
+    if log.turning:
+        wanted = "a speed of rotation, as deg/min or rev/min"
+    elif log.rotary:
+        wanted = "a speed of the shaft, as rev/min, or --lead must be given"
+    raise ParameterError(f"--feed {request.feed}: the unit {unit} must be {wanted}")
 
 
 def _channels(file: OpenedFile, log: Log, drive: Drive, named: Collection[str]) -> dict[str, Any]:

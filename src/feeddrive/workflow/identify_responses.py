@@ -77,7 +77,7 @@ def identify_responses(request: IdentifyRequest, responses: Mapping[str, FRF], p
     text = None if reason or isinstance(fit, ModalFit) else machine_text(fit, machine, name, drive, turns=turns)
     text = None if text is None else with_origins(text, (request.log, request.motor, request.load, machine))
     judged_by = units_first(doubts) or advice(result, turns=turns)
-    remarks = [*_silent(chosen), *fit.remarks]
+    remarks = [*_silent(chosen), *fit.remarks, *request.about_gear()]
     return _outcome(request, result, remarks, _facts(path, chosen, request), judged_by, text, reason, progress)
 
 
@@ -95,7 +95,7 @@ def identify_commissioned(request: IdentifyRequest, file: Commissioning, progres
         band=None if request.band is None else frequencies(request.band),
         rotary=request.rotary,
         lead=request.lead,
-        gear=request.gear,
+        gear=request.geared,
         sample_time=request.sample_time,
         model=request.model or ("modal" if request.modes else "auto"),
         modes=request.modes,
@@ -114,7 +114,7 @@ def identify_commissioned(request: IdentifyRequest, file: Commissioning, progres
         "Known before": ", ".join(request.fix) or "nothing",
         "Cost": "weighted by the variance of each line" if frf.variance is not None else "complex logarithmic ratio",
     }
-    remarks = [*axis.remarks, *fit.remarks]
+    remarks = [*axis.remarks, *fit.remarks, *request.about_gear()]
     judged_by = advice(axis.result, turns=True)
     outcome = _outcome(request, axis.result, remarks, known, judged_by, text, reason, progress)
     # the file itself is tuned: the modes above the band of the model are in it alone
@@ -256,7 +256,7 @@ def _fit(
         held=not request.measured_input,
         band=band,
         force_per_unit=request.force_constant,
-        travel_per_unit=None if request.lead is None else lever(request.lead, request.gear),
+        travel_per_unit=None if request.lead is None else lever(request.lead, request.geared),
         progress=progress,
     )
 
@@ -499,7 +499,7 @@ class IdentifyRequest(DriveValues):
     lead: float | None = option(
         "lead of the screw, to put angles and torques at the table", unit="m", above=0.0, default=None
     )
-    gear: float = option("turns of the motor in one turn of the screw", default=1.0, above=0.0)
+    gear: float | None = option("turns of the motor in one turn of the screw; 1", above=0.0, default=None)
     sample_time: float | None = option("sample time of a log without a clock", unit="s", default=None)
     mass: float | None = option(
         "moving mass that is known, as weighed, against which clock and scales of the log are checked",
@@ -507,11 +507,9 @@ class IdentifyRequest(DriveValues):
         above=0.0,
         default=None,
     )
-    feed: float | None = option(
-        "feed that the motion reaches, as it was programmed, against which the clock is checked",
-        unit="m/s",
-        entered="mm/min",
-        above=0.0,
+    feed: str | None = option(
+        "feed that the motion reaches, as it was programmed, against which the clock is checked: in mm/min, deg/min of "
+        "an axis that turns, or with its unit, as 6:m/min",
         default=None,
     )
     time: str | None = option("column of the time, name:unit", default=None)
@@ -536,6 +534,22 @@ class IdentifyRequest(DriveValues):
         if not self.logs:
             raise ParameterError("logs: identify needs a log of a motion, or a file of frequency responses")
         super().check()
+
+    @property
+    def geared(self) -> float:
+        """The gear, 1 if none was given."""
+        return 1.0 if self.gear is None else self.gear
+
+    def about_gear(self) -> list[Text]:
+        """Return a remark on a screw whose gear was not given."""
+        if self.lead is None or self.gear is not None:
+            return []
+        return [
+            Text(
+                f"--lead {Quantity(self.lead, 'm'):6 mm} without --gear: gear 1 is taken, one turn of the motor in one "
+                "turn of the screw; with another gear give --gear"
+            )
+        ]
 
     @property
     def sources(self) -> tuple[Measured, ...]:

@@ -45,6 +45,7 @@ STEADY = (
 # of n ln of the sums of squares, that a slower position loop must explain to be named as the reason of a refusal: such
 # loops explain 150 and more, dead bands and errors of rounded set positions up to 40 by chance (25 foreign logs)
 HELD = 60.0
+_LIMITED = 0.5  # share of the rows below the limit, above which it is the length of the log that leaves too few rows
 _APART = 0.3  # of ln 1/Tn, within which two fits are the same minimum
 # relative, or in standard errors, up to which the gains of two fits are those of one law, whose error holds both
 _SAME, _SAME_ERRORS = 0.1, 3.0
@@ -176,6 +177,12 @@ def identify_control(log: MotionLog) -> ControlFit:
         )
     signals = Signals.of(log)
     found = _searched(log, signals)
+    if found is None and np.mean(free := signals.free(log.force_limit)) > _LIMITED:
+        raise NotIdentifiableError(
+            f"{log.name}: the log is too short to find its law: {LawRows.of(signals, free).force.size} of its "
+            f"{log.position.size} rows can be used, at least {law_search.LEAST_ROWS} are needed; record a longer "
+            "motion, with ramps in both directions"
+        )
     if found is None:
         raise NotIdentifiableError(
             f"{log.name}: the command is at its limit in nearly all rows, where it does not follow the law: record a "
@@ -323,10 +330,17 @@ def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
     unsure = min(readings, key=lambda reading: reading.doubt)
     readings = [reading for reading in readings if reading.doubt < SURE]
     if not readings:
+        off = regression.NORMAL * unsure.doubt
+        length = Quantity(log.position.size * log.sample_time, "s")
+        # an interval that holds 0 says nothing of a gain
+        tells = (
+            Text(f"the log tells its gains to +-{Quantity(off, 'share'):2} only")
+            if off < 1.0
+            else Text(f"{length:3} with so little motion are too short to tell its gains, not even their signs")
+        )
         raise NotIdentifiableError(
-            f"{log.name}: {unsure.name} explains the force, but the log tells its gains to "
-            f"+-{Quantity(regression.NORMAL * unsure.doubt, 'share'):2} only: record a longer motion with ramps, or "
-            "state the law in a machine file"
+            f"{log.name}: {unsure.name} explains the force, but {tells}: record a longer motion with ramps, or state "
+            "the law in a machine file"
         )
     ordered = sorted(readings, key=_unusual)
     first = ordered[0]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.analysis.replay import Replay, estimate_start, path_of, replay
+from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.identification.motion.motion_log import MotionLog, at_rest, count_of, drawn, spread, unknown_force
 from feeddrive.identification.regression import Estimate, errors, estimates_table, inverse_gram, robust_covariance
 from feeddrive.language import tree
@@ -21,6 +22,10 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
 _SIGNALS = ("position_load", "force")
+# shares of the largest speed: the width of what friction does near standstill is unknown
+_NEAR_REST = (0.01, 0.02, 0.035, 0.06, 0.1, 0.2)
+# of the RMS force, for the effect of a force near standstill: it hardly moves where the axis sticks
+_SMALL_FORCE = 0.02
 _STEP = 1e-3  # of a parameter, for its difference
 # m: a rounded reading has no slope, so that simulations for differences need practically continuous ones
 _FINE = 1e-13
@@ -191,16 +196,18 @@ def later(loop: Loop, samples: int) -> Loop:
     return tree.vary(loop, {f"{loop.place_of('axis')}.actuator.dead_time": dead_time})
 
 
-def _signals(loop: Loop, log: MotionLog, skip: int) -> np.ndarray:
-    """Return the position and force of the simulated log, shape (2, n), without quantization and noise."""
+def _signals(
+    loop: Loop, log: MotionLog, skip: int, names: Sequence[str] = _SIGNALS, load: RecordedForce | None = None
+) -> np.ndarray:
+    """Return signals of the simulated log, by default position and force, without quantization and noise."""
     loop = tree.vary(
         loop, dict.fromkeys(_encoder(loop, "resolution"), _FINE) | dict.fromkeys(_encoder(loop, "noise"), 0.0)
     )
     assert log.set_position is not None
     reference = path_of(loop.control, log.set_position, float(loop.sample_time))
     start = estimate_start(log.position, log.sample_time)
-    run = simulate(loop, reference, start=start, record=_SIGNALS)
-    return np.array([run[name][skip : log.position.size] for name in _SIGNALS])
+    run = simulate(loop, reference, load=load, start=start, record=names)
+    return np.array([run[name][skip : log.position.size] for name in names])
 
 
 class _Fit(NamedTuple):
@@ -242,7 +249,8 @@ def _fitted(loop: Loop, log: MotionLog, names: tuple[str, ...], skip: int) -> _F
         return None
     if counted is not None:
         return counted._replace(steps=steps + counted.steps)
-    estimates = _estimates(loop, names, columns, left, errors(covariance))
+    wider = np.hypot(errors(covariance), _doubt(loop, log, skip, sizes, columns, left))
+    estimates = _estimates(loop, names, columns, left, wider)
     return _Fit(loop, float(np.sqrt(np.mean((measured - model)[0] ** 2))), estimates, steps)
 
 
@@ -285,9 +293,93 @@ def _with_counts(
     others = (others - np.mean(others, axis=0)) / weighed.scale
     moved = np.array([_solved(weighed.columns, other) for other in others])
     covariance = robust_covariance(weighed.columns, weighed.left, smooth=_SMOOTH)
-    robust = np.sqrt(np.diag(covariance) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1))
+    scattered = np.diag(covariance) + _STUDENT**2 * np.sum(moved**2, axis=0) / (_RUNS - 1)
+    robust = np.hypot(np.sqrt(scattered), _doubt(loop, log, skip, weighed.scale, weighed.columns, weighed.left))
     estimates = _estimates(loop, names, weighed.columns, weighed.left, robust)
     return _Fit(loop, float(np.sqrt(np.mean((measured - weighed.mean)[0] ** 2))), estimates, _ROUNDS, count)
+
+
+def _doubt(
+    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """Return the errors that the residual does not show, shape (p,): friction near standstill, and the dead time.
+
+    For the arguments see `_moved_near_rest`.
+    """
+    near_rest = _moved_near_rest(loop, log, skip, scale, columns, left)
+    return np.hypot(near_rest, _moved_by_dead_time(loop, log, skip, scale, columns, left))
+
+
+def _moved_by_dead_time(
+    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """Return the error of each parameter due to that of the dead time, shape (p,).
+
+        error² = max(0, error_wider² - error²) + d²
+
+    The fit takes the best whole number of samples.  With the dead time as one more unknown, each parameter moves by d,
+    and its error grows where the log hardly tells a delay from it.
+    """
+    try:
+        change = _signals(later(loop, 1), log, skip) - _signals(loop, log, skip)
+    # a loop that is unstable one sample later determines its dead time well
+    except DivergedError:
+        return np.zeros(columns.shape[-1])
+    if not np.any(change):
+        return np.zeros(columns.shape[-1])
+    wider = np.concatenate([columns, (change / scale)[:, :, None]], axis=2)
+    p = columns.shape[-1]
+    moved = _solved(wider, left)[:p] - _solved(columns, left)
+    before, after = (
+        np.diag(robust_covariance(x, left - x @ _solved(x, left), smooth=_SMOOTH))[:p] for x in (columns, wider)
+    )
+    return np.sqrt(np.maximum(after - before, 0.0) + moved**2)
+
+
+def _moved_near_rest(
+    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """Return by how much a friction near standstill that the model lacks shifts each parameter, shape (p,).
+
+        F = -extra sign(v) exp(-(v / w)²),   w = share of the largest speed
+
+    `extra` is added to the parameters as one more unknown, for each share of `_NEAR_REST`; the width that explains most
+    of the residual counts.  The shift d is reduced by what chance makes of it, as between two fits of which one is more
+    precise (Hausman 1978): d² - |error² - error_wider²|, or 0.  Stribeck and presliding friction act alike at each
+    start and stop, so that the residual's autocorrelation does not show how much of them the mass has taken.
+
+    scale          the size by which columns and residual are divided, shape (2, n) or (2, 1)
+    columns, left  columns and residual of the fit, shapes (2, n, p) and (2, n)
+    """
+    model = _signals(loop, log, 0, (*_SIGNALS, "velocity_load"))
+    velocity = model[-1]
+    small = _SMALL_FORCE * float(np.sqrt(np.mean(log.force**2)))
+    top = float(np.max(np.abs(velocity)))
+    p = columns.shape[-1]
+    least, moved, wider = np.inf, np.zeros(p), columns
+    if top == 0.0:
+        return moved
+    for share in _NEAR_REST:
+        shape = np.sign(velocity) * np.exp(-((velocity / (share * top)) ** 2))
+        load = RecordedForce(force=-small * shape, sample_time=float(loop.sample_time))
+        try:
+            felt = (_signals(loop, log, 0, load=load) - model[:-1])[:, skip:] / small / scale
+        # a loop at the edge of stability shows nothing about friction
+        except DivergedError:
+            continue
+        if not np.any(felt):
+            continue
+        tried = np.concatenate([columns, felt[:, :, None]], axis=2)
+        change = _solved(tried, left)
+        rest = float(np.sum((left - tried @ change) ** 2))
+        if rest < least:
+            least, moved, wider = rest, change[:p] - _solved(columns, left), tried
+    if not np.isfinite(least):
+        return moved
+    before, after = (
+        np.diag(robust_covariance(x, left - x @ _solved(x, left), smooth=_SMOOTH))[:p] for x in (columns, wider)
+    )
+    return np.sqrt(np.maximum(moved**2 - np.abs(before - after), 0.0))
 
 
 class _Weighed(NamedTuple):
