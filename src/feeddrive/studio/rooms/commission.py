@@ -84,7 +84,7 @@ class Commission(Room):
         out = self.request.out if self.request is not None and name == self.source else None
         if out is None or asked.yes("anew"):
             out = free_name(self.desk.folder, f"commission_{Path(name).stem}".replace(" ", "_"))
-        limits = {option: self.desk.limits.bound(figure) for option, figure in _LIMITS.items()}
+        limits: dict[str, Any] = {option: self.desk.limits.bound(figure) for option, figure in _LIMITS.items()}
         request = CommissionRequest(
             None if virtual else Path(name),
             virtual=self._machine_of(name) if virtual else None,
