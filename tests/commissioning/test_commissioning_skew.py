@@ -118,9 +118,8 @@ def test_one_beam_has_one_stiffness(torque: float, alike: bool) -> None:
 def test_a_side_that_stands_still_is_said() -> None:
     common, (first, second) = told()
     still = replace(second, channels={**second.channels, "reading_second": 0.1 * second["reading_second"]})
-    stuck = replace(
-        still, channels=still.channels | {"reading_first": 0.9 * FAR * np.sin(np.arange(len(still)) / 300.0)}
-    )
+    wandering = 0.9 * FAR * np.sin(np.arange(len(still)) / 300.0)
+    stuck = replace(still, channels={**still.channels, "reading_first": wandering})
     with pytest.raises(NotIdentifiableError, match="the second side stands still"):
         skew_facts(common, (first, stuck))
 
