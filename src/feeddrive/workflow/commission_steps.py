@@ -57,6 +57,7 @@ from feeddrive.identification.motion.identify import own_viscous
 from feeddrive.language.errors import (
     AbortedError,
     CancelledError,
+    DivergedError,
     FeeddriveError,
     FileError,
     LogError,
@@ -106,7 +107,7 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 # Hz: at most this share of the rate of the bus, and this over the dead time: three times what a crossover can be
 BAND, DELAYS = 0.45, 0.4
 MODES = 400.0  # Hz up to which modes are looked for, whatever the dead time
-SLOWER = (1.0, 0.6, 0.36, 0.2)  # of the rates of a start law
+SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial begins: the tuned one, slower, a start law
 # of limits.velocity: of a motion, with what friction and modes are predicted to add, and what a pulse of force may add
@@ -157,7 +158,11 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
 
 
 class UnlikePredictedError(Exception):
-    """A trial that is not as it was predicted: the message says by how much."""
+    """A motion unlike its prediction; `step` is the one to go back to, for a weaker motion or a slower control."""
+
+    def __init__(self, why: str, step: str = "tune") -> None:
+        super().__init__(why)
+        self.why, self.step = why, step
 
 
 class RefusedError(Exception):
@@ -223,7 +228,7 @@ class Chain:
         self.facts: dict[str, float] = {}
         self.trial: Trial | None = None
         self.questions = 0
-        self.passed = 0  # certified controls whose trial was unlike its prediction
+        self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
         self.kept = False
 
     def run(self, *, kept: bool) -> Outcome[Commissioned]:
@@ -287,12 +292,13 @@ class Chain:
         return self._outcome(refusal, kept=kept)
 
     def _go_back(self, unlike: UnlikePredictedError) -> None:
-        """Go back to the tuning for a slower control. Raise RefusedError once all that are tried were unlike."""
-        self.passed += 1
-        if self.passed >= len(BEGINS) or "tune" not in self.work:
-            raise RefusedError(f"{unlike}; the control before stays")
-        self.progress.remark(Text(f"- {unlike}: a slower control is tuned, which asks less of the model."))
-        self.steps = self.steps[: list(self.work).index("tune")]
+        """Go back to a step. Raise RefusedError once it was done as often as it may be."""
+        done = self.returns.get(unlike.step, 0) + 1
+        if done >= len(BEGINS) or unlike.step not in self.work:
+            raise RefusedError(f"{unlike.why}; the control before stays")
+        self.returns[unlike.step] = done
+        self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
+        self.steps = self.steps[: list(self.work).index(unlike.step)]
 
     @property
     def work(self) -> Mapping[str, Callable[[Any], Told]]:
@@ -702,7 +708,7 @@ class Chain:
             played = self._play(axis, motions.strokes(max(share, SHORT) * travel, slower, self.T), control)
             error = float(np.max(np.abs(played.log["set_position"] - played.log["reading_load"])))
             # not all of it: what grows with the square of the speed is not told by a slow one
-            grown = share * min(FASTER, 0.75 * USED * self.limits.following_error / error)
+            grown = share * (FASTER if error == 0.0 else min(FASTER, 0.75 * USED * self.limits.following_error / error))
             if share >= 1.0 or grown < 1.3 * share:
                 return played
             share = min(1.0, grown)
@@ -784,6 +790,7 @@ class Chain:
         """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
         free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+        free *= 0.5 ** self.returns.get("excitation", 0)
         for attempt in range(SIZES):
             try:
                 made = design_excitation(
@@ -817,7 +824,10 @@ class Chain:
                 f"with at most {Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
             )
         )
-        logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
+        try:
+            logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
+        except RefusedError as refused:
+            raise UnlikePredictedError(refused.why, "excitation") from None
         return self._estimated(logs), {}
 
     def _estimated(self, logs: Sequence[Log]) -> str:
@@ -958,7 +968,7 @@ class Chain:
         whys = list[str]()
         # noise, distortion or a band that ends early: the model is fitted to all lines, and the certificate holds the
         # control against each of them
-        for candidate in candidates[BEGINS[self.passed] :]:
+        for candidate in candidates[BEGINS[self.returns.get("tune", 0)] :]:
             try:
                 told, why = candidate()
             except FeeddriveError as error:
@@ -1055,6 +1065,14 @@ class Chain:
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
         loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
+        try:
+            return self._run_trial(loop)
+        except DivergedError as error:
+            raise UnlikePredictedError(f"the trial cannot be predicted: {error}") from None
+        except RefusedError as refused:
+            raise UnlikePredictedError(refused.why) from None
+
+    def _run_trial(self, loop: Loop) -> Told:
         motion, simulated = self._trial_motion(loop)
         expected = self._figures(motion, simulated)
         far = float(np.ptp(motion.alone.set_position))
