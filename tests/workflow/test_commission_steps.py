@@ -415,7 +415,7 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     # each within the model, and within a fit of the responses
     loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
     law: Any = loop.control.law
-    assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2]), rel=1e-4)
+    assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
 
 
 # the trial

@@ -13,6 +13,7 @@ from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.files.log import Log
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import Refinement, refine
+from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
@@ -33,11 +34,11 @@ class FrictionFit:
     without: float
 
 
-def fit_friction(ran: Loop, log: Log, coulomb: float) -> FrictionFit:
+def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0) -> FrictionFit:
     """Return the axis of the loop that ran with the friction that explains the log of its strokes best.
 
     ran      the loop as it ran, with the plant that is known; its friction is replaced
-    coulomb  N, from which the fits begin
+    coulomb, viscous  N and N s/m, from which the fits begin
 
     Raises NotIdentifiableError if no candidate can be fitted.
     """
@@ -57,7 +58,7 @@ def fit_friction(ran: Loop, log: Log, coulomb: float) -> FrictionFit:
     for body in ("load", "motor") if two else ("load",):
         for curve in ("coulomb", "stribeck"):
             try:
-                fit = _fitted(ran, motion, body, curve, coulomb, skip)
+                fit = _fitted(ran, motion, body, curve, coulomb, viscous, skip)
             except FeeddriveError as error:
                 why = str(error)
                 continue
@@ -69,14 +70,21 @@ def fit_friction(ran: Loop, log: Log, coulomb: float) -> FrictionFit:
     return best
 
 
-def _fitted(ran: Loop, log: MotionLog, body: str, curve: str, coulomb: float, skip: int) -> Refinement:
+def _fitted(ran: Loop, log: MotionLog, body: str, curve: str, coulomb: float, viscous: float, skip: int) -> Refinement:
     friction = (
-        Coulomb(coulomb=coulomb)
+        Coulomb(coulomb=coulomb, viscous=viscous)
         if curve == "coulomb"
-        else Stribeck(coulomb=coulomb, breakaway=_BREAKAWAY * coulomb, stribeck_velocity=_STRIBECK)
+        else Stribeck(
+            coulomb=coulomb,
+            breakaway=_BREAKAWAY * coulomb,
+            stribeck_velocity=_STRIBECK,
+            viscous=viscous,
+        )
     )
     places = {"friction_load": None, "friction_motor": None, f"friction_{body}": friction}
-    loop = replace(ran, axis=replace(ran.axis, **places))
+    # small oscillations on dry friction look like much viscous friction: that of the strokes takes its place
+    own = {name: 0.0 for name, _ in tree.leaves(ran.axis.plant) if name.startswith("viscous")}
+    loop = replace(ran, axis=replace(ran.axis, plant=replace(ran.axis.plant, **own), **places))
     place = f"{loop.place_of('axis')}.friction_{body}"
     names = [f"{place}.coulomb", f"{place}.viscous"]
     names += [f"{place}.breakaway", f"{place}.stribeck_velocity"] if curve == "stribeck" else []

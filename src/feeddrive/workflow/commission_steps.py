@@ -114,7 +114,7 @@ BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial beg
 FAST, FASTEST, PUSHED = 0.6, 0.85, 0.1
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
 DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
-STANDS_OUT = 3.0  # amplitude over noise of the highest lines
+STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
@@ -295,7 +295,7 @@ class Chain:
         """Go back to a step. Raise RefusedError once it was done as often as it may be."""
         done = self.returns.get(unlike.step, 0) + 1
         if done >= len(BEGINS) or unlike.step not in self.work:
-            raise RefusedError(f"{unlike.why}; the control before stays")
+            raise RefusedError(Text(f"{unlike.why}; the control before stays"))
         self.returns[unlike.step] = done
         self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
         self.steps = self.steps[: list(self.work).index(unlike.step)]
@@ -886,7 +886,9 @@ class Chain:
         control = replace(control, law=replace(control.law, velocity_encoder=model.control.law.velocity_encoder))
         unused = outcome.result.fit.agreement.unused
         try:
-            fit = fit_friction(replace(model, control=control), read_log(strokes), self.facts["coulomb"])
+            facts = self.facts
+            ran = replace(model, control=control)
+            fit = fit_friction(ran, read_log(strokes), facts["coulomb"], facts["viscous"])
         except NotIdentifiableError as error:
             text = (self.place / "machine.toml").read_text(encoding="utf-8")
             says = Text(f"{outcome.verdict} Its friction is that of the strokes alone: {error}.")
@@ -1068,7 +1070,7 @@ class Chain:
         try:
             return self._run_trial(loop)
         except DivergedError as error:
-            raise UnlikePredictedError(f"the trial cannot be predicted: {error}") from None
+            raise UnlikePredictedError(Text(f"the trial cannot be predicted: {error}")) from None
         except RefusedError as refused:
             raise UnlikePredictedError(refused.why) from None
 
