@@ -423,7 +423,7 @@ def play_together(
                 rows.watched(row, first.pace.elapsed, stop or row.tripped) for rows, row in zip(kept, sent, strict=True)
             ]
             if skew is not None and not any(faults):
-                faults[0] = skew.fault(*(rows.last.position for rows in kept), k)
+                faults[0] = skew.fault(kept[0].last.position, kept[1].last.position, k)
             if any(faults):
                 aborted, reactions = _trouble(kept, faults), _reactions(faults)
                 break

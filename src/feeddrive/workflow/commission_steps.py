@@ -520,13 +520,15 @@ class Chain:
         """
         still = motions.profile("hold", np.zeros(round(motions.REST / self.T)), self.T)
         held = float(np.max(np.abs(self._play(self.axis, still).log["force"])))
+        why = ""
         for attempt in range(TRIES):
             share = SHARE * 2**attempt
             played = self._at(held / self.limits.force + share).play(profile, self.progress)
             if not played.aborted:
                 return _Gentle(played.log, held, share)
-            self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force: {played.aborted}"))
-        raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+            why = Text(f"the {profile.name} ended early: {played.aborted}")
+            self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force {why}"))
+        raise RefusedError(why)
 
     def _push(self, told: SmallMove) -> motions.Push:
         """Return a push that keeps sliding as far as following error and travel allow."""
@@ -672,11 +674,9 @@ class Chain:
             "viscous": 0.0,
             "dead_time": UNKNOWN_DELAY,
         }
-        columns = (
-            {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
-            if self.axis.rotary
-            else {"force": "commanded"}
-        )
+        columns: dict[str, Any] = {"force": "commanded"}
+        if self.axis.rotary:
+            columns = {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
         try:
             outcome = identify.run(
                 IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, **columns),
@@ -715,6 +715,7 @@ class Chain:
 
     def _strokes_pace(self, loop: Loop) -> Pace:
         """Return how fast the strokes may be for the following error that the start law is predicted to have."""
+        pace = self._pace(float(loop.axis.plant.rigid_mass()))
         for attempt in range(SIZES):
             pace = self._pace(float(loop.axis.plant.rigid_mass()), SMALLER**attempt)
             strokes = motions.strokes(REACH * self.limits.travel, pace, self.T)
@@ -883,7 +884,8 @@ class Chain:
         model = read_machine(self.place / "machine.toml").loop(AXIS)
         control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
         strokes = self._in("friction_and_mass", "strokes.parquet")
-        control = replace(control, law=replace(control.law, velocity_encoder=model.control.law.velocity_encoder))
+        law: Any = model.control.law
+        control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
         unused = outcome.result.fit.agreement.unused
         try:
             facts = self.facts
@@ -922,7 +924,7 @@ class Chain:
         law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
         # without what is fed forward: the trial then shows the feedback loop, which is what is proven
         loop = replace(loop, axis=axis, control=replace(loop.control, law=law, feedforward=()))
-        one = {} if place == "both" else {place: next(iter(self._responses()))}
+        only = None if place == "both" else next(iter(self._responses()))
         text = self._machine(loop, "start law for the identified axis")
         return identify.run(
             IdentifyRequest(
@@ -932,7 +934,8 @@ class Chain:
                 band=f"{low:.6g}..{high:.6g}",
                 model=structure,
                 out=self.place,
-                **one,
+                motor=only if place == "motor" else None,
+                load=only if place == "load" else None,
             ),
             self.progress.quiet(),
         )
@@ -1135,6 +1138,7 @@ class Chain:
         """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
         free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+        pace = self._pace(mass)
         for attempt in range(SIZES):
             share = SMALLER**attempt
             pace = self._pace(mass, share)
