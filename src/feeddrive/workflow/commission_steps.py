@@ -818,13 +818,15 @@ class Chain:
         control = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
         profiles = [excited(path) for path in files]
-        self._ask(
-            Text(
-                f"Responses: the axis moves slowly by up to "
-                f"{Quantity(max(float(np.ptp(profile.set_position)) for profile in profiles), 'm'):3 mm} and is shaken "
-                f"with at most {Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
+        # a weaker excitation than the one that was confirmed needs no other question
+        if not self.returns.get("excitation"):
+            self._ask(
+                Text(
+                    f"Responses: the axis moves slowly by up to "
+                    f"{Quantity(max(float(np.ptp(profile.set_position)) for profile in profiles), 'm'):3 mm} and is shaken "
+                    f"with at most {Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
+                )
             )
-        )
         try:
             logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
         except RefusedError as refused:
