@@ -819,12 +819,12 @@ class Chain:
         files = sorted(self._in("excitation", "").glob("excitation_*.csv"))
         profiles = [excited(path) for path in files]
         # a weaker excitation than the one that was confirmed needs no other question
+        far = max(float(np.ptp(profile.set_position)) for profile in profiles)
         if not self.returns.get("excitation"):
             self._ask(
                 Text(
-                    f"Responses: the axis moves slowly by up to "
-                    f"{Quantity(max(float(np.ptp(profile.set_position)) for profile in profiles), 'm'):3 mm} and is shaken "
-                    f"with at most {Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
+                    f"Responses: the axis moves slowly by up to {Quantity(far, 'm'):3 mm} and is shaken with at most "
+                    f"{Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
                 )
             )
         try:
