@@ -65,10 +65,10 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.usefixtures("installed")
 def test_a_goal_and_a_limit_of_a_package_are_one_entry() -> None:
-    from feeddrive.workflow.tune import _limit_options
+    from feeddrive.workflow.tune import limit_options
 
     assert "softness" in catalogue.goals()
-    assert "most_softness" in _limit_options()
+    assert "most_softness" in limit_options()
     assert catalogue.figure("softness_m_per_N").value(LinearLoop(LOOP)) > 0.0
     found = tune_control(LOOP, goal="softness", limits=[Limit(SENSITIVITY_PEAK, 1.8), Limit(SOFT, 1e-7)], starts=1)
     assert found.rule == "least softness subject to Ms <= 1.8, softness <= 0.1 um/N"

@@ -175,6 +175,7 @@ largest_mass = 90
 breakaway_force = 20
 acceleration = 8
 energy = 1.8
+skew_mm = 0.5
 """
 LINUXCNC = """axis = "x"
 hal = "axis.hal"

@@ -457,6 +457,7 @@ ELSEWHERE = {
     "analysis/test_poles_and_step.py": "plane damping step_response",
     "path/test_plan_command.py": "planned plan_causes plan_profiles",
     "studio/test_studio_pictures.py": "moves snap",
+    "workflow/test_commission.py": "commissioned strokes commissioning_responses commissioning_trial",
 }
 REFUSED = {"recipe_chart"}  # these results have no picture, and say so
 

@@ -318,7 +318,9 @@ def test_identify_parses_its_log_once(words: dict[str, str], tmp_path: Path, mon
 FOREIGN = {
     "export/cortex_m.py": "--specs --gc-sections",  # of gcc and its linker
     "export/linuxcnc.py": "--install",  # of halcompile
-    "export/linuxcnc_session.py": "--install --user --map-user --ipc --mount --net --pid --fork --kill-child "
+    "export/linuxcnc_axis.py": "--install",
+    "export/linuxcnc_hal.py": "--install",
+    "export/linuxcnc_session.py": "--install --compile --user --map-user --ipc --mount --net --pid --fork --kill-child "
     "--mount-proc --map-root-user",  # of halcompile and unshare
     "report/page.py": "--ink --muted --paper --alert --font --curve-",  # variables of the style sheet
 }
