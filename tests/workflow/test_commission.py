@@ -179,6 +179,7 @@ def test_questions_of_a_real_drive_are_not_answered_by_an_option(tmp_path: Path)
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow(reason="excitations are designed until none is left: 40 s")
 def test_a_travel_that_is_too_small_for_the_excitation_is_named(folder: Path) -> None:
     drive = Drive()
     narrow = Drive.within(drive.axis, travel=2e-5)
