@@ -137,7 +137,7 @@ class DrivenAxis:
         """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the force limit.
 
         With `alone` only the velocity loop runs.  Without `enable` no force acts.  With `sign` = -1 every force acts
-        the other way.  The force, with what is added, stays within `most` (N), where the control has a force limit.
+        the other way.  Where the control has a force limit, its force and what is added each stay within `most` (N).
         """
         values = {"set_position": position, "set_velocity": velocity, "added_force": sign * added_force * enable}
         constants = self._velocity if alone else self._constants
@@ -145,10 +145,9 @@ class DrivenAxis:
             constants = constants.copy()
             constants[self._gains] *= sign
         if most < math.inf and self._limits:
-            # the added force comes after the limit: what it takes is no more there for the control
+            # of the control alone: against an added force it needs as much itself, and their sum stays small
             constants = constants.copy()
-            least = np.maximum(LEAST_FORCE, most - abs(added_force))
-            constants[self._limits] = np.minimum(constants[self._limits], least)
+            constants[self._limits] = np.minimum(constants[self._limits], max(LEAST_FORCE, most))
             values["added_force"] = max(-most, min(most, values["added_force"]))
         return self._run(self._closed, constants, values, enable, position.size, 0)
 

@@ -469,7 +469,8 @@ class Chain:
         factor = self._ruled(counted)
         self.axis = self.axis.scaled(factor, 1)
         # in true lengths forces are others, too: what holds the axis must stay within them
-        share, way = first.held / factor / limits.force + first.share, factor * counted
+        # the way back may need more than the way out: friction differs by direction and place
+        share, way = first.held / factor / limits.force + first.share + SHARE, factor * counted
         if share > 1.0:
             raise RefusedError(
                 Text(
