@@ -362,9 +362,10 @@ class GantryMotion:
         time = logs[0].time[:rows]
         log = replace(logs[0], name=name, time=time, channels=channels, units=known, provenance=provenance)
         # the reason of the side that caused the end is that of both
-        aborted = next((each.aborted for each in played if each.aborted), None)
+        ended = next((each for each in played if each.aborted), played[0])
         remarks = tuple(dict.fromkeys(remark for each in played for remark in each.remarks))
-        return Played(log, aborted, max(each.lost for each in played), played[0].lateness, remarks)
+        lost_frames = max(each.lost for each in played)
+        return Played(log, ended.aborted, lost_frames, played[0].lateness, remarks, ended.cause)
 
 
 def _of_side(inside: Mapping[str, str], side: str) -> dict[str, str]:

@@ -270,13 +270,17 @@ _HELD = 1.0  # s for which a virtual drive without a clock is held, as nobody wa
 
 @dataclass(frozen=True)
 class Played:
-    """The log of a motion, the reason for an early end (None if completed), lost frames, lateness, and remarks."""
+    """The log of a motion, the reason for an early end (None if completed), lost frames, lateness, and remarks.
+
+    cause  of an early end: "person", "guard" (of a control on trial), "bus", or the kind of the monitor's fault
+    """
 
     log: Log
     aborted: str | None
     lost: int
     lateness: Lateness | None
     remarks: tuple[str, ...]
+    cause: str = ""
 
 
 @contextlib.contextmanager
@@ -397,7 +401,7 @@ def play_together(
     ]
     lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
     report_every = max(1, round(0.1 / drive.cycle_time))
-    aborted, reactions = "", [BRAKE] * len(clients)
+    aborted, cause, reactions = "", "", [BRAKE] * len(clients)
     with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
         held = _switch_on(
             first,
@@ -414,7 +418,7 @@ def play_together(
                 sent += [rows.target(profile, k) for rows, profile in zip(kept, profiles, strict=True)]
                 first.cycle()
             except BusError as error:
-                aborted = str(error).removeprefix(f"{first.transport.where}: ")
+                aborted, cause = str(error).removeprefix(f"{first.transport.where}: "), "bus"
                 reactions = [QUICK_STOP] * len(clients)
                 break
             by_hand = interrupted() > 0 or (progress is not None and progress.cancelled)
@@ -426,6 +430,8 @@ def play_together(
                 faults[0] = skew.fault(kept[0].last.position, kept[1].last.position, k)
             if any(faults):
                 aborted, reactions = _trouble(kept, faults), _reactions(faults)
+                told = "person" if by_hand else "guard" if any(row.tripped for row in sent) else ""
+                cause = told or next(fault.kind for fault in faults if fault is not None)
                 break
             if progress is not None and k % report_every == 0:
                 # unlike `step`, it never raises: a cancel must end the motion by a quick stop
@@ -472,7 +478,7 @@ def play_together(
             end,
             lateness,
         )
-        played.append(Played(log, end or None, lost, lateness, tuple(remarks)))
+        played.append(Played(log, end or None, lost, lateness, tuple(remarks), cause))
     return played
 
 

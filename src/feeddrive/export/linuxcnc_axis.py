@@ -61,6 +61,8 @@ from feeddrive.loop.routine import Routine, controller_routine, plant_routine
 
 SETTLING = 0.1  # s of rest before and after a motion, and after a switch
 SIMULATED = "feeddrive_axis"
+# causes of `Played` by the fault codes of the player
+_CAUSES = {1: "person", 3: "travel", 4: "velocity", 5: "force", 6: "following_error", 9: "guard"}
 _GAINS = (*GAINS, "error-previous-target")
 _FORWARD = ("gain0", "gain1", "offset")
 # parameters of a pid that are in units of its output, but for its limit
@@ -306,7 +308,7 @@ class LinuxcncAxis:
         remarks = [f"limits.{name} is not watched in LinuxCNC." for name in unwatched]
         if ended["overruns"]:
             remarks.append(f"{ended['overruns']} rows of the log were lost: the program was too slow to take them")
-        return Played(log, Text(why) if why else None, 0, None, tuple(remarks))
+        return Played(log, Text(why) if why else None, 0, None, tuple(remarks), _CAUSES.get(int(ended["fault"]), ""))
 
     def _log(self, taken: np.ndarray, profile: Profile) -> Log:
         """Return the log: row k holds readings, set position and forces of one period of the thread."""

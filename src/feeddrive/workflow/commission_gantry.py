@@ -270,6 +270,7 @@ class GantryChain(Chain):
         """Play a skew along a common motion; raise RefusedError with the reason if it ended early."""
         played = twist.play(profile, self.progress, control, along)
         if played.aborted:
+            self._ended(played)
             raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
         return filled(played.log)
 

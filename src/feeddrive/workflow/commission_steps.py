@@ -117,6 +117,8 @@ DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
+# causes of an early end for which a weaker motion or a slower control is tried; all others end the commissioning
+TOO_MUCH = ("following_error", "velocity", "acceleration", "force", "travel", "guard")
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
 # times what is predicted, and share of limits.force, beyond which a force is an oscillation
 HARDLY, NERVOUS = 3.0, 0.01
@@ -412,12 +414,23 @@ class Chain:
         if not self.progress.confirm(Text(f"{question} Is the travel clear, and the stop at hand?")):
             raise AbortedError(f"{self.axis.where}: it was not confirmed; the axis stays as it is")
 
-    def _play(self, axis: LiveAxis, profile: Profile, control: Control | None = None) -> Played:
+    def _play(
+        self, axis: LiveAxis, profile: Profile, control: Control | None = None, *, step: str | None = None
+    ) -> Played:
         """Play a profile; raise RefusedError with the reason if the motion ended early."""
         played = axis.play(profile, self.progress, control)
         if played.aborted:
-            raise RefusedError(Text(f"the {profile.name} ended early: {played.aborted}"))
+            self._ended(played)
+            why = Text(f"the {profile.name} ended early: {played.aborted}")
+            if step is not None and played.cause in TOO_MUCH:
+                raise UnlikePredictedError(why, step)
+            raise RefusedError(why)
         return replace(played, log=filled(played.log))
+
+    def _ended(self, played: Played) -> None:
+        """Raise CancelledError for a motion that a person stopped: nothing moves again without being asked for."""
+        if played.cause == "person":
+            raise CancelledError(played.aborted or "")
 
     @property
     def limits(self) -> BusLimits:
@@ -527,7 +540,10 @@ class Chain:
             played = self._at(held / self.limits.force + share).play(profile, self.progress)
             if not played.aborted:
                 return _Gentle(played.log, held, share)
+            self._ended(played)
             why = Text(f"the {profile.name} ended early: {played.aborted}")
+            if played.cause not in TOO_MUCH:
+                break
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force {why}"))
         raise RefusedError(why)
 
@@ -828,10 +844,8 @@ class Chain:
                     f"{Quantity(self.facts['amplitude'], 'N'):3}, {len(profiles)} times."
                 )
             )
-        try:
-            logs = [self._play(self._under_control(), profile, control).log for profile in profiles]
-        except RefusedError as refused:
-            raise UnlikePredictedError(refused.why, "excitation") from None
+        axis = self._under_control()
+        logs = [self._play(axis, profile, control, step="excitation").log for profile in profiles]
         return self._estimated(logs), {}
 
     def _estimated(self, logs: Sequence[Log]) -> str:
@@ -1077,8 +1091,6 @@ class Chain:
             return self._run_trial(loop)
         except DivergedError as error:
             raise UnlikePredictedError(Text(f"the trial cannot be predicted: {error}")) from None
-        except RefusedError as refused:
-            raise UnlikePredictedError(refused.why) from None
 
     def _run_trial(self, loop: Loop) -> Told:
         motion, simulated = self._trial_motion(loop)
@@ -1110,7 +1122,7 @@ class Chain:
         """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
         slow = motion.slower(GENTLE, self.T)
         expected = self._predicted(loop, slow)
-        played = self._play(axis, slow, loop.control)
+        played = self._play(axis, slow, loop.control, step="tune")
         # a limit cycle shows in the changes from sample to sample, long before it leaves the following error
         most, busy = (float(np.std(np.diff(log["commanded"]))) for log in (expected, played.log))
         if busy > HARDLY * most + NERVOUS * self.limits.force:
@@ -1125,7 +1137,7 @@ class Chain:
     def _tried(self, motion: motions.TrialMotion, axis: LiveAxis, control: Control | None = None) -> dict[str, Log]:
         """Play the motions of a trial; return their logs by name."""
         return {
-            name: self._play(axis, profile, control).log
+            name: self._play(axis, profile, control, step=None if control is None else "tune").log
             for name, profile in (("alone", motion.alone), ("pushed", motion.pushed))
         }
 
@@ -1156,7 +1168,7 @@ class Chain:
                 slow = _quickened(alone, logs["pushed"]) <= PUSHED * limits.velocity
                 if slow and all(map(self._fits, logs.values())):
                     return weaker, logs
-        raise RefusedError(
+        raise UnlikePredictedError(
             Text(
                 f"no trial fits into the limits, even at {Quantity(pace.speed, 'm/s'):2}: raise limits.following_error "
                 f"= {Quantity(limits.following_error, 'm'):3} or limits.travel = {Quantity(limits.travel, 'm'):3 mm}"
