@@ -59,7 +59,8 @@ class Axis:
     coulomb: float = 40.0
     held: float = 0.0
     lag: float = 0.02
-    blocked: int = 0  # motions that end early
+    blocked: int = 0  # small moves that end early
+    cause: str = "following_error"  # for which they do
     buzz: float = 0.0  # N, of the force of a control from sample to sample
     increment: float = 1e-8
     rotary: bool = False
@@ -98,7 +99,7 @@ class Axis:
         shaken = np.fft.irfft(spectrum, speed.size) if np.any(profile.excitation) else 0.0
         log = self._log(profile.set_position, profile.set_position - late + shaken, force, profile.excitation)
         blocked = profile.name == "small move" and len(self.of(profile.name)) <= self.blocked
-        return Played(log, "it stands" if blocked else None, 0, None, ())
+        return Played(log, "it stands" if blocked else None, 0, None, (), self.cause if blocked else "")
 
     @staticmethod
     def _log(target: np.ndarray, reading: np.ndarray, force: np.ndarray, excitation: np.ndarray) -> Log:
@@ -175,6 +176,16 @@ def test_the_small_move_begins_with_a_tenth_of_the_force_and_doubles_it_twice(tm
     begun(tmp_path / "other", axis, until="Friction")
     forces = [limits.force for _, limits in axis.of("small move")]
     assert forces[:3] == pytest.approx([100.0, 200.0, 400.0], rel=0.01)
+
+
+@pytest.mark.parametrize("cause", ["person", "runaway", "jump", "bus", "drive", ""])
+def test_what_is_no_motion_that_asked_for_too_much_is_not_tried_again(tmp_path: Path, cause: str) -> None:
+    """Nothing moves after a person's stop, nor after readings or a drive that cannot be trusted."""
+    axis = Axis(blocked=3, cause=cause)
+    result = begun(tmp_path / "out", axis, until="Friction")
+    assert len(axis.of("small move")) == 1
+    assert axis.played[-1][0].name == "small move"
+    assert result.refusal.startswith("it was stopped by hand" if cause == "person" else "the small move ended early")
 
 
 @pytest.mark.parametrize(("travel", "moved"), [(0.1, 0.01), (0.05, 0.005), (1.0, 0.01)])
