@@ -43,7 +43,7 @@ class Sample(NamedTuple):
     trip: float
 
 
-LEAST_FORCE = 1e-9  # N: a force limit is above 0
+_LEAST_FORCE = 1e-9  # N: a force limit is above 0
 
 
 class DrivenAxis:
@@ -64,19 +64,10 @@ class DrivenAxis:
         if [s.name for s in self._closed.plan.states] != [s.name for s in self._open.plan.states]:
             raise StructureError("the axis has other states in an open loop: it cannot be driven by force")
         self._states = prepared.states(self._closed)
-        self._constants = prepared.constants(self._closed)
+        self.constants = prepared.constants(self._closed)
+        self.places = {name: row for row, (name, _) in enumerate(self._closed.plan.constants)}
+        self.control = "control"
         self._of_open = prepared.constants(self._open)
-        self._velocity = self._constants.copy()
-        # without its position gain, and with all of the set velocity, a cascade is its velocity loop alone
-        for name, value in (("control.law.Kv", 0.0), ("control.law.velocity_feedforward", 1.0)):
-            for row, (constant, _) in enumerate(self._closed.plan.constants):
-                if constant == name:
-                    self._velocity[row] = value
-        # the whole force has its sign, that of the integral as well
-        self._gains = [row for row, (name, _) in enumerate(self._closed.plan.constants) if name == "control.law.Kp"]
-        self._limits = [
-            row for row, (name, _) in enumerate(self._closed.plan.constants) if name == "control.force_limit"
-        ]
         self._tables = prepared.rows(self._closed), prepared.rows(self._open)
         motor, load = loop.axis.still(position)
         self.last = Sample(float(load), float(motor), 0.0, 0.0)
@@ -94,24 +85,34 @@ class DrivenAxis:
     @property
     def has_sign(self) -> bool:
         """True if the force of the law has one gain, Kp, whose sign is that of the force."""
-        return self.has_velocity_loop and bool(self._gains)
+        return self.has_velocity_loop and f"{self.control}.law.Kp" in self.places
 
     @property
     def gains(self) -> dict[str, float]:
         """The gains of a cascade in SI, as they are now; empty for another law."""
         if not self.has_velocity_loop:
             return {}
-        named = {name: row for row, (name, _) in enumerate(self._closed.plan.constants)}
-        places = {name: named.get(f"control.law.{name}") for name in ("Kv", "Kp", "Tn")}
-        return {name: float(self._constants[row, 0]) for name, row in places.items() if row is not None}
+        rows = {name: self.places.get(f"{self.control}.law.{name}") for name in ("Kv", "Kp", "Tn")}
+        return {name: float(self.constants[row, 0]) for name, row in rows.items() if row is not None}
 
     def set_gain(self, name: str, value: float) -> None:
-        """Change a gain of the cascade from the next sample on: its integral is a force, which stays."""
-        for row, (constant, _) in enumerate(self._closed.plan.constants):
-            if constant == f"control.law.{name}":
-                self._constants[row] = value
-                if name != "Kv":
-                    self._velocity[row] = value
+        """Change a gain of the cascade from the next cycle on: its integral is a force, which stays."""
+        self.constants[self.places[f"{self.control}.law.{name}"]] = value
+
+    def change(self, constants: np.ndarray, *, alone: bool, sign: float, most: float) -> None:
+        """Change a copy of the constants for one cycle; see `follow`."""
+        law = f"{self.control}.law."
+        if alone:
+            # without its position gain, and with all of the set velocity, a cascade is its velocity loop alone
+            constants[self.places[f"{law}Kv"]] = 0.0
+            constants[self.places[f"{law}velocity_feedforward"]] = 1.0
+        if sign < 0.0:
+            # the whole force has the sign of Kp, that of the integral as well
+            constants[self.places[f"{law}Kp"]] *= sign
+        limit = self.places.get(f"{self.control}.force_limit")
+        if limit is not None:
+            # of the control alone: against an added force it needs as much itself, and their sum stays small
+            constants[limit] = np.minimum(constants[limit], max(_LEAST_FORCE, most))
 
     def stand(self, samples: int, force: float = 0.0) -> Sample:
         """Let time pass for an axis that its brake holds, whatever force (N) the drive makes."""
@@ -137,18 +138,12 @@ class DrivenAxis:
         """Run one sample for each set position (m) and velocity (m/s), adding a force (N) after the force limit.
 
         With `alone` only the velocity loop runs.  Without `enable` no force acts.  With `sign` = -1 every force acts
-        the other way.  Where the control has a force limit, its force and what is added each stay within `most` (N).
+        the other way.  What is added stays within `most` (N), and so does the force of a control with a force limit.
         """
-        values = {"set_position": position, "set_velocity": velocity, "added_force": sign * added_force * enable}
-        constants = self._velocity if alone else self._constants
-        if sign < 0.0:
-            constants = constants.copy()
-            constants[self._gains] *= sign
-        if most < math.inf and self._limits:
-            # of the control alone: against an added force it needs as much itself, and their sum stays small
-            constants = constants.copy()
-            constants[self._limits] = np.minimum(constants[self._limits], max(LEAST_FORCE, most))
-            values["added_force"] = max(-most, min(most, values["added_force"]))
+        added = max(-most, min(most, sign * added_force * enable))
+        values = {"set_position": position, "set_velocity": velocity, "added_force": added}
+        constants = self.constants.copy()
+        self.change(constants, alone=alone, sign=sign, most=most)
         return self._run(self._closed, constants, values, enable, position.size, 0)
 
     def push(self, force: float, samples: int) -> Sample:

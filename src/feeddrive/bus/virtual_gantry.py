@@ -14,7 +14,7 @@ from feeddrive.bus.drive_file import drive_of
 from feeddrive.bus.gantry import Gantry
 from feeddrive.bus.live import BusAxis, virtual_cycle_time
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
-from feeddrive.bus.virtual_drive import LEAST_FORCE, DrivenAxis, Firmware, Sample, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, Sample, drive_text, scaling_of
 from feeddrive.files.toml_file import TomlEdit, parse_toml
 from feeddrive.language.errors import StructureError
 from feeddrive.loop.guard import Guard
@@ -86,7 +86,7 @@ class DrivenGantry:
         for side in self.sides:
             still = np.full(count, self._fresh[side.name].position)
             asked = self._asked.get(side.name) or _Asked(still, np.zeros(count), 0.0, False)
-            side.change(constants, asked)
+            side.change(constants, alone=asked.alone, sign=asked.sign, most=asked.most)
             values |= {
                 f"{side.name}.set_position": asked.position,
                 f"{side.name}.set_velocity": asked.velocity,
@@ -117,36 +117,7 @@ class DrivenSide(DrivenAxis):
         self.loop, self.name, self._whole, self.sample = loop, name, whole, 0
         motor, load = loop.axis.still(0.0)
         self.last = Sample(float(load), float(motor), 0.0, 0.0)
-        self._law = f"axis.{name}.control.law."
-
-    @property
-    def has_sign(self) -> bool:
-        """True if the law is a cascade."""
-        return self.has_velocity_loop
-
-    @property
-    def gains(self) -> dict[str, float]:
-        """The gains of a cascade in SI, as they are now."""
-        whole = self._whole
-        places = {name: whole.places.get(f"{self._law}{name}") for name in ("Kv", "Kp", "Tn")}
-        return {name: float(whole.constants[row, 0]) for name, row in places.items() if row is not None}
-
-    def set_gain(self, name: str, value: float) -> None:
-        """Change a gain of the cascade from the next cycle on."""
-        self._whole.constants[self._whole.places[f"{self._law}{name}"]] = value
-
-    def change(self, constants: np.ndarray, asked: _Asked) -> None:
-        """Change the constants of a cycle: without its position gain a cascade is its velocity loop alone."""
-        places = self._whole.places
-        if asked.alone:
-            constants[places[f"{self._law}Kv"]] = 0.0
-            constants[places[f"{self._law}velocity_feedforward"]] = 1.0
-        if asked.sign < 0.0:
-            constants[places[f"{self._law}Kp"]] *= asked.sign
-        limit = places.get(f"axis.{self.name}.control.force_limit")
-        if asked.most < math.inf and limit is not None:
-            # the added force comes after the limit: what it takes is no more there for the control
-            constants[limit] = np.minimum(constants[limit], max(LEAST_FORCE, asked.most - abs(asked.force)))
+        self.constants, self.places, self.control = whole.constants, whole.places, f"axis.{name}.control"
 
     def stand(self, samples: int, force: float = 0.0) -> Sample:
         """Refuse to stand on a brake."""
