@@ -872,17 +872,22 @@ class Chain:
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, and friction to the strokes; nothing moves.
 
-        The band is narrower, and the structure simpler, if it must be.  Where the only encoder is, is told by the
+        The structure is another one, and the band narrower, if it must be.  Where the only encoder is, is told by the
         strokes: the start law moved the axis, and a model under which it does not is none.
         """
         frequency = next(iter(self._responses().values())).frequency
         refused = ""
-        for structure in STRUCTURES:
-            for share in NARROWER:
+        for share in NARROWER:
+            for structure in STRUCTURES:
                 high = share * float(frequency[-1])
                 models: list[_Model] = []
                 for place in self._places():
-                    outcome = self._fitted(place, structure, float(frequency[0]), high)
+                    try:
+                        outcome = self._fitted(place, structure, float(frequency[0]), high)
+                    except (LogError, ParameterError) as error:
+                        # a structure that these lines contradict, as by the sign of a mode
+                        refused = refused or str(error)
+                        continue
                     if not outcome.judgment.bad and "Machine" in outcome.files:
                         models.append(self._with_friction(place, outcome))
                     refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
