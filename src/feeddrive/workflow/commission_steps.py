@@ -104,16 +104,17 @@ NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in t
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
-# Hz: at most this share of the rate of the bus, and this over the dead time: three times what a crossover can be
-BAND, DELAYS = 0.45, 0.4
-MODES = 400.0  # Hz up to which modes are looked for, whatever the dead time
+# of the rate of the bus, and Hz: highest line of the excitation, where it stands out of the noise
+BAND, TOP = 0.45, 1000.0
+MODES = 400.0  # Hz up to which modes are looked for with the finest grid that stands out there, if that is not so
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial begins: the tuned one, slower, a start law
 # of limits.velocity: of a motion, with what friction and modes are predicted to add, and what a pulse of force may add
 FAST, FASTEST, PUSHED = 0.6, 0.85, 0.1
 DRAWN = 8  # realisations, every other one the other way, so that they need no more travel
-DECADES = 50.0  # highest over lowest line: low ones need a lot of travel
+DECADES = 50.0  # MODES, or the highest line below it, over the lowest line: low ones need a lot of travel
+QUIET = 1e-12  # m: noise of a reading that shows none
 STANDS_OUT = 5.0  # amplitude over noise of the highest lines
 LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: longer ones need more travel
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
@@ -777,9 +778,11 @@ class Chain:
         """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
 
         A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
-        reading.  Where no line stands out enough the band ends lower.
+        reading.  The band is as wide as the highest line stands out: a resonance above the crossover can make a loop
+        unstable, and the responses must go on until the loop gain is small.
         """
-        mass, noise = float(loop.axis.plant.rigid_mass()), math.hypot(self.facts["noise"], self.axis.increment / 3.5)
+        mass = float(loop.axis.plant.rigid_mass())
+        noise = max(QUIET, math.hypot(self.facts["noise"], self.axis.increment / 3.5))
 
         def stands_out(excited: Excitation) -> float:
             samples = len(excited.drawings) * excited.periods * excited.period
@@ -787,15 +790,15 @@ class Chain:
             moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
             return moved / (noise * math.sqrt(4.0 / samples))
 
-        # a resonance above the crossover can make a loop unstable: as far as the noise lets it be seen
-        top = min(BAND / self.T, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)))
-        for _ in range(SIZES):
-            # the finest grid that stands out: a mode with little damping lies between coarse lines
-            for resolution, periods in LINES:
-                made = self._largest(loop, top, resolution, periods)
-                if made is not None and stands_out(made) >= STANDS_OUT:
-                    return made
-            top *= SMALLER
+        tops = [min(TOP, BAND / self.T) * SMALLER**k for k in range(SIZES)]
+        wide = [top for top in tops if top >= MODES] or tops[:1]
+        # a mode with little damping lies between coarse lines: a fine grid counts more than a band beyond the modes
+        tried = [(lines, top) for lines in LINES for top in wide]
+        tried += [(lines, top) for top in tops[len(wide) :] for lines in LINES]
+        for (resolution, periods), top in tried:
+            made = self._largest(loop, top, resolution, periods)
+            if made is not None and stands_out(made) >= STANDS_OUT:
+                return made
         raise RefusedError(
             Text(
                 f"no excitation within limits.travel = {Quantity(self.limits.travel, 'm'):3 mm} and limits.force = "
@@ -813,7 +816,7 @@ class Chain:
             try:
                 made = design_excitation(
                     loop,
-                    band=(max(3.0 * resolution, top / DECADES), top),
+                    band=(max(3.0 * resolution, min(top, MODES) / DECADES), top),
                     amplitude=free * SMALLER**attempt,
                     resolution=resolution,
                     periods=periods,
@@ -872,13 +875,13 @@ class Chain:
     def model(self) -> tuple[str, Mapping[str, float]]:
         """Fit masses, springs and dead time to the responses, and friction to the strokes; nothing moves.
 
-        The structure is another one, and the band narrower, if it must be.  Where the only encoder is, is told by the
+        The band is narrower, and the structure another one, if it must be.  Where the only encoder is, is told by the
         strokes: the start law moved the axis, and a model under which it does not is none.
         """
         frequency = next(iter(self._responses().values())).frequency
         refused = ""
-        for share in NARROWER:
-            for structure in STRUCTURES:
+        for structure in STRUCTURES:
+            for share in NARROWER:
                 high = share * float(frequency[-1])
                 models: list[_Model] = []
                 for place in self._places():
@@ -1013,16 +1016,12 @@ class Chain:
         return tuple(measured_point(frf, sample_time=self.T, name=frf.output) for frf in self._beside())
 
     def _start_again(self, slower: float) -> None:
-        """Write the model with the start law, all of whose rates are a share of those of its rule.
-
-        It keeps what is fed forward, without which a slow law would not follow within the limits.
-        """
+        """Write the model with the start law, all of whose rates are a share of those of its rule."""
         model = self._in("model", "machine.toml")
         loop = read_machine(model).loop(AXIS)
         law: Any = loop.control.law
         law = replace(law, Kv=slower * law.Kv, Kp=slower * law.Kp, Tn=law.Tn / slower)
-        fed = read_machine(self._in("excitation", "machine.toml")).loop(AXIS).control.feedforward
-        loop = replace(loop, control=replace(loop.control, law=law, feedforward=fed))
+        loop = replace(loop, control=replace(loop.control, law=law))
         with new_directory(self.place) as folder:
             text = self._machine(loop, "safe start law of feeddrive commission")
             write_whole(folder / "machine.toml", with_origins(text, (model,)))
