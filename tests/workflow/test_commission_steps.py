@@ -79,9 +79,6 @@ class Axis:
     def text(self) -> str:
         return "paper"
 
-    def read(self, path: str | Path) -> Profile:
-        raise NotImplementedError
-
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         still = np.zeros(round(seconds / T))
         return Played(self._log(still, still, still, still), None, 0, None, ())
@@ -331,10 +328,10 @@ def standing(monkeypatch: pytest.MonkeyPatch, factor: Callable[[float], float]) 
     return asked
 
 
-def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, dead_time: float) -> list[Any]:
+def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None) -> list[Any]:
     """The options of each excitation that is asked for, where there is none."""
     asked = standing(monkeypatch, lambda _: 0.0)
-    result = begun(folder, Axis(), "excitation", until="Responses", dead_time=dead_time)
+    result = begun(folder, axis or Axis(), "excitation", until="Responses")
     assert "stands out of the noise" in result.refusal
     return asked
 
@@ -342,26 +339,28 @@ def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, dead_time: float
 def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = not_designed(monkeypatch, tmp_path / "out", 0.0)
-    # lines up to 0.4 of a rate of 1 kHz, and from a fiftieth of that
-    assert asked[0].band == pytest.approx((8.0, 400.0))
+    asked = not_designed(monkeypatch, tmp_path / "out")
+    # lines up to 0.45 of a rate of 1 kHz, and from a fiftieth of the 400 Hz up to which modes are looked for
+    assert asked[0].band == pytest.approx((8.0, 450.0))
     assert {each.realisations for each in asked} == {8}
     # of 960 N above friction
     assert asked[0].amplitude == pytest.approx(0.5 * 960.0)
     assert asked[0].travel == pytest.approx(0.6 * 0.1)
 
 
-def test_a_long_dead_time_does_not_hide_modes_up_to_400_hz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = not_designed(monkeypatch, tmp_path / "out", 3e-3)
-    # 0.4 over 3 ms and a sample are 100 Hz, and modes are looked for up to 400 Hz
-    assert asked[0].band == pytest.approx((8.0, 400.0))
+def test_a_fine_grid_counts_more_than_a_band_beyond_400_hz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a rate of 4 kHz: 1,000 Hz first, each band 0.7 of the one before; below 400 Hz coarser grids come first."""
+    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3))
+    tried = list(dict.fromkeys((each.resolution, round(each.band[1])) for each in asked))
+    assert tried[:9] == [(grid, top) for grid in (1.0, 2.0, 4.0) for top in (1000, 700, 490)]
+    assert tried[9:12] == [(grid, 343) for grid in (1.0, 2.0, 4.0)]
 
 
-@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {400.0}), (4.5, {400.0, 280.0})])
+@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {450.0}), (4.5, {450.0, 315.0})])
 def test_the_highest_line_is_five_times_its_noise_or_the_band_ends_lower(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands_out: float, tops: set[float]
 ) -> None:
-    asked = standing(monkeypatch, lambda top: stands_out if top > 300.0 else 6.0)
+    asked = standing(monkeypatch, lambda top: stands_out if top > 400.0 else 6.0)
     result = begun(tmp_path / "out", Axis(), "excitation", until="Responses", dead_time=0.0)
     assert result.refusal == "it would be written"
     assert {round(each.band[1], 6) for each in asked} == tops

@@ -281,10 +281,6 @@ class GantryMotion:
         """Return the drive files of both sides, one after the other."""
         return "\n".join(side.text() for side in self.gantry.sides)
 
-    def read(self, path: str | Path) -> Profile:
-        """Return the profile of a file, as either side could play it; see `read_profile`."""
-        return self.gantry.first.read(path)
-
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log both drives as they are, one after the other."""
         return self._merged(tuple(side.listen(seconds, progress) for side in self.gantry.sides), "listened")

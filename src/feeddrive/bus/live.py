@@ -18,7 +18,7 @@ from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveFile, drive_of
 from feeddrive.bus.ethercat import Segment
 from feeddrive.bus.gains import gains_of, write_gains
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile, read_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption, play_profile
 from feeddrive.bus.sampling import Sampler
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
@@ -109,10 +109,6 @@ class LiveAxis(Protocol):
         """Return its drive file, with the corrections."""
         ...
 
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile (`read_profile`) for a motion of this axis under the control of its drive."""
-        ...
-
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the axis with its drive switched off; nothing is written to the drive."""
         ...
@@ -189,12 +185,6 @@ class BusAxis:
         return self.file.drive.rotary
 
     @property
-    def delay(self) -> float:
-        """The time by which the dead time of a loop in the master is longer than within the drive, s."""
-        drive = self.file.drive
-        return 0.0 if self.file.gains else (drive.lag + 1) * float(drive.cycle_time)
-
-    @property
     def is_virtual(self) -> bool:
         """True for a virtual drive; it is asked once."""
         if self._virtual is None:
@@ -239,10 +229,6 @@ class BusAxis:
     def text(self) -> str:
         """Return the drive file, with the corrections of `scaled`; empty if it was not read from a file."""
         return self._text
-
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile for a motion in csp. Raises what `read_profile` does."""
-        return read_profile(path, replace(self.file.drive, mode="csp"))
 
     def listen(self, seconds: float, progress: Progress | None = None) -> Played:
         """Log the drive as it is: its actual values are mapped, and nothing else is written. Raises BusError."""

@@ -31,7 +31,6 @@ class FrictionFit:
     body: str
     curve: str
     left: float
-    without: float
 
 
 def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0) -> FrictionFit:
@@ -64,7 +63,7 @@ def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0) -> F
                 continue
             left = fit.by_delay[0]
             if best is None or left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
-                best = FrictionFit(fit.loop.axis, body, curve, left, 0.0 if best is None else best.left)
+                best = FrictionFit(fit.loop.axis, body, curve, left)
     if best is None:
         raise NotIdentifiableError(f"no friction explains the strokes: {why}")
     return best

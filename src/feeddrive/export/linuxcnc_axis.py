@@ -36,7 +36,7 @@ from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
-from feeddrive.bus.play import Played, Profile, check_profile, interruption, read_profile
+from feeddrive.bus.play import Played, Profile, check_profile, interruption
 from feeddrive.export.c_code import texts
 from feeddrive.export.design import require_guard
 from feeddrive.export.drive_quantities import read_cascade
@@ -142,10 +142,6 @@ class LinuxcncAxis:
     def text(self) -> str:
         """Return the file of the axis, with the corrections of `scaled`."""
         return self._text
-
-    def read(self, path: str | Path) -> Profile:
-        """Read a profile for this axis; see `read_profile`."""
-        return read_profile(path, self._judged())
 
     def close(self) -> None:
         """Unload HAL, which switches the drive off."""

@@ -62,7 +62,6 @@ from feeddrive.language.errors import (
     FileError,
     LogError,
     NotCertifiedError,
-    NotIdentifiableError,
     ParameterError,
 )
 from feeddrive.language.judgment import Judgment
@@ -887,13 +886,13 @@ class Chain:
                 for place in self._places():
                     try:
                         outcome = self._fitted(place, structure, float(frequency[0]), high)
+                        if outcome.judgment.bad or "Machine" not in outcome.files:
+                            refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
+                        else:
+                            models.append(self._with_friction(place, outcome))
                     except (LogError, ParameterError) as error:
-                        # a structure that these lines contradict, as by the sign of a mode
+                        # contradicted by the lines, as by the sign of a mode, or by the strokes
                         refused = refused or str(error)
-                        continue
-                    if not outcome.judgment.bad and "Machine" in outcome.files:
-                        models.append(self._with_friction(place, outcome))
-                    refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
                 if not models:
                     continue
                 best = min(models)
@@ -905,27 +904,24 @@ class Chain:
         raise RefusedError(Text(f"model: {refused}"))
 
     def _with_friction(self, place: str, outcome: Outcome[Any]) -> _Model:
-        """Return the model of an outcome with the friction that explains the strokes best."""
+        """Return the model of an outcome with the friction that explains the strokes best.
+
+        Raises NotIdentifiableError for a model under which the start law does not make the strokes.
+        """
         model = read_machine(self.place / "machine.toml").loop(AXIS)
         control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
         strokes = self._in("friction_and_mass", "strokes.parquet")
         law: Any = model.control.law
         control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
-        unused = outcome.result.fit.agreement.unused
-        try:
-            facts = self.facts
-            ran = replace(model, control=control)
-            fit = fit_friction(ran, read_log(strokes), facts["coulomb"], facts["viscous"])
-        except NotIdentifiableError as error:
-            text = (self.place / "machine.toml").read_text(encoding="utf-8")
-            says = Text(f"{outcome.verdict} Its friction is that of the strokes alone: {error}.")
-            return _Model(math.inf, unused, place, text, says)
+        ran, facts = replace(model, control=control), self.facts
+        fit = fit_friction(ran, read_log(strokes), facts["coulomb"], facts["viscous"])
         text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
             f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
         )
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
+        unused = outcome.result.fit.agreement.unused
         return _Model(fit.left, unused, place, with_origins(text, inputs), says)
 
     def _responses(self) -> dict[str, FRF]:
