@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from feeddrive.analysis.stability import require_stable
+from feeddrive.blocks.friction.viscous import Viscous
+from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -62,6 +64,14 @@ class LoopInverse:
     def of_command(self, force: np.ndarray) -> np.ndarray:
         """Return the displacement of the table (m) by a force in N that is added to the command, both of shape (n,)."""
         return _convolved(self.by_force, force)[: force.size]
+
+    def following_error(self, path: Recorded) -> np.ndarray:
+        """Return the error of the model along a path without friction, planned minus actual position, m, shape (n,)."""
+        n = path.position.size
+        rows = np.array([np.asarray(row) for row in path.at(np.arange(n) * self.sample_time)])
+        # from rest at the first position, where the linear model is at 0
+        rows[0] -= rows[0][0]
+        return rows[0] - _simulated(self.model, rows.T)[:n]
 
     def knots(self, spacing: float) -> int:
         """Return a spacing of knots in s as a number of samples, at least 1."""
@@ -195,8 +205,6 @@ def _setpoint_response(model: StateSpace, column: int) -> np.ndarray:
 
 def frictionless(loop: Loop) -> Loop:
     """Return the loop without dry friction; the viscous part of its friction stays."""
-    from feeddrive.blocks.friction.viscous import Viscous
-
     def viscous(friction: Any) -> Any:
         return None if friction is None else Viscous(viscous=friction.linear())
 

@@ -23,37 +23,27 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.identification.regression import robust_covariance
-from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.learning.loop_inverse import LoopInverse, frictionless, loop_inverse
 from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
-from feeddrive.learning.planned_friction import RAMP, friction_along
+from feeddrive.learning.planned_friction import friction_along
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.machining.contour import contour_error
 
-# Friction of 1 ± 0.3 times the model leaves least in the worst case with a share of 0.91; too much costs more than too
-# little at starts from rest, where 0.88 left less than 0.91 on every plant of the box
-SHARE = 0.88
+# Friction of q = 1.3 or p = 0.7 times the model leaves least in the worst case with 2 p q/(p + q)
+SHARE = 0.91
 """The share of the model's friction that is fed forward."""
-SHARE_FOUND = 0.9
-"""The share of a friction that was found in a log."""
-_PLAN_KNOTS, _PLAN_RIDGE = 1e-3, 1e-3  # s, relative: a reversal takes a few ms, and the inverse leaves 0.1 % of it
-_LOG_KNOTS, _LOG_RIDGE = 0.01, 0.01  # s: with 2 ms the third pass grows on a machine that is softer and later
-_LOG_GAIN = 0.7  # of the error of the last part
-_SMOOTH = 1e-3  # s, of each of two moving averages of the error of a log
-_GATE = 1e-3  # m/s: below it an axis may stick, which no linear model describes
-_OPEN = 3e-3  # m/s: from it on the whole error is learned
+# s, relative: a reversal takes a few ms; with a ridge of 1e-3 a softer machine with a later drive gets larger peaks
+PLAN_KNOTS, PLAN_RIDGE = 1e-3, 3e-3
+"""The spacing of the knots, s, and the ridge of the friction force along the plan."""
 _WORSE = 1.02  # of the figure without correction
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-_LEAST_SHARE, _MOST_SHARE, _SHARE_ERROR = 0.3, 1.6, 0.1
-_BETTER = 0.98  # of the RMS of the last pass: a pass that gains less is the last
-_LATE = 2.0  # samples by which a log may lag behind the plan
 _RECORDED = ("set_position", "set_velocity", "set_acceleration", "position_load", "force", "requested", "trip")
 
 
@@ -162,13 +152,18 @@ def correct_by_plan(machine: Machine, plan: Mapping[str, Recorded], *, share: fl
             f"share = {number(share, 6)} must be >= 0 and <= 1: more than the whole friction makes starts from rest "
             "worse"
         )
-    moving = _moving(machine, plan)
+    moving = moving_axes(machine, plan)
     for axis in moving:
-        _refuse_signs(machine.loop(axis))
+        if kinds := feeds_friction(machine.loop(axis)):
+            raise ParameterError(
+                f"axis.{axis}.control: {kinds} feeds dry friction forward by the sign of the set velocity, which would "
+                "act twice: take its friction out of the control (coulomb_positive, coulomb_negative, stribeck), or "
+                "learn what it leaves from a log of the part: --from-log"
+            )
     forces: dict[str, np.ndarray] = {}
     for axis in moving:
         displaced, inverse = friction_displacement(machine.loop(axis), plan[axis])
-        forces[axis] = share * inverse.force_for(displaced, _PLAN_KNOTS, _PLAN_RIDGE)
+        forces[axis] = share * inverse.force_for(displaced, PLAN_KNOTS, PLAN_RIDGE)
     if not any(np.any(force) for force in forces.values()):
         raise ParameterError(
             f"no axis of {', '.join(moving)} has dry friction in the machine file, so that there is nothing to feed "
@@ -181,7 +176,7 @@ def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopI
     """Return how far the dry friction holds the table back along a path, g * f in m, shape (n,), and the loop's inverse.
     """
     inverse = loop_inverse(frictionless(loop))
-    velocity, T = _velocity(path), float(path.sample_time)
+    velocity, T = planned_velocity(path), float(path.sample_time)
     displaced = np.zeros(velocity.size)
     if loop.axis.friction_load is not None:
         displaced += inverse.answer(friction_along(loop.axis.friction_load, velocity, T))
@@ -207,11 +202,12 @@ def _before_the_drive(loop: Loop, friction: Friction, velocity: np.ndarray, T: f
     return (np.append(force[1:], force[-1]) - a * force) / (1.0 - a)
 
 
-def _velocity(path: Recorded) -> np.ndarray:
+def planned_velocity(path: Recorded) -> np.ndarray:
+    """Return the planned velocity at the samples of a path, m/s."""
     return np.asarray(path.at(np.arange(path.position.size) * float(path.sample_time)).velocity)
 
 
-def _moving(machine: Machine, plan: Mapping[str, Reference]) -> list[str]:
+def moving_axes(machine: Machine, plan: Mapping[str, Reference]) -> list[str]:
     """Return the axes that move. Raise ParameterError for a rotary one, or if none does."""
     moving: list[str] = []
     for axis, path in plan.items():
@@ -230,16 +226,10 @@ def _moving(machine: Machine, plan: Mapping[str, Reference]) -> list[str]:
     return moving
 
 
-def _refuse_signs(loop: Loop) -> None:
-    """Raise ParameterError if the control feeds dry friction forward, which would then act twice."""
+def feeds_friction(loop: Loop) -> str:
+    """Return the kinds of the blocks of the control that feed dry friction forward; empty if there are none."""
     kinds = [block.kind for block in loop.control.feedforward if "friction" in block.fed()]
-    kinds += [loop.control.law.kind] if "friction" in loop.control.law.feeds else []
-    if kinds:
-        raise ParameterError(
-            f"axis.{loop.name}.control: {', '.join(kinds)} feeds dry friction forward by the sign of the set velocity, "
-            "which would act twice: take its friction out of the control (coulomb_positive, coulomb_negative, stribeck), "
-            "or learn what it leaves from a log of the part: --from-log"
-        )
+    return ", ".join([*kinds, *([loop.control.law.kind] if "friction" in loop.control.law.feeds else [])])
 
 
 class Judge:
@@ -270,7 +260,7 @@ class Judge:
         self.plan, self.loads, self.line = plan, loads, line
         chosen = (box or PlantBox()).machines(machine) if machines is None else machines
         self.machines = noisy_machines(chosen)
-        self.axes = tuple(_moving(machine, plan))
+        self.axes = tuple(moving_axes(machine, plan))
         self._progress = progress or Progress()
         self._seed = seed
         n = next(iter(plan.values())).position.size
@@ -370,32 +360,43 @@ def path_figures(
 
     The deviation of two or more axes is the contour error of the table, that of one axis the lag behind its plan.
     """
-    n = run.samples
+    return deviation({axis: run[f"{axis}.position_load"] for axis in axes}, plan, axes, counted)
+
+
+def deviation(
+    positions: Mapping[str, np.ndarray], plan: Mapping[str, Recorded], axes: Sequence[str], counted: np.ndarray
+) -> tuple[PathFigures, np.ndarray]:
+    """Return the figures of measured or simulated positions, m, by axis, against the plan, as `path_figures` does."""
+    actual = np.column_stack([positions[axis] for axis in axes])
+    n = len(actual)
     mask = np.zeros(n, bool)
     mask[: min(n, counted.size)] = counted[:n]
     if not np.any(mask):
         raise ParameterError("no sample of the motion counts: the program cuts nothing, and never moves at a feed")
-    wanted = {axis: plan[axis].at(run.time) for axis in axes}
+    T = float(plan[axes[0]].sample_time)
+    wanted = [plan[axis].at(np.arange(n) * T) for axis in axes]
     if len(axes) == 1:
-        axis = axes[0]
-        error = np.asarray(wanted[axis].position) - run[f"{axis}.position_load"]
+        error = np.asarray(wanted[0].position) - actual[:, 0]
         size = np.abs(error[mask])
         rms = float(np.sqrt(np.mean(size**2)))
-        return PathFigures(rms, float(np.quantile(size, 0.95)), float(np.max(size))), error
-    columns = [np.column_stack([np.asarray(wanted[axis][order]) for axis in axes]) for order in range(3)]
-    actual = np.column_stack([run[f"{axis}.position_load"] for axis in axes])
-    contour = contour_error(
-        actual,
-        columns[0],
-        axes=axes,
-        velocity=columns[1],
-        acceleration=columns[2],
-        sample_time=run.sample_time,
-        counted=mask,
-        name=run.name,
-    )
-    figures = PathFigures(float(contour.rms), float(contour.within()), float(contour.largest))
-    return figures, np.where(mask, np.abs(contour.error), np.nan)
+        figures = PathFigures(rms, float(np.quantile(size, 0.95)), float(np.max(size)))
+    else:
+        position, velocity, acceleration = (
+            np.column_stack([np.asarray(setpoint[order]) for setpoint in wanted]) for order in range(3)
+        )
+        contour = contour_error(
+            actual,
+            position,
+            axes=axes,
+            velocity=velocity,
+            acceleration=acceleration,
+            sample_time=T,
+            counted=mask,
+            name="part",
+        )
+        error = contour.error
+        figures = PathFigures(float(contour.rms), float(contour.within()), float(contour.largest))
+    return figures, np.where(mask, np.abs(error), np.nan)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

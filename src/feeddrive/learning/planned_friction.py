@@ -7,7 +7,13 @@ import numpy as np
 from feeddrive.blocks.families import Friction
 
 RAMP = 0.02
-"""The last part of a rest, s, over which the friction force changes to that of the next motion."""
+"""The time over which the friction force changes after a stop and before a start, s."""
+KEPT = 0.5
+"""The share of the friction force that is kept in a rest.
+
+A body at rest is held by any force up to breakaway.  To keep the whole force winds the integrator of the loop up in the
+rest, which costs at the next start where the friction is less than modeled; to keep none costs where it is more.
+"""
 # a plan at rest has a velocity of exactly 0 or, after smoothing, of rounding: far below any feed
 _STILL = 1e-9  # m/s
 # `steady` of a set-valued law is 0 at exactly 0: the level towards standstill is its limit from either side
@@ -17,17 +23,17 @@ _CREEP = 1e-12  # m/s
 def direction_along(velocity: np.ndarray, sample_time: float) -> np.ndarray:
     """Return the mean direction s of the dry friction over each sample interval, -1 to 1, shape (n,).
 
-        moving                     s = sgn v; an interval with a reversal has the mean of both directions, by the zero
-                                   crossing of v, which is taken as linear
-        rest, then the other way   s changes by 10 t³ - 15 t⁴ + 6 t⁵ over the last 20 ms of the rest, and is complete at
-                                   the first moving sample
-        rest, then the same way    s is kept
-        first and last motion      from 0 and to 0 in the same way, in the rest before the motion and after it
+        moving           s = sgn v; an interval with a reversal has the mean of both directions, by the zero crossing of
+                         v, which is taken as linear
+        a rest           from a stop in direction a to a start in direction b: s falls from a to a/2 within 20 ms, and
+                         changes to b in the last 20 ms, complete at the first moving sample
+        a shorter rest   than 20 ms: s changes from a to b over its whole length
+        first and last   motion: from 0 and to 0 in the same way, in the rest before the motion and after it
+
+    All changes follow 10 t³ - 15 t⁴ + 6 t⁵.
 
     velocity     planned velocity at kT, m/s, shape (n,)
     sample_time  T, s
-
-    A body at rest is held by a force of any size up to breakaway: only the change for the next motion is known.
     """
     v = np.where(np.abs(velocity) > _STILL, velocity, 0.0)
     n = v.size
@@ -53,11 +59,22 @@ def direction_along(velocity: np.ndarray, sample_time: float) -> np.ndarray:
             s[last + 1] = end
             continue
         rest = after - last - 1
-        # towards the end of the rest if another motion follows; from its beginning if none does
-        first = last + 1 if after >= n else after - min(ramp, rest)
-        share = np.clip((np.arange(last + 1, after) - first + 1.0) / min(ramp, rest), 0.0, 1.0)
-        s[last + 1 : after] = begin + (end - begin) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        k = np.arange(1, rest + 1)
+        width = min(ramp, rest)
+        if after >= n:
+            # the end of the program: no start follows
+            s[last + 1 :] = begin * (1.0 - _step(k / width))
+            continue
+        starting = _step((k - (rest - width)) / width)
+        held = begin if rest < ramp else begin * (1.0 - (1.0 - KEPT) * _step(k / width))
+        s[last + 1 : after] = held * (1.0 - starting) + end * starting
     return s
+
+
+def _step(t: np.ndarray) -> np.ndarray:
+    """Return a step from 0 at t <= 0 to 1 at t >= 1 without a jump of its first two derivatives."""
+    t = np.clip(t, 0.0, 1.0)
+    return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
 
 
 def friction_along(friction: Friction, velocity: np.ndarray, sample_time: float) -> np.ndarray:
