@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
 from typing import Any
@@ -103,7 +102,7 @@ class LoopInverse:
         _, c = self._fitted(rows[0], response, displacement, h, ridge)
         n = displacement.size
         wide = np.zeros(c.size * h)
-        wide[:: h] = c
+        wide[::h] = c
         # the splines that begin before the first sample: 5 of them reach into the motion
         change = [_convolved(row, wide)[DEGREE * h : DEGREE * h + n] for row in rows]
         return np.array(change), c
@@ -189,22 +188,19 @@ def _impulse(model: StateSpace, name: str) -> np.ndarray:
 
 
 def _simulated(model: StateSpace, inputs: np.ndarray) -> np.ndarray:
-    """Return the response of the table to a change of the setpoint and its derivatives, shape (n, 5), until it settles.
+    """Return the response of the table to a change of the setpoint and its derivatives, shape (n, 5), until it "
+    "settles.
     """
-    columns = [model.inputs.index(name) for name in SETPOINT]
-    answers: Sequence[np.ndarray] = [_convolved(_setpoint_response(model, i), inputs[:, k]) for k, i in enumerate(columns)]
+    answers = [_convolved(_impulse(model, name), column) for name, column in zip(SETPOINT, inputs.T, strict=True)]
     whole = np.zeros(max(answer.size for answer in answers))
     for answer in answers:
         whole[: answer.size] += answer
     return whole
 
 
-def _setpoint_response(model: StateSpace, column: int) -> np.ndarray:
-    return _impulse(model, model.inputs[column])
-
-
 def frictionless(loop: Loop) -> Loop:
     """Return the loop without dry friction; the viscous part of its friction stays."""
+
     def viscous(friction: Any) -> Any:
         return None if friction is None else Viscous(viscous=friction.linear())
 

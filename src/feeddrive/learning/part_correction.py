@@ -23,18 +23,20 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.learning.loop_inverse import LoopInverse, frictionless, loop_inverse
-from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.learning.planned_friction import friction_along
+from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, simulate
 from feeddrive.machining.contour import contour_error
+from feeddrive.path.changed_path import changed_use, keeps
+from feeddrive.path.proof import DERIVATIVES
 
 # Friction of q = 1.3 or p = 0.7 times the model leaves least in the worst case with 2 p q/(p + q)
 SHARE = 0.91
@@ -42,6 +44,14 @@ SHARE = 0.91
 # s, relative: a reversal takes a few ms; with a ridge of 1e-3 a softer machine with a later drive gets larger peaks
 PLAN_KNOTS, PLAN_RIDGE = 1e-3, 3e-3
 """The spacing of the knots, s, and the ridge of the friction force along the plan."""
+# s, relative: shorter knots need several times the jerk and snap of the plan
+PATH_KNOTS, PATH_RIDGE = 0.02, 0.01
+"""The spacing of the knots, s, and the ridge of a change of the set path."""
+# knots of 20 ms are too coarse for a reversal: more of it rings on machines with less friction
+PATH_SHARE = 0.7
+"""The share of the model's friction that a change of the set path cancels."""
+RESERVE = (0.005, 0.005, 0.05, 0.015)
+"""The shares of velocity, acceleration, jerk and snap that a plan keeps back for a change of its path."""
 _WORSE = 1.02  # of the figure without correction
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
 _RECORDED = ("set_position", "set_velocity", "set_acceleration", "position_load", "force", "requested", "trip")
@@ -147,6 +157,18 @@ def correct_by_plan(machine: Machine, plan: Mapping[str, Recorded], *, share: fl
     Raises ParameterError for a machine that already feeds its friction forward, for axes without dry friction, and for
     the loops that `loop_inverse` refuses.
     """
+    moving = _planned_axes(machine, plan, share)
+    forces: dict[str, np.ndarray] = {}
+    for axis in moving:
+        displaced, inverse = friction_displacement(machine.loop(axis), plan[axis])
+        forces[axis] = share * inverse.force_for(displaced, PLAN_KNOTS, PLAN_RIDGE)
+    if share > 0.0:
+        _require_friction(forces, moving)
+    return Correction(plan, forces, shares=dict.fromkeys(forces, share))
+
+
+def _planned_axes(machine: Machine, plan: Mapping[str, Recorded], share: float) -> list[str]:
+    """Return the axes that move. Raise ParameterError for a share out of range, or axes that cannot be corrected."""
     if not 0.0 <= share <= 1.0:
         raise ParameterError(
             f"share = {number(share, 6)} must be >= 0 and <= 1: more than the whole friction makes starts from rest "
@@ -160,20 +182,63 @@ def correct_by_plan(machine: Machine, plan: Mapping[str, Recorded], *, share: fl
                 "act twice: take its friction out of the control (coulomb_positive, coulomb_negative, stribeck), or "
                 "learn what it leaves from a log of the part: --from-log"
             )
-    forces: dict[str, np.ndarray] = {}
-    for axis in moving:
-        displaced, inverse = friction_displacement(machine.loop(axis), plan[axis])
-        forces[axis] = share * inverse.force_for(displaced, PLAN_KNOTS, PLAN_RIDGE)
-    if not any(np.any(force) for force in forces.values()):
+    return moving
+
+
+def _require_friction(corrections: Mapping[str, np.ndarray], moving: Sequence[str]) -> None:
+    if not any(np.any(correction) for correction in corrections.values()):
         raise ParameterError(
             f"no axis of {', '.join(moving)} has dry friction in the machine file, so that there is nothing to feed "
             "forward: identify it (feeddrive identify, friction), and write it as [axis.x.friction_load]"
         )
-    return Correction(plan, forces, shares=dict.fromkeys(forces, share))
+
+
+def correct_path_by_plan(
+    machine: Machine,
+    plan: Mapping[str, Recorded],
+    limits: Mapping[str, np.ndarray],
+    proven: Mapping[str, np.ndarray],
+    *,
+    share: float = PATH_SHARE,
+) -> Correction:
+    """Return the change of the set paths that cancels the dry friction of all axes, for drives that take no force.
+
+        (B'B + λ r0 I) c = B' (g * f),   B = response of the table to splines of the set path, knots every 20 ms
+
+    plan    planned motion by axis, planned with a reserve of each limit (`RESERVE`)
+    limits  limits of velocity to snap, m/s .. m/s⁴, shape (4,), by axis
+    proven  proven shares of these limits that the plan takes, shape (4,), by axis
+    share   share of the friction that is cancelled, 0 to 1
+
+    Velocity to snap of the sum are proven again in continuous time (`changed_use`).  Raises NotPlannedError if the sum
+    exceeds a limit, and the errors of `correct_by_plan`.
+    """
+    moving = _planned_axes(machine, plan, share)
+    paths: dict[str, np.ndarray] = {}
+    for axis in moving:
+        displaced, inverse = friction_displacement(machine.loop(axis), plan[axis])
+        change, coefficients = inverse.path_for(share * displaced, PATH_KNOTS, PATH_RIDGE)
+        paths[axis] = change
+        moved = _moved(plan[axis], change)
+        rows = np.array([moved.velocity, moved.acceleration, moved.jerk, moved.snap])
+        T = float(plan[axis].sample_time)
+        use = changed_use(rows, coefficients, inverse.knots(PATH_KNOTS), T, limits[axis], proven[axis])
+        if not keeps(use):
+            worst = int(np.argmax(use))
+            raise NotPlannedError(
+                f"axis {axis}: plan and change together take {Quantity(float(use[worst]), 'share'):5} of the limit of "
+                f"{DERIVATIVES[worst]}, and the plan alone {Quantity(float(proven[axis][worst]), 'share'):5}: plan "
+                "with "
+                f"more of it kept back than {Quantity(RESERVE[worst], 'share'):3}, give a smaller --share, or add a "
+                "force (--method force)"
+            )
+    _require_friction(paths, moving)
+    return Correction(plan, {}, paths, dict.fromkeys(paths, share))
 
 
 def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopInverse]:
-    """Return how far the dry friction holds the table back along a path, g * f in m, shape (n,), and the loop's inverse.
+    """Return how far the dry friction holds the table back along a path, g * f in m, shape (n,), and the loop's "
+    "inverse.
     """
     inverse = loop_inverse(frictionless(loop))
     velocity, T = planned_velocity(path), float(path.sample_time)
@@ -188,8 +253,8 @@ def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopI
 def _before_the_drive(loop: Loop, friction: Friction, velocity: np.ndarray, T: float) -> np.ndarray:
     """Return the command whose force behind dead time and current loop is the friction on the motor, N.
 
-    Dead time is a shift of the plan.  The lag of the current loop is y(k+1) = a y(k) + (1 - a) u(k), which is solved for
-    u; the regularized fit of the force takes what is too quick out of it.
+    Dead time is a shift of the plan.  The lag of the current loop, y(k+1) = a y(k) + (1 - a) u(k), is solved for u; the
+    regularized fit of the force takes what is too quick out of it.
     """
     force = friction_along(friction, velocity, T)
     late = float(loop.axis.actuator.dead_time) / T
@@ -315,7 +380,8 @@ class Judge:
             if tripped.size:
                 raise ParameterError(
                     f"machine of the box '{run.name}': the guard of axis {axis} tripped at "
-                    f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the limits of the "
+                    f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the limits of "
+                    "the "
                     "guard"
                 )
             if correction is None or axis not in correction.forces:
@@ -339,7 +405,8 @@ class Judge:
             if continuous is not None and rms > float(continuous):
                 raise ParameterError(
                     f"axis {axis}, machine of the box '{run.name}': command and correction together are "
-                    f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of {Quantity(float(continuous), 'N'):4}: "
+                    f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of "
+                    f"{Quantity(float(continuous), 'N'):4}: "
                     "lower the feed or the accelerations"
                 )
 

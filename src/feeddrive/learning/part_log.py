@@ -95,10 +95,12 @@ class LearnedPart(Result):
 
     def table(self) -> Table:
         """Return a table of the RMS of the deviation, part by part."""
-        rows: list[list[Cell]] = [
-            [f"log {i + 1}", rms, rms / self.history[0]] for i, rms in enumerate(self.history)
-        ]
-        return Table("Deviation from the path, part by part", ["part", Column("RMS", "m"), Column("of the first", form=".3f")], rows)
+        rows: list[list[Cell]] = [[f"log {i + 1}", rms, rms / self.history[0]] for i, rms in enumerate(self.history)]
+        return Table(
+            "Deviation from the path, part by part",
+            ["part", Column("RMS", "m"), Column("of the first", form=".3f")],
+            rows,
+        )
 
 
 def learn_from_log(
@@ -187,7 +189,8 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
             )
         if not np.all(np.isfinite(row)):
             raise LogError(
-                f"{log.name}: axis {axis}: the {what} is not a number in row {int(np.argmin(np.isfinite(row)))}: samples "
+                f"{log.name}: axis {axis}: the {what} is not a number in row {int(np.argmin(np.isfinite(row)))}: "
+                "samples "
                 "are missing; log the part again"
             )
     # a log may hold one sample less than the plan: the last one, at rest
@@ -205,14 +208,16 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     trip = log.tripped.get(axis, np.zeros(0))
     if trip.size and np.any(trip):
         raise LogError(
-            f"{log.name}: axis {axis}: the guard tripped at {Quantity(int(np.argmax(trip)) * T, 's'):6 SI}, and the axis "
+            f"{log.name}: axis {axis}: the guard tripped at {Quantity(int(np.argmax(trip)) * T, 's'):6 SI}, and the "
+            "axis "
             "did not follow after that: find the cause, and log the part again"
         )
     moves = np.abs(planned_velocity(path)) > _GATE
     way, wanted = (float(np.sum(np.abs(np.diff(row))[moves[:-1]])) for row in (_calm(measured, T), path.position))
     if np.any(moves) and way < _STUCK * wanted:
         raise LogError(
-            f"{log.name}: axis {axis}: moves {Quantity(way, 'm')} where the plan moves {Quantity(wanted, 'm')}: the axis "
+            f"{log.name}: axis {axis}: moves {Quantity(way, 'm')} where the plan moves {Quantity(wanted, 'm')}: the "
+            "axis "
             "is stuck or switched off, or the column is not its position"
         )
     limit, force = loop.control.force_limit, log.force.get(axis)
@@ -220,7 +225,8 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
         held = np.flatnonzero((np.abs(force[:n]) >= (1.0 - 1e-6) * limit) & counted[: force.size])
         if held.size:
             raise LogError(
-                f"{log.name}: axis {axis}: the force is at its limit of {Quantity(limit, 'N'):4} in {held.size} samples "
+                f"{log.name}: axis {axis}: the force is at its limit of {Quantity(limit, 'N'):4} in {held.size} "
+                "samples "
                 f"that count, first at {Quantity(int(held[0]) * T, 's'):6 SI}: what is lost there is no error of the "
                 "path; plan with less acceleration"
             )
@@ -257,7 +263,8 @@ def _share(
     """Return the share of the model's friction in the error with its standard error, or None, and remarks."""
     if loop.axis.friction_load is not None and loop.axis.friction_motor is not None:
         raise LogError(
-            f"{log.name}: axis {axis}: the model has friction on motor and load, and the error of the table shows their "
+            f"{log.name}: axis {axis}: the model has friction on motor and load, and the error of the table shows "
+            "their "
             "sum only: give the machine file one of them, or correct by the plan alone, without --from-log"
         )
     velocity = planned_velocity(path)
@@ -266,7 +273,9 @@ def _share(
     if not np.any(displaced):
         return None, [f"Axis {axis} has no dry friction in the machine file: its first correction is 0."]
     if not np.any(sign[1:] * sign[:-1] < 0.0):
-        remark = f"Axis {axis} never reverses: no share of friction can be told, and {Quantity(SHARE, 'share'):3} of the "
+        remark = (
+            f"Axis {axis} never reverses: no share of friction can be told, and {Quantity(SHARE, 'share'):3} of the "
+        )
         return None, [Text(remark + "model's is fed forward.")]
     column, left = displaced[moves], error[moves]
     share = float(column @ left / (column @ column))
@@ -275,8 +284,10 @@ def _share(
         raise LogError(
             f"{log.name}: axis {axis}: the error shows {Quantity(share, 'share'):3} ± "
             f"{Quantity(error_of_share, 'share'):2} of the model's friction; {Quantity(LEAST_SHARE, 'share'):3} to "
-            f"{Quantity(MOST_SHARE, 'share'):3} with a standard error of {Quantity(SHARE_ERROR, 'share'):3} at most are "
-            "admitted: friction of this axis is not what the model says; identify it again (feeddrive friction, identify)"
+            f"{Quantity(MOST_SHARE, 'share'):3} with a standard error of {Quantity(SHARE_ERROR, 'share'):3} at most "
+            "are "
+            "admitted: friction of this axis is not what the model says; identify it again (feeddrive friction, "
+            "identify)"
         )
     return (share, error_of_share), []
 
@@ -295,7 +306,9 @@ def _within_limits(log: PartLog, machine: Machine, correction: Correction) -> No
             if limit is not None and np.any(total > limit):
                 k = int(np.argmax(total > limit))
                 raise LogError(
-                    f"{log.name}: axis {axis}: logged force and correction together are {Quantity(float(total[k]), 'N'):4} "
-                    f"at {Quantity(k * T, 's'):6 SI}, beyond the {what} of {Quantity(float(limit), 'N'):4}: plan with less "
+                    f"{log.name}: axis {axis}: logged force and correction together are "
+                    f"{Quantity(float(total[k]), 'N'):4} "
+                    f"at {Quantity(k * T, 's'):6 SI}, beyond the {what} of {Quantity(float(limit), 'N'):4}: plan with "
+                    "less "
                     "acceleration"
                 )

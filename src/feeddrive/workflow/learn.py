@@ -1,4 +1,4 @@
-"""`feeddrive iterate`, `prefilter` and `setpath`: feedforward, prefilters and set paths from logs or models."""
+"""`feeddrive iterate` and `prefilter`: feedforward and prefilters from logs or models."""
 
 from __future__ import annotations
 
@@ -23,17 +23,15 @@ from feeddrive.files.section import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Table
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.learning.iterative_feedforward import AT_REST, Iteration, begin_compensation, next_iteration
-from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero_phase
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
 from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.command import CHANNELS, OUT_FILE, UNIT, Outcome, Request, argument, called, command, option
+from feeddrive.workflow.command import CHANNELS, UNIT, Outcome, Request, argument, called, command, option
 from feeddrive.workflow.drive_logs import chosen
 
 # role of a column that an option of a request names -> that option
@@ -159,7 +157,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
     """Simulate learning trials on the machine."""
     remedy = "give the log itself, with --controller"
-    references = [_reference(job, remedy) for job in request.job] or [MOVE]
+    references = [job_reference(job, remedy) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
         loop,
@@ -317,7 +315,7 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
     """
     loop, name = _controlled_loop(request.controller, request.axis)
     remedy = "leave out --job, or name the job that was run"
-    reference = None if request.job is None else _reference(request.job, remedy)
+    reference = None if request.job is None else job_reference(request.job, remedy)
     fit = _fit(request, _chosen(request.regressors), loop, reference, progress)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
     remarks = [
@@ -385,81 +383,6 @@ def _chosen(regressors: str) -> list[str]:
     return chosen
 
 
-METHODS = ("zero-phase", "splines")
-
-
-class SetpathRequest(Request):
-    """The axis, the motion, and the method that computes its set positions."""
-
-    source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    axis: str | None = option("its axis, if it has several", default=None)
-    job: JobLike | None = option("the job whose reference is followed; default: 100 mm out and back", default=None)
-    method: str = option(
-        "zero-phase: inverse of the loop (Tomizuka);  splines: fitted answers of splines (Okwudire)",
-        default="zero-phase",
-        options=METHODS,
-    )
-    spacing: int = option("samples between the knots of the splines", default=20, least=3, most=10_000)
-    window: int | None = option("coefficients of the splines that are known ahead; default: all", default=None)
-    out: Path | None = option(OUT_FILE, short="-o", default=None)
-
-    def check(self) -> None:
-        """Raise ParameterError for a window with a method that does not use one."""
-        if self.method != "splines" and self.window is not None:
-            raise ParameterError(f"--window = {self.window} is for --method splines, not {self.method}: leave it out")
-
-
-@command(SetpathRequest)
-def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedReference]:
-    """Modify a set path offline, using the linear model of the loop, so that the table follows the desired path.
-
-    Both paths are simulated on the axis of the file, friction included.
-    """
-    progress.step("model of the loop")
-    loop = read_machine(request.source).loop(request.axis)
-    reference = MOVE if request.job is None else _reference(request.job, "name a job with a reference")
-    if request.method == "zero-phase":
-        changed = zero_phase(loop, reference)
-    else:
-        changed = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
-    progress.step("runs of both paths")
-    # simulated with the full axis, friction included: the linear model alone would flatter the changed path
-    rows = [
-        ["as it was", *_left(loop, reference, reference)],
-        ["changed", *_left(loop, changed.reference, changed.wanted)],
-    ]
-    title = f"{called(request.source)}, axis {loop.name}: distance of the table from the wanted path, {request.method}"
-    remarks = [
-        Text(
-            f"The changed path is up to {Quantity(changed.shift, 'm')} off the wanted one, and begins "
-            f"{Quantity(changed.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
-        ),
-        "It holds for this load and these gains: after a change of either make it anew.",
-    ]
-    files: dict[str, Path] = {}
-    if request.out is not None:
-        progress.step("writing")
-        write_whole(request.out, _text(changed))
-        files["Written"] = request.out
-    table = Table(title, ["path", Column("largest", "m"), Column("RMS", "m")], rows)
-    return Outcome(changed, [table], remarks, files=files, rotary=loop.axis.rotary)
-
-
-def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
-    """Return the maximum and the RMS deviation of the table from the desired path, m."""
-    run = simulate(loop, reference, record=["position_load"])
-    off = run["position_load"] - np.asarray(wanted.at(run.time).position)
-    return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
-
-
-def _text(changed: ChangedReference) -> str:
-    """Return the text of a CSV file: time, the set positions to play, and the desired positions of the table."""
-    T = float(changed.reference.sample_time)
-    rows = zip(changed.reference.position, changed.wanted.position, strict=True)
-    lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]
-    return "\n".join(["time_s,set_position_m,wanted_position_m", *lines, ""])
-
-
 def _tracked(
     file: OpenedFile, request: IterateRequest | PrefilterRequest, progress: Progress
 ) -> tuple[Log, np.ndarray, np.ndarray]:
@@ -478,7 +401,7 @@ def _tracked(
     return log, log[set_position], log[position]
 
 
-def _reference(job: JobLike, remedy: str) -> Reference:
+def job_reference(job: JobLike, remedy: str) -> Reference:
     """Return the reference of a job. Raise ParameterError with a remedy for a job that has only a log."""
     reference = read_job(job).reference
     if reference is None:
