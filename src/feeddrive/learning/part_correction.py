@@ -50,7 +50,7 @@ PATH_KNOTS, PATH_RIDGE = 0.02, 0.01
 # knots of 20 ms are too coarse for a reversal: more of it rings on machines with less friction
 PATH_SHARE = 0.7
 """The share of the model's friction that a change of the set path cancels."""
-RESERVE = (0.005, 0.005, 0.05, 0.015)
+RESERVE = (0.005, 0.005, 0.05, 0.025)
 """The shares of velocity, acceleration, jerk and snap that a plan keeps back for a change of its path."""
 _WORSE = 1.02  # of the figure without correction
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)

@@ -6,8 +6,9 @@
     q''                              <= |q''| at both ends + (T²/8) bound of q''''
     q'                               <= |q'| at both ends + (T²/8) bound of q'''
 
-The derivatives of the change are bounded by the coefficients of their splines, between which they lie (convex hull).
-Nothing of the fit is used but its coefficients.
+Knots are samples, so that the fourth derivative of the change is linear between two samples and largest at one, and the
+third one exceeds its samples by T²/8 times the fifth at most.  The change is evaluated from its coefficients alone,
+by B-splines of scipy, and shares no code with the fit.
 """
 
 from __future__ import annotations
@@ -34,9 +35,10 @@ def changed_use(
     A share above 1 + 1e-9 means that the sum is not proven.
     """
     T, n = sample_time, rows.shape[1]
-    jerk, snap = (_hull(coefficients, spacing, T, order, n) for order in (3, 4))
+    jerk, snap, fifth = (_at_ends(_derivative(coefficients, spacing, T, order, n)) for order in (3, 4, 5))
+    jerk += T * T / 8.0 * fifth
     snap_bound = proven[3] * limits[3] + snap
-    ends = [np.maximum(np.abs(row[:-1]), np.abs(row[1:])) for row in rows]
+    ends = [_at_ends(row) for row in rows]
     jerk_bound = np.minimum(proven[2] * limits[2] + jerk, ends[2] + 0.5 * T * snap_bound)
     acceleration_bound = ends[1] + T * T / 8.0 * snap_bound
     velocity_bound = ends[0] + T * T / 8.0 * jerk_bound
@@ -49,18 +51,23 @@ def keeps(use: np.ndarray) -> bool:
     return bool(np.all(use <= 1.0 + WIDENED))
 
 
-def _hull(coefficients: np.ndarray, spacing: int, T: float, order: int, n: int) -> np.ndarray:
-    """Return a bound on |derivative| of the change over each interval between two samples, shape (n - 1,)."""
-    change = coefficients
-    for _ in range(order):
-        change = np.diff(change, prepend=0.0, append=0.0)
-    size = np.abs(change) / (spacing * T) ** order
-    # the derivative is a spline of degree 5 - order: entry i of `size` is of the one that begins at knot i - 5, and
-    # over the span from knot m to m + 1 only those that begin at m - degree .. m differ from 0
-    degree = _DEGREE - order
-    knots = np.arange(n - 1) // spacing
-    bound = np.zeros(n - 1)
-    for back in range(degree + 1):
-        i = knots + _DEGREE - back
-        bound = np.maximum(bound, np.where(i < size.size, size[np.minimum(i, size.size - 1)], 0.0))
-    return bound
+def _at_ends(row: np.ndarray) -> np.ndarray:
+    """Return the larger size at both ends of each interval between two samples, shape (n - 1,)."""
+    return np.maximum(np.abs(row[:-1]), np.abs(row[1:]))
+
+
+def _derivative(coefficients: np.ndarray, spacing: int, T: float, order: int, n: int) -> np.ndarray:
+    """Return a derivative of the change at the samples, shape (n,); the fifth one is constant from each knot on."""
+    # imported here: a plan without a change starts without it
+    from scipy.interpolate import BSpline
+
+    h = spacing * T
+    knots = h * np.arange(-_DEGREE, coefficients.size + 1)
+    derivative = BSpline(knots, coefficients, _DEGREE).derivative(order)
+    values = np.asarray(derivative(T * np.arange(n)), dtype=np.float64)
+    # beyond the last spline there is no change
+    values[T * np.arange(n) > knots[-_DEGREE - 1]] = 0.0
+    if order < _DEGREE:
+        return values
+    # a sample at a knot may be evaluated on either side of it: both neighbors count
+    return np.maximum(np.abs(values), np.maximum(np.abs(np.roll(values, 1)), np.abs(np.roll(values, -1))))
