@@ -10,7 +10,7 @@ make_lazy(
         ),
         "loop_inverse": "LoopInverse loop_inverse",
         "part_correction": (
-            "CorrectedProgram Correction Judge correct_by_plan correct_path_by_plan judged path_figures"
+            "CorrectedProgram Correction Judge correct_by_plan correct_path_by_plan judged path_figures planned_rows"
         ),
         "part_log": "LearnedPart PartLog learn_from_log",
         "planned_friction": "direction_along friction_along",

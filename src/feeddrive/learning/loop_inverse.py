@@ -21,7 +21,9 @@ DEGREE = 5
 """The degree of the splines: their third derivative is smooth, and their fourth, the snap, is bounded."""
 SLOW = 0.05
 """The speed at which a loop is linearized, m/s: dry friction is saturated, and a part is cut at such speeds."""
-_SETTLED = 1e-7  # of its peak: below it the response has ended; 1e-4 gave the same corrections
+_SETTLED = 1e-7  # of its peak: below it the response has ended; observers leave a floor of rounding below
+_ENDED = 1e-5  # of its peak: below it the inverse of a displacement in one sample has ended
+_MOST_KNOTS = 1 << 22  # of a circle: some 100 MB
 _LONGEST = 200_000  # samples that a response may take
 
 
@@ -113,23 +115,41 @@ class LoopInverse:
         """Return Σ c_j N(k - j h) at the samples, and the coefficients c from spline -5 on.
 
         B'B is a Toeplitz matrix.  The equations are solved as circular ones by FFT, with a rest behind the motion that
-        is longer than response and spline, so that the end does not reach around to the beginning.
+        is longer than the inverse, so that the end does not reach around to the beginning.
         """
         n = wanted.size
-        rest = 2 * response.size + shape.size
-        count = _composite(-(-(n + rest) // h))
-        size = count * h
-        B = np.fft.rfft(response, size)
-        # sampled every h: correlation of the responses of two splines, and of a response with the wanted displacement
-        square = np.fft.irfft(np.abs(B) ** 2, size)[::h]
+        rest = self._reach(response, h, ridge) * h + response.size + shape.size
+        size = _composite(-(-(n + rest) // h)) * h
+        B, spectrum = _normal(response, size, h, ridge)
+        # correlation of the response of each spline with the wanted displacement
         right = np.fft.irfft(np.conj(B) * np.fft.rfft(wanted, size), size)[::h]
-        spectrum = np.real(np.fft.rfft(square))
-        c = np.fft.irfft(np.fft.rfft(right) / (spectrum + ridge * square[0]), count)
-        c = np.roll(c, DEGREE)  # from the splines that begin before the motion
-        c = c[: -(-n // h) + DEGREE]
+        c = np.fft.irfft(np.fft.rfft(right) / spectrum, size // h)
+        # from the splines that begin before the motion
+        c = np.roll(c, DEGREE)[: -(-n // h) + DEGREE]
         wide = np.zeros(c.size * h)
         wide[::h] = c
         return _convolved(shape, wide)[DEGREE * h : DEGREE * h + n], c
+
+    def _reach(self, response: np.ndarray, h: int, ridge: float) -> int:
+        """Return the number of knots over which a displacement in one sample still needs a force."""
+        count = _composite(-(-4 * response.size // h))
+        while count < _MOST_KNOTS:
+            inverse = np.abs(np.fft.irfft(1.0 / _normal(response, count * h, h, ridge)[1], count))
+            above = np.flatnonzero(inverse[: count // 2] > _ENDED * np.max(inverse))
+            if above[-1] < count // 4:
+                return int(above[-1]) + 1
+            count = _composite(2 * count)
+        raise ParameterError(
+            f"the inverse of the loop needs forces over more than {Quantity(count * h * self.sample_time, 's'):3}: the "
+            "loop hardly moves the table; check its gains"
+        )
+
+
+def _normal(response: np.ndarray, size: int, h: int, ridge: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectrum of a response over `size` samples, and that of B'B + ridge r0 I over the knots."""
+    B = np.fft.rfft(response, size)
+    square = np.fft.irfft(np.abs(B) ** 2, size)[::h]
+    return B, np.real(np.fft.rfft(square)) + ridge * square[0]
 
 
 def _composite(count: int) -> int:
@@ -159,6 +179,7 @@ def loop_inverse(loop: Loop, *, velocity: float = SLOW) -> LoopInverse:
             f"{loop.control.law.period()} samples, so that its inverse depends on the sample in which a force begins: "
             "set position_every = 1, or correct the set path of this axis alone by --method splines"
         )
+    loop = frictionless(loop)
     require_stable(loop, velocity=velocity, where=f"axis {loop.name}")
     model = linearize(loop, [*SETPOINT, "load_force", "added_force"], ["position_load"], velocity=velocity)
     by_load, by_force = (_impulse(model, name) for name in ("load_force", "added_force"))

@@ -23,17 +23,19 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
+from feeddrive.language import tree
+from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.learning.loop_inverse import LoopInverse, frictionless, loop_inverse
+from feeddrive.learning.loop_inverse import LoopInverse, loop_inverse
 from feeddrive.learning.planned_friction import friction_along
 from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.simulate import Run, simulate
+from feeddrive.loop.simulate import Run, samples, simulate
 from feeddrive.machining.contour import contour_error
 from feeddrive.path.changed_path import changed_use, keeps
 from feeddrive.path.proof import DERIVATIVES
@@ -147,6 +149,29 @@ def _moved(path: Recorded, change: np.ndarray | None) -> Recorded:
     )
 
 
+def planned_rows(references: Mapping[str, Reference], sample_time: float) -> dict[str, Recorded]:
+    """Return references as rows at the sampling instants with all derivatives, all as long as the longest."""
+    rows = max(samples(float(path.duration), sample_time) for path in references.values())
+    plan: dict[str, Recorded] = {}
+    for axis, path in references.items():
+        there = isinstance(path, Recorded) and path.snap is not None and path.position.size == rows
+        if there and isinstance(path, Recorded) and path.sample_time == sample_time:
+            plan[axis] = path
+            continue
+        position, velocity, acceleration, jerk, snap = (
+            np.broadcast_to(np.asarray(row, np.float64), rows).copy() for row in path.at(np.arange(rows) * sample_time)
+        )
+        plan[axis] = Recorded(
+            position=position,
+            velocity=velocity,
+            acceleration=acceleration,
+            jerk=jerk,
+            snap=snap,
+            sample_time=sample_time,
+        )
+    return plan
+
+
 def correct_by_plan(machine: Machine, plan: Mapping[str, Recorded], *, share: float = SHARE) -> Correction:
     """Return the force that feeds the dry friction of all axes forward along their planned motions.
 
@@ -240,7 +265,7 @@ def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopI
     """Return how far the dry friction holds the table back along a path, g * f in m, shape (n,), and the loop's "
     "inverse.
     """
-    inverse = loop_inverse(frictionless(loop))
+    inverse = loop_inverse(loop)
     velocity, T = planned_velocity(path), float(path.sample_time)
     displaced = np.zeros(velocity.size)
     if loop.axis.friction_load is not None:
@@ -292,9 +317,18 @@ def moving_axes(machine: Machine, plan: Mapping[str, Reference]) -> list[str]:
 
 
 def feeds_friction(loop: Loop) -> str:
-    """Return the kinds of the blocks of the control that feed dry friction forward; empty if there are none."""
-    kinds = [block.kind for block in loop.control.feedforward if "friction" in block.fed()]
+    """Return the kinds of the blocks of the control that feed dry friction forward; empty if there are none.
+
+    A block whose levels of friction are all 0 feeds none.
+    """
+    blocks = (block for block in loop.control.feedforward if "friction" in block.fed())
+    kinds = [block.kind for block in blocks if _levels(block)]
     return ", ".join([*kinds, *([loop.control.law.kind] if "friction" in loop.control.law.feeds else [])])
+
+
+def _levels(block: Block) -> bool:
+    """Return True if a block holds a force other than 0."""
+    return any(value != 0.0 for name, value in tree.leaves(block) if tree.declaration(block, name).unit == "N")
 
 
 class Judge:

@@ -50,6 +50,7 @@ from feeddrive.learning.part_correction import (
     correct_by_plan,
     correct_path_by_plan,
     judged,
+    planned_rows,
 )
 from feeddrive.learning.part_log import LearnedPart, PartLog, learn_from_log
 from feeddrive.learning.plant_box import PlantBox
@@ -223,42 +224,10 @@ def _part(request: SetpathRequest, reserve: Sequence[float]) -> Part:
     named = {job.axis or job.loops[law].name: job.reference}
     named |= {axis: other.reference for axis, other in job.others.items() if other.reference is not None}
     T = float(machine.sample_time)
-    plan = {axis: _rows(path, T) for axis, path in named.items()}
-    longest = max(path.position.size for path in plan.values())
-    plan = {axis: _lengthened(path, longest) for axis, path in plan.items()}
+    plan = planned_rows(named, T)
     program = job.program
     counted = None if program is None else program.counted
     return Part(job, law, machine, plan, counted, None if program is None else program.line)
-
-
-def _rows(path: Reference, T: float) -> Recorded:
-    """Return a reference as rows at the sampling instants, with all derivatives."""
-    if isinstance(path, Recorded) and path.snap is not None and path.sample_time == T:
-        return path
-    times = np.arange(int(np.floor(float(path.duration) / T * (1.0 + 1e-12) + 1e-9)) + 1) * T
-    position, velocity, acceleration, jerk, snap = (
-        np.broadcast_to(np.asarray(row, np.float64), times.shape).copy() for row in path.at(times)
-    )
-    return Recorded(
-        position=position, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap, sample_time=T
-    )
-
-
-def _lengthened(path: Recorded, rows: int) -> Recorded:
-    """Return a path with more rows at rest at its end."""
-    more = rows - path.position.size
-    if more == 0:
-        return path
-    values = path.at(np.arange(rows) * float(path.sample_time))
-    position, velocity, acceleration, jerk, snap = (np.asarray(row) for row in values)
-    return Recorded(
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        jerk=jerk,
-        snap=snap,
-        sample_time=path.sample_time,
-    )
 
 
 def _box(text: str | None) -> PlantBox:
