@@ -50,8 +50,8 @@ def test_friction_along_the_plan_takes_most_of_the_error() -> None:
 def test_the_displacement_by_friction_is_that_of_the_axis(body: str) -> None:
     """A sine without rests: the table lags behind that of the axis without friction by g * f, on either body.
 
-    Friction on the motor acts behind dead time and current loop, by which the command must come earlier: with the plan
-    unshifted 9 % were left in place of the 5 % measured.
+    Measured: 0.3 % of the displacement are left on the load and 1.4 % on the motor, where the command must come earlier
+    by dead time and current loop; with the plan unshifted 3.5 %.
     """
     w, n = 2.0 * np.pi * 4.0, 2000
     t = np.arange(n) * T
@@ -70,7 +70,7 @@ def test_the_displacement_by_friction_is_that_of_the_axis(body: str) -> None:
     predicted, _ = friction_displacement(given, path)
     later = slice(n // 2, n)
     left = (without - with_ - predicted)[later]
-    assert np.sqrt(np.mean(left**2)) < 0.07 * np.sqrt(np.mean(predicted[later] ** 2))
+    assert np.sqrt(np.mean(left**2)) < 0.02 * np.sqrt(np.mean(predicted[later] ** 2))
 
 
 def test_friction_on_the_motor_is_fed_forward_too() -> None:
@@ -205,7 +205,10 @@ def test_a_change_of_the_path_is_proven_or_refused() -> None:
     [figures] = judge().figures(correction)
     assert figures.ratios.rms < 0.7
     tight = {axis: limits * share for axis, share in use.items()}
-    with pytest.raises(NotPlannedError, match=r"axis x: plan and change together take .* of the limit of .*--share"):
+    with pytest.raises(
+        NotPlannedError,
+        match=r"axis .: the plan and a quarter of the change together take .* of the limit of .*--share",
+    ):
         correct_path_by_plan(machine(), PLAN, tight, dict.fromkeys(PLAN, np.full(4, 1.0)))
 
 

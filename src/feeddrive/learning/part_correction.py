@@ -235,30 +235,51 @@ def correct_path_by_plan(
     proven  proven shares of these limits that the plan takes, shape (4,), by axis
     share   share of the friction that is cancelled, 0 to 1
 
-    Velocity to snap of the sum are proven again in continuous time (`changed_use`).  Raises NotPlannedError if the sum
-    exceeds a limit, and the errors of `correct_by_plan`.
+    Velocity to snap of the sum are proven again in continuous time (`changed_use`); the largest of 1, 3/4, 1/2 and 1/4 of
+    the change for which the proof holds on all axes is returned.  Raises NotPlannedError if it holds for none, and the
+    errors of `correct_by_plan`.
     """
     moving = _planned_axes(machine, plan, share)
-    paths: dict[str, np.ndarray] = {}
+    changes: dict[str, tuple[np.ndarray, np.ndarray, int]] = {}
     for axis in moving:
         displaced, inverse = friction_displacement(machine.loop(axis), plan[axis])
         change, coefficients = inverse.path_for(share * displaced, PATH_KNOTS, PATH_RIDGE)
-        paths[axis] = change
-        moved = _moved(plan[axis], change)
-        rows = np.array([moved.velocity, moved.acceleration, moved.jerk, moved.snap])
-        T = float(plan[axis].sample_time)
-        use = changed_use(rows, coefficients, inverse.knots(PATH_KNOTS), T, limits[axis], proven[axis])
-        if not keeps(use):
-            worst = int(np.argmax(use))
-            raise NotPlannedError(
-                f"axis {axis}: plan and change together take {Quantity(float(use[worst]), 'share'):5} of the limit of "
-                f"{DERIVATIVES[worst]}, and the plan alone {Quantity(float(proven[axis][worst]), 'share'):5}: plan "
-                "with "
-                f"more of it kept back than {Quantity(RESERVE[worst], 'share'):3}, give a smaller --share, or add a "
-                "force (--method force)"
-            )
-    _require_friction(paths, moving)
-    return Correction(plan, {}, paths, dict.fromkeys(paths, share))
+        changes[axis] = change, coefficients, inverse.knots(PATH_KNOTS)
+    _require_friction({axis: change for axis, (change, _, _) in changes.items()}, moving)
+    worst: tuple[str, int, float] = ("", 0, 0.0)
+    for fraction in _FRACTIONS:
+        paths = {axis: fraction * change for axis, (change, _, _) in changes.items()}
+        worst = max(
+            (
+                (axis, int(np.argmax(use)), float(np.max(use)))
+                for axis, (_, coefficients, spacing) in changes.items()
+                for use in [
+                    changed_use(
+                        _derivatives(_moved(plan[axis], paths[axis])),
+                        fraction * coefficients,
+                        spacing,
+                        float(plan[axis].sample_time),
+                        limits[axis],
+                        proven[axis],
+                    )
+                ]
+            ),
+            key=lambda entry: entry[2],
+        )
+        if keeps(np.array([worst[2]])):
+            return Correction(plan, {}, paths, dict.fromkeys(paths, fraction * share))
+    axis, which, use = worst
+    raise NotPlannedError(
+        f"axis {axis}: the plan and a quarter of the change together take {Quantity(use, 'share'):5} of the limit of "
+        f"{DERIVATIVES[which]}, and the plan alone {Quantity(float(proven[axis][which]), 'share'):5}: give a smaller "
+        "--share, or add a force (--method force)"
+    )
+
+
+def _derivatives(path: Recorded) -> np.ndarray:
+    """Return velocity to snap of a path at its samples, shape (4, n)."""
+    rows = path.at(np.arange(path.position.size) * float(path.sample_time))
+    return np.array([np.asarray(row) for row in rows[1:]])
 
 
 def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopInverse]:
