@@ -161,6 +161,7 @@ def test_every_run_has_noise_of_its_own() -> None:
     assert one.plain[NOMINAL] != two.plain[NOMINAL]
     first, second = (one.figures(correct_by_plan(machine(), PLAN))[0].corrected for _ in range(2))
     assert first != second
+    assert one.machines[NOMINAL].loop("x").axis.encoder_load.noise == pytest.approx(1e-8)  # type: ignore[union-attr]
     assert first.rms == pytest.approx(second.rms, rel=0.05)
 
 

@@ -13,7 +13,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import LogError
 from feeddrive.learning import part_log
 from feeddrive.learning.part_correction import Correction, correct_by_plan
-from feeddrive.learning.part_log import BETTER, LEAST_SHARE, MOST_SHARE, SHARE_FOUND, PartLog, learn_from_log
+from feeddrive.learning.part_log import LEAST_SHARE, MOST_SHARE, SHARE_FOUND, PartLog, learn_from_log
 from feeddrive.learning.plant_box import PlantBox
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
@@ -87,7 +87,7 @@ def test_the_better_of_two_passes_is_kept() -> None:
     assert little.correction is new
     worse = learn_from_log(machine(), PLAN, LOG, last=new, before=old, history=(1.0, rms * 0.99))
     assert worse.correction is old
-    better = learn_from_log(machine(), PLAN, LOG, last=new, before=old, history=(1.0, rms / BETTER * 1.001))
+    better = learn_from_log(machine(), PLAN, LOG, last=new, before=old, history=(1.0, rms / 0.98 * 1.001))
     assert not better.best
 
 
@@ -137,7 +137,7 @@ REFUSED: dict[str, tuple[Callable[[], PartLog], str]] = {
         "axis x: the set position differs from the plan by 1 um at .*another program",
     ),
     "another start": (
-        lambda: changed("position", "y", lambda row: np.append(np.full(5, row[0]), row[:-5])),
+        lambda: changed("position", "y", lambda row: np.append(np.full(3, row[0]), row[:-3])),
         "axis y: the positions are .* samples later than the model",
     ),
     "a stuck axis": (

@@ -235,9 +235,9 @@ def correct_path_by_plan(
     proven  proven shares of these limits that the plan takes, shape (4,), by axis
     share   share of the friction that is cancelled, 0 to 1
 
-    Velocity to snap of the sum are proven again in continuous time (`changed_use`); the largest of 1, 3/4, 1/2 and 1/4 of
-    the change for which the proof holds on all axes is returned.  Raises NotPlannedError if it holds for none, and the
-    errors of `correct_by_plan`.
+    Velocity to snap of the sum are proven again in continuous time (`changed_use`); the largest of 1, 3/4, 1/2 and 1/4
+    of the change for which the proof holds on all axes is returned.  Raises NotPlannedError if it holds for none, and
+    the errors of `correct_by_plan`.
     """
     moving = _planned_axes(machine, plan, share)
     changes: dict[str, tuple[np.ndarray, np.ndarray, int]] = {}
