@@ -227,3 +227,17 @@ def test_what_an_axis_refuses(tmp_path: Path) -> None:
     with pytest.raises(FeeddriveError, match="no_such"):
         fd.workflow.setpath("no_such", out=tmp_path / "path.csv")
     assert not (tmp_path / "path.csv").exists()
+
+
+def test_iterate_learns_the_force_offsets_of_a_job(job: Path, tmp_path: Path) -> None:
+    """The trials of `iterate` are simulated parts: the second one, with the offsets of the first log, is better."""
+    out = tmp_path / "offsets.csv"
+    found = fd.workflow.iterate("xy_table", job=(str(job),), offsets=True, trials=2, out=out)
+    assert isinstance(found, fd.learning.PartTrials)
+    assert found.figures[1].rms < 0.6 * found.figures[0].rms
+    rows = np.genfromtxt(out, delimiter=",", names=True)
+    assert np.array_equal(rows["x_force_offset_N"][: found.correction.forces["x"].size], found.correction.forces["x"])
+    with pytest.raises(ParameterError, match="--offsets is for the axes of a job that run together"):
+        fd.workflow.iterate("xy_table", axis="x", offsets=True)
+    with pytest.raises(ParameterError, match="--offsets learns a force and no parameters"):
+        fd.workflow.iterate("xy_table", job=(str(job),), offsets=True, columns="mass")

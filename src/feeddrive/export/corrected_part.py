@@ -75,7 +75,27 @@ def write_correction(
             units[f"{axis}.added_force_before"] = "N"
     about = {"passes": correction.passes, "written_by": f"feeddrive {__version__}"}
     write_run_parquet(folder / ROWS, time, columns, units, T, about)
-    axes = list(references)
+    axes, instants, lines, positions, forces = _with_rest(correction, line)
+    _write_text(folder / TEXT, axes, instants, lines, positions, forces)
+    _write_streamer(folder, axes, T, positions, forces)
+    for axis, scaling in drives.items():
+        i = axes.index(axis)
+        _write_drive(folder / f"cia402_{axis}.csv", axis, scaling, instants, positions[:, i], forces[:, i])
+
+
+def write_setpoints(file: Path, correction: Correction, line: np.ndarray | None = None) -> None:
+    """Write set positions and force offsets of all axes as CSV, with a rest at the end in which the forces fall to "
+    "0.
+    """
+    _write_text(file, *_with_rest(correction, line))
+
+
+def _with_rest(
+    correction: Correction, line: np.ndarray | None
+) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return axes, instants, program lines, positions and forces, with rows at rest behind the last one."""
+    T, references = correction.sample_time, correction.references
+    axes, n = list(references), next(iter(references.values())).position.size
     rest = max(1, round(RAMP / T))
     positions = np.column_stack(
         [np.append(references[axis].position, np.full(rest, references[axis].position[-1])) for axis in axes]
@@ -83,11 +103,7 @@ def write_correction(
     forces = np.column_stack([_faded(correction.forces.get(axis, np.zeros(n)), rest) for axis in axes])
     instants = np.arange(n + rest) * T
     lines = np.full(n + rest, -1) if line is None else np.append(line, np.full(n + rest - line.size, line[-1]))
-    _write_text(folder / TEXT, axes, instants, lines, positions, forces)
-    _write_streamer(folder, axes, T, positions, forces)
-    for axis, scaling in drives.items():
-        i = axes.index(axis)
-        _write_drive(folder / f"cia402_{axis}.csv", axis, scaling, instants, positions[:, i], forces[:, i])
+    return axes, instants, lines, positions, forces
 
 
 def _faded(force: np.ndarray, rows: int) -> np.ndarray:

@@ -12,7 +12,7 @@ make_lazy(
         "part_correction": (
             "CorrectedProgram Correction Judge correct_by_plan correct_path_by_plan judged path_figures planned_rows"
         ),
-        "part_log": "LearnedPart PartLog learn_from_log",
+        "part_log": "LearnedPart PartLog PartTrials iterate_parts learn_from_log",
         "planned_friction": "direction_along friction_along",
         "plant_box": "PlantBox",
         "repetitive": "RepetitiveDesign tune_repetitive",

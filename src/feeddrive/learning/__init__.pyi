@@ -21,6 +21,8 @@ from feeddrive.learning.part_correction import path_figures as path_figures
 from feeddrive.learning.part_correction import planned_rows as planned_rows
 from feeddrive.learning.part_log import LearnedPart as LearnedPart
 from feeddrive.learning.part_log import PartLog as PartLog
+from feeddrive.learning.part_log import PartTrials as PartTrials
+from feeddrive.learning.part_log import iterate_parts as iterate_parts
 from feeddrive.learning.part_log import learn_from_log as learn_from_log
 from feeddrive.learning.planned_friction import direction_along as direction_along
 from feeddrive.learning.planned_friction import friction_along as friction_along

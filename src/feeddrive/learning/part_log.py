@@ -17,7 +17,8 @@ import numpy as np
 
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.identification.regression import robust_covariance
-from feeddrive.language.errors import LogError
+from feeddrive.language.errors import LogError, ParameterError
+from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
@@ -37,6 +38,7 @@ from feeddrive.learning.part_correction import (
 from feeddrive.learning.trial import check_clock
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.loop.simulate import simulate
 
 # of the friction that a log shows: its standard error, and too much costs more than too little
 SHARE_FOUND = 0.9
@@ -167,6 +169,76 @@ def learn_from_log(
     )
     _within_limits(log, machine, correction)
     return LearnedPart(correction, figures, past, shares, size, False, tuple(remarks))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartTrials(Result):
+    """Simulated parts, each with the correction that its predecessor's log taught.
+
+    figures     deviation from the path of each part
+    correction  correction of the best part
+    machine     machine that made them
+    remarks     what a user must know
+    """
+
+    figures: tuple[PathFigures, ...]
+    correction: Correction
+    machine: Machine
+    remarks: tuple[str, ...] = ()
+
+    def table(self) -> Table:
+        """Return a table of the deviation from the path, part by part."""
+        rows: list[list[Cell]] = [[i + 1, *figures] for i, figures in enumerate(self.figures)]
+        columns = ["part", Column("RMS", "m"), Column("95 %", "m"), Column("largest", "m")]
+        return Table("Deviation from the path, part by part, with the force offsets of the last", columns, rows)
+
+
+def iterate_parts(
+    machine: Machine,
+    plan: Mapping[str, Recorded],
+    parts: int = 4,
+    *,
+    counted: np.ndarray | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> PartTrials:
+    """Simulate parts, each with the correction that `learn_from_log` finds in the log of the one before.
+
+    parts  largest number of parts; fewer if a part gains less than 2 %
+
+    Raises ParameterError for fewer than two parts, and the errors of `learn_from_log` and `simulate`.
+    """
+    if parts < 2:
+        raise ParameterError(f"parts = {parts} must be >= 2: the first shows the error, the second what was learned")
+    axes = moving_axes(machine, plan)
+    signals = ("set_position", "reading_load", "position_load", "force")
+    record = [f"{axis}.{signal}" for axis in axes for signal in signals]
+    n = plan[axes[0]].position.size
+    mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
+    last: Correction | None = None
+    before: Correction | None = None
+    history: tuple[float, ...] = ()
+    figures: list[PathFigures] = []
+    remarks: dict[str, None] = {}
+    for part in range(parts):
+        if progress is not None:
+            progress.step("parts", part + 1, parts)
+        added = None if last is None else last.added
+        run = simulate(machine, plan, added_force=added, seed=seed + part, record=record, name=f"part {part + 1}")
+        by = {signal: {axis: run[f"{axis}.{signal}"] for axis in axes} for signal in signals}
+        log = PartLog(run.name, by["set_position"], by["reading_load"], run.sample_time, by["force"])
+        figures.append(deviation(by["position_load"], plan, axes, mask)[0])
+        learned = learn_from_log(machine, plan, log, last=last, before=before, history=history, counted=counted)
+        remarks |= dict.fromkeys(learned.remarks)
+        history = learned.history
+        if learned.best:
+            last = learned.correction
+            break
+        # the correction of the last part is shown by no part any more
+        if part < parts - 1:
+            before, last = last, learned.correction
+    none = Correction(plan, {axis: np.zeros(n) for axis in axes})
+    return PartTrials(tuple(figures), last or none, machine, tuple(remarks))
 
 
 def _learnable(path: Recorded, error: np.ndarray) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.files.atomic_io import write_whole
+from feeddrive.export.corrected_part import write_setpoints
+from feeddrive.files.atomic_io import write_whole, written_whole
 from feeddrive.files.drive import drive_with
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log, LogLike
@@ -26,6 +29,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.learning.iterative_feedforward import AT_REST, Iteration, begin_compensation, next_iteration
+from feeddrive.learning.part_correction import planned_rows
+from feeddrive.learning.part_log import PartTrials, iterate_parts
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
 from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
@@ -90,6 +95,9 @@ class IterateRequest(Request):
     prefilter: bool = option(
         "tune trajectory prefilters of all axes of a job instead of the feedforward", default=False
     )
+    offsets: bool = option(
+        "learn the force offsets of `setpath` from part to part of a job, in place of the feedforward", default=False
+    )
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
@@ -111,7 +119,7 @@ class IterateRequest(Request):
 
 
 @command(IterateRequest)
-def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
+def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials | PartTrials]:
     """Learn the feedforward of mass, viscous and dry friction from the error of a logged trial, or of simulated trials.
 
     The outcome contains the parameters for the next trial and the section for the machine file.  If a job moves several
@@ -121,6 +129,8 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
     together = _together(request)
     if together is not None:
         return _all_axes(request, together, progress)
+    if request.offsets:
+        raise ParameterError("--offsets is for the axes of a job that run together: name it by --job, without --axis")
     if request.prefilter:
         raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
     loop, axis = _compensated_loop(request)
@@ -185,7 +195,7 @@ def _together(request: IterateRequest) -> Job | None:
     return job if len(job.others) > 0 and len(read_machine(request.machine).loops) > 1 else None
 
 
-def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
+def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Any]:
     """Simulate learning trials of a job, from which all axes of the machine learn together."""
     if request.at_rest == "held":
         raise ParameterError("--at-rest held is for one axis; the axes of a job learn together with none: leave it out")
@@ -196,6 +206,8 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
     if missing:
         raise ParameterError(f"{called(request.job[0])}: gives axis {', '.join(missing)} of {file.file.name} no motion")
     references = {name: path for name, path in paths.items() if path is not None}
+    if request.offsets:
+        return _offsets(request, file, job, references, progress)
     if request.prefilter:
         trials = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
     else:
@@ -227,6 +239,33 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
             text for axis in trials.learned for text in _replaced(file.loops[axis], f"The section of axis {axis}")
         ]
     return Outcome(trials, [trials.table()], remarks, section=section, files=files)
+
+
+def _offsets(
+    request: IterateRequest, file: MachineFile, job: Job, references: Mapping[str, Reference], progress: Progress
+) -> Outcome[Any]:
+    """Simulate parts of a job that learn the force offsets of all axes from their logs."""
+    if request.prefilter or request.columns is not None:
+        raise ParameterError(
+            "--offsets learns a force over time and no parameters: leave out --prefilter and --columns"
+        )
+    machine = file.machine()
+    counted = None if job.program is None else job.program.counted
+    plan = planned_rows(references, float(machine.sample_time))
+    trials = iterate_parts(machine, plan, request.trials, counted=counted, seed=request.seed, progress=progress)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        with written_whole(request.out) as text:
+            write_setpoints(text, trials.correction, None if job.program is None else job.program.line)
+        files["Written"] = request.out
+    remarks = [
+        *trials.remarks,
+        "The file holds set positions and force offsets of all axes, sample by sample; the control stays as it is.",
+        "These parts are simulated on the machine file; `feeddrive setpath JOB --from-log` learns from those of a "
+        "real one.",
+    ]
+    return Outcome(trials, [trials.table()], remarks, files=files)
 
 
 def _remarks(iteration: Iteration, request: IterateRequest) -> list[str]:
