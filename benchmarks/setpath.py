@@ -138,7 +138,8 @@ def parts(work: Work, machine: Machine, real: Machine, passes: int, seed: int) -
         figures.append(path_figures(run, work.plan, tuple(work.plan), counted_of(work))[0])
         log = PartLog(
             f"part {part}",
-            *({axis: run[f"{axis}.{signal}"] for axis in work.plan} for signal in ("set_position", "reading_load")),
+            {axis: run[f"{axis}.set_position"] for axis in work.plan},
+            {axis: run[f"{axis}.reading_load"] for axis in work.plan},
             run.sample_time,
             {axis: run[f"{axis}.force"] for axis in work.plan},
         )

@@ -155,7 +155,8 @@ def _normal(response: np.ndarray, size: int, h: int, ridge: float) -> tuple[np.n
 def _composite(count: int) -> int:
     from scipy.fft import next_fast_len
 
-    return int(next_fast_len(count, real=True))
+    length: Any = next_fast_len(count, real=True)
+    return int(length)
 
 
 def _convolved(response: np.ndarray, signal: np.ndarray) -> np.ndarray:

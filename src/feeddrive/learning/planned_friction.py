@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from feeddrive.blocks.families import Friction
@@ -93,6 +95,6 @@ def friction_along(friction: Friction, velocity: np.ndarray, sample_time: float)
     force = np.zeros(s.size)
     for sign in (1.0, -1.0):
         there = s * sign > 0.0
-        along = sign * speed[there]
+        along: Any = sign * speed[there]
         force[there] = s[there] * np.abs(np.asarray(friction.steady(along)) - friction.linear() * along)
     return force

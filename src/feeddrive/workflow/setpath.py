@@ -461,9 +461,7 @@ def _about(part: Part) -> dict[str, Any]:
         "title": part.job.title,
         "machine": part.job.machine.name,
         "law": part.law,
-        "program": None
-        if part.job.program is None or part.job.program.planned is None
-        else part.job.program.planned.program,
+        "program": None if part.planned is None else part.planned.program,
         "sample_time_s": float(part.machine.sample_time),
         "samples": next(iter(part.plan.values())).position.size,
     }
@@ -475,10 +473,8 @@ def _of_correction(correction: Correction) -> dict[str, Any]:
         "axes": {
             axis: {
                 "friction_share": correction.shares.get(axis),
-                "largest_force_N": float(np.max(np.abs(correction.forces[axis]))) if axis in correction.forces else 0.0,
-                "largest_shift_m": float(np.max(np.abs(correction.paths[axis][0])))
-                if axis in correction.paths
-                else 0.0,
+                "largest_force_N": _peak(correction.forces.get(axis)),
+                "largest_shift_m": _peak(correction.paths.get(axis)),
             }
             for axis in correction.plan
         },
@@ -605,31 +601,39 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
     """Read set positions, positions and forces of all axes from a log."""
     assert request.from_log is not None
     file = OpenedFile(request.from_log)
-    columns = set(read_log(file).channels)
+    whole = read_log(file, sample_time=float(part.machine.sample_time))
+    columns = set(whole.channels)
     chosen = {
         "setpoint_position": _by_axis("--set-position", request.set_position, part),
         "position_load": _by_axis("--position", request.position, part),
     }
     usual = {"setpoint_position": ("set_position",), "position_load": ("reading_load", "position_load")}
     signals: dict[str, dict[str, np.ndarray]] = {"setpoint_position": {}, "position_load": {}, "force": {}, "trip": {}}
-    T = 0.0
+    sample_time = 0.0
     for axis in part.plan:
         for role, named in chosen.items():
-            name = named.get(axis) or next(
-                (f"{axis}.{word}" for word in usual[role] if f"{axis}.{word}" in columns), ""
-            )
+            common = (f"{axis}.{word}" for word in usual[role])
+            name = named.get(axis) or next((word for word in common if word in columns), "")
             if not name:
                 flag = "--set-position" if role == "setpoint_position" else "--position"
                 raise ParameterError(
                     f"{request.from_log}: has no column {axis}.{usual[role][0]}: name it by {flag} {axis}=NAME:mm; it "
-                    "has "
-                    f"{', '.join(sorted(columns)[:12])}"
+                    f"has {', '.join(sorted(columns)[:12])}"
                 )
             log = read_log(file, {role: LogColumn.of(name)}, sample_time=float(part.machine.sample_time))
-            signals[role][axis], T = log[role], float(log.sample_time)
+            signals[role][axis], sample_time = log[role], float(log.sample_time)
         if f"{axis}.force" in columns:
-            signals["force"][axis] = read_log(file, {"force": LogColumn.of(f"{axis}.force")})["force"]
-    return PartLog(request.from_log.name, signals["setpoint_position"], signals["position_load"], T, signals["force"])
+            signals["force"][axis] = whole[f"{axis}.force"]
+        if f"{axis}.trip" in columns:
+            signals["trip"][axis] = whole[f"{axis}.trip"]
+    return PartLog(
+        request.from_log.name,
+        signals["setpoint_position"],
+        signals["position_load"],
+        sample_time,
+        signals["force"],
+        signals["trip"],
+    )
 
 
 def _one_axis(request: SetpathRequest, progress: Progress) -> Outcome[Any]:
