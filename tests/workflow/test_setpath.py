@@ -239,5 +239,5 @@ def test_iterate_learns_the_force_offsets_of_a_job(job: Path, tmp_path: Path) ->
     assert np.array_equal(rows["x_force_offset_N"][: found.correction.forces["x"].size], found.correction.forces["x"])
     with pytest.raises(ParameterError, match="--offsets is for the axes of a job that run together"):
         fd.workflow.iterate("xy_table", axis="x", offsets=True)
-    with pytest.raises(ParameterError, match="--offsets learns a force and no parameters"):
+    with pytest.raises(ParameterError, match="--offsets learns a force over time and no parameters"):
         fd.workflow.iterate("xy_table", job=(str(job),), offsets=True, columns="mass")

@@ -623,7 +623,8 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
             log = read_log(file, {role: LogColumn.of(name)}, sample_time=float(part.machine.sample_time))
             signals[role][axis], sample_time = log[role], float(log.sample_time)
         if f"{axis}.force" in columns:
-            signals["force"][axis] = whole[f"{axis}.force"]
+            # by its role, which converts kN and the like
+            signals["force"][axis] = read_log(file, {"force": LogColumn.of(f"{axis}.force")})["force"]
         if f"{axis}.trip" in columns:
             signals["trip"][axis] = whole[f"{axis}.trip"]
     return PartLog(
