@@ -22,7 +22,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feeddrive.identification import regression
 from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion.law_instruments import SetMotion
 from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Signals, Twist, reduced
 from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
 from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
@@ -82,6 +84,7 @@ class OtherReadings:
     floor   what a free linear law leaves of them
     gain    criterion of the best fit without a twist between motor and load, less that of this one
     likely  this and other fits, best first
+    told    instruments of the set motion, if noise moves the axis and only what they tell is explained
     counts  what counts of the log's reading and set position are in the force
     """
 
@@ -91,6 +94,7 @@ class OtherReadings:
     gain: float
     likely: tuple[Scored, ...]
     counts: tuple[Counts, Counts] | None = None
+    told: SetMotion | None = None
 
     @property
     def misses(self) -> bool:
@@ -109,13 +113,15 @@ class OtherReadings:
 
     def residual(self, one: Scored) -> np.ndarray:
         """Return what a law leaves of the force in the slow rows."""
-        columns = law_structures.regressors(one.fitted, self.rows.signed(one.signals))
-        return self.rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
+        return residual(self.rows, one)
 
     def ahead(self, one: Scored) -> float:
         """Return by how much less than a law of all rows the likeliest fit leaves of the slow ones, as a criterion."""
         rest = self.residual(one)
-        return self.floor.criterion(float(rest @ rest), one.structure.parameters) - self.best.criterion
+        left = float(rest @ rest)
+        if self.told is not None:
+            left = self.floor.ssr + float(np.sum(self.told.told(rest) ** 2))
+        return self.floor.criterion(left, one.structure.parameters) - self.best.criterion
 
     @property
     def best(self) -> Scored:
@@ -137,14 +143,37 @@ def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | N
         return found and _with_counts(found, signals, keep)
     # a motor that rests is up to half a count from its reading, and the integral of the law sums that
     rows = LawRows.of(signals, keep & signals.between_rests()).slow(_HIGHEST)
-    if rows.force.size >= law_search.LEAST_ROWS:
-        found = _Slow(rows, fast).likeliest() or found
-    rest = found.residual(found.best)
+    if rows.force.size < law_search.LEAST_ROWS:
+        return _with_counts(found, signals, keep)
+    found = _Slow(rows, fast).likeliest() or found
+    rest = residual(rows, found.best)
     far = np.abs(rest) > law_search.STRAY * median_spread(rest)
     # so it is at a turn
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
         found = _Slow(found.rows.without(far), fast).likeliest(found.likely) or found
+    if found.misses:
+        found = _by_set_motion(rows, fast, rest) or found
     return _with_counts(found, signals, keep)
+
+
+def _by_set_motion(rows: LawRows, fast: LawRows, rest: np.ndarray) -> OtherReadings | None:
+    """Return the likeliest cascade by what the set motion tells, or None; `rest`: what a law leaves of the rows.
+
+    The widest cascade, whose residual holds no part of another law, tells how noisy each row is.
+    """
+    told = SetMotion.of(rows, rest)
+    first = _Slow(rows, fast, told)
+    starts = first.starts()
+    if not starts:
+        return None
+    wide = first.wide(starts)
+    return _Slow(rows, fast, told.weighted(residual(rows, wide[0]))).likeliest(wide)
+
+
+def residual(rows: LawRows, one: Scored) -> np.ndarray:
+    """Return what a fit leaves of the force in rows."""
+    columns = law_structures.regressors(one.fitted, rows.signed(one.signals))
+    return rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
 
 
 @dataclass(frozen=True)
@@ -239,9 +268,9 @@ def differs(rows: LawRows, one: Scored) -> float:
 class _Slow:
     """The problems of cascades in the slow rows."""
 
-    def __init__(self, rows: LawRows, fast: LawRows) -> None:
-        self.rows, self.fast = rows, fast
-        self.floor = floor_of(rows, rows.reduced())
+    def __init__(self, rows: LawRows, fast: LawRows, told: SetMotion | None = None) -> None:
+        self.rows, self.fast, self.told = rows, fast, told
+        self.floor = floor_of(rows, rows.reduced()) if told is None else told.floor(rows.force, rows.force)
         self.fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
         self._plain = dict[int | None, np.ndarray]()
         self._signs = dict[tuple[int | None, float], np.ndarray]()
@@ -263,7 +292,7 @@ class _Slow:
                 weights = [np.prod(np.delete(at, k) / (k - np.delete(np.arange(4.0), k))) for k in range(4)]
                 near = np.stack([self._columns(first + k, smoothing) for k in range(4)])
                 columns = np.einsum("k,kij->ij", np.array(weights), near)
-            self._parts[key] = reduced(columns, self.rows.force)
+            self._parts[key] = (self.told.reduced if self.told else reduced)(columns, self.rows.force)
         return self._parts[key]
 
     def _columns(self, node: int | None, smoothing: float) -> np.ndarray:
@@ -356,10 +385,10 @@ class _Slow:
 
         `known`: fits to more rows, which are fitted again; without them the whole range is searched.
         """
-        starts = list(known) or self._starts()
+        starts = list(known) or self.starts()
         if not starts:
             return None
-        wide = self._wide(starts)
+        wide = self.wide(starts)
         found = dict[tuple[Structure, int], Scored]()
         for like in wide[:_KEPT]:
             for one in self._narrowed(like):
@@ -386,23 +415,24 @@ class _Slow:
         if other.fitted.sensible and abs(math.log((other.fitted.rate or 1.0) / (fine[0].fitted.rate or 1.0))) > _TWO:
             fine = sorted([*fine, other], key=_criterion)
         best = fine[0].criterion
-        floor, linear = self.floor, floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
+        floor = self.floor
         bare = [one for one in fine if one.structure.friction is None]
         # counts at a turn look like friction feedforward
-        explained = bare and floor.misses(fine[0]) and not linear.misses(bare[0])
-        if explained and bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
-            fine, floor, best = bare, linear, bare[0].criterion
+        if self.told is None and bare and floor.misses(fine[0]):
+            linear = floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
+            if not linear.misses(bare[0]) and bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
+                fine, floor, best = bare, linear, bare[0].criterion
         stiff = min((one.criterion for one in fine if one.structure.twist.compliance == 0.0), default=math.inf)
         likely = tuple(one for one in fine if one.criterion < best + _ODD)
-        return OtherReadings(self.rows, self.fast, floor, stiff - best, likely)
+        return OtherReadings(self.rows, self.fast, floor, stiff - best, likely, told=self.told)
 
-    def _starts(self) -> list[Scored]:
+    def starts(self) -> list[Scored]:
         """Return the best fits of the scan without and with a low pass."""
         scan = sorted(self.scan(), key=_criterion)
         alike = ([one for one in scan if (one.structure.lag is None) == plain][:_STARTS] for plain in (True, False))
         return [one for some in alike for one in some]
 
-    def _wide(self, starts: list[Scored]) -> list[Scored]:
+    def wide(self, starts: list[Scored]) -> list[Scored]:
         """Return fits of cascades with all parts at their own minima, best first."""
         wide = sorted(map(self.refined, map(_bent, starts)), key=_criterion)
         wide = [one for one in wide if one.criterion < wide[0].criterion + _FAR]
@@ -551,5 +581,7 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
         if name != "rate":
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
-    rest = found.rows.force - own[:, :size] @ one.fitted.values
-    return law_search.covariance_of(np.column_stack([own, *slopes]), rest)
+    rest, every = found.rows.force - own[:, :size] @ one.fitted.values, np.column_stack([own, *slopes])
+    if found.told is None:
+        return law_search.covariance_of(every, rest)
+    return regression.inverse_gram(found.told.weighted(rest).told(every))

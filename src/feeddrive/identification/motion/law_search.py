@@ -91,6 +91,7 @@ class Floor:
     ssr        residual sum of squares
     power      sum of squares of the force
     memory     first autocorrelation of the residual
+    bluest     least of its first autocorrelations: -1/2 at n samples by counts of a velocity over n samples
     effective  number of independent rows
     unknowns   number of coefficients
     rows       number of rows of the log
@@ -101,6 +102,7 @@ class Floor:
     ssr: float
     power: float
     memory: float
+    bluest: float
     effective: float
     unknowns: int
     rows: int
@@ -151,7 +153,8 @@ def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> 
     gains = _solution(Reduced(own, part.right))
     rest = rows.force - rows.columns[:, places] @ gains
     left = part.right - own @ gains
-    return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size, rest.size)
+    bluest = min(correlation(rest, n) for n in range(1, MOST_SAMPLES + 1))
+    return Floor(float(left @ left), part.power, correlation(rest), bluest, independent(rest), places.size, rest.size)
 
 
 def by_set_position(rows: LawRows, found: Fitted) -> np.ndarray:
@@ -215,10 +218,10 @@ def _solution(part: Reduced) -> np.ndarray:
     return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
 
 
-def correlation(rest: np.ndarray) -> float:
-    """Return the first autocorrelation of a residual."""
+def correlation(rest: np.ndarray, rows: int = 1) -> float:
+    """Return the autocorrelation of a residual, by default the first one."""
     power = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+    return float(rest[rows:] @ rest[:-rows]) / power if power > 0.0 else 0.0
 
 
 def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
