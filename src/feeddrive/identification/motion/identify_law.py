@@ -281,7 +281,7 @@ def _other(found: Search, limit: float | None) -> OtherReadings | None:
     """Return the law for other readings than the log holds, or None if it is not known."""
     # the slow rows have their own smoothed directions
     signals = replace(found.rows.raw, smoothing=0.0)
-    other = law_other_readings.with_other_readings(signals, signals.free(limit))
+    other = law_other_readings.with_other_readings(signals, signals.free(limit), blue=found.floor.bluest < -WHITE)
     return other if other is not None and _known(other, found.floor) else None
 
 
@@ -428,7 +428,9 @@ def _covariance_of(other: OtherReadings, one: Scored) -> np.ndarray:
         if fit.structure.curved == one.structure.curved
         and abs(math.log((fit.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
     ]
-    weights = np.exp(-0.5 * np.array([fit.criterion - one.criterion for fit in near]))
+    # the noise of the rows that instruments are weighted by is that of one fit: it makes too much of its criterion
+    odds = 0.0 if other.told is not None else 0.5
+    weights = np.exp(-odds * np.array([fit.criterion - one.criterion for fit in near]))
     weights /= np.sum(weights)
     names = [name for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains]
     places = [one.structure.gains.index(name) for name in names]

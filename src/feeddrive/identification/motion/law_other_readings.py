@@ -17,7 +17,7 @@ over all columns and the force leaves the equation as it is and takes the noise 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,10 +59,17 @@ _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
 # of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in
 # them and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
 _HEARD = 0.08
+# of what counts would command at most, that they explain if the law read them: motion that the coarse counts of
+# another encoder make explains 2 and more of it, counts that were read at most 1.05 (70 logs)
+_COMMANDED = 1.5
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
 _WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
 _CHANCE = 4.0  # standard deviations
+_WEIGHTED = 2  # searches by the set motion, each with the noise of the rows that the last one left
+# in squares, of what least squares leave, that a law found by the set motion leaves: right ones leave up to 2.1, as
+# least squares bend towards the inverse of the plant
+_MIXED = 4.0
 _REFUSED = 3.0  # standard deviations of a chi square: one right law in 200 is refused, and fewer wrong ones pass
 _STEP = 1e-3  # relative, by which the slope of an unknown is taken
 _STEPS = 12  # of a fine search
@@ -129,11 +136,14 @@ class OtherReadings:
         return self.likely[0]
 
 
-def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | None:
-    """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings."""
+def with_other_readings(signals: Signals, keep: np.ndarray, *, blue: bool = False) -> OtherReadings | None:
+    """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings.
+
+    `blue`: True if the force has counts, which may be those of another encoder.
+    """
     fast = LawRows.of(signals, keep)
     exact = count_of(signals.wanted) <= SEEN * float(np.max(np.abs(np.diff(signals.wanted))))
-    if exact and counts_of(fast, "dx").heard:
+    if exact and not blue and counts_of(fast, "dx").heard:
         return None
     rows = fast.slow(_HIGHEST)
     if rows.force.size < law_search.LEAST_ROWS:
@@ -151,23 +161,38 @@ def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | N
     # so it is at a turn
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
         found = _Slow(found.rows.without(far), fast).likeliest(found.likely) or found
-    if found.misses:
+    if found.misses or (blue and not _holds(found)):
         found = _by_set_motion(rows, fast, rest) or found
     return _with_counts(found, signals, keep)
 
 
-def _by_set_motion(rows: LawRows, fast: LawRows, rest: np.ndarray) -> OtherReadings | None:
-    """Return the likeliest cascade by what the set motion tells, or None; `rest`: what a law leaves of the rows.
+def _holds(found: OtherReadings) -> bool:
+    """Return True if what the likeliest fit leaves has nothing, but for chance, that the set motion tells."""
+    rest = found.residual(found.best)
+    told = SetMotion.of(found.rows, rest).weighted(rest)
+    floor = told.floor(found.rows.force, rest)
+    left = floor.ssr + float(np.sum(told.told(rest) ** 2))
+    return not floor.misses(replace(found.best, fitted=replace(found.best.fitted, ssr=left)), _REFUSED)
 
-    The widest cascade, whose residual holds no part of another law, tells how noisy each row is.
+
+def _by_set_motion(rows: LawRows, fast: LawRows, rest: np.ndarray) -> OtherReadings | None:
+    """Return the likeliest cascade by what the set motion tells, or None; `rest`: what least squares leave of the rows.
+
+    The widest cascade, whose residual holds no part of another law, tells how noisy each row is, then the likeliest.
     """
     told = SetMotion.of(rows, rest)
     first = _Slow(rows, fast, told)
     starts = first.starts()
     if not starts:
         return None
-    wide = first.wide(starts)
-    return _Slow(rows, fast, told.weighted(residual(rows, wide[0]))).likeliest(wide)
+    likely = tuple(first.wide(starts))
+    for _ in range(_WEIGHTED):
+        found = _Slow(rows, fast, told.weighted(residual(rows, likely[0]))).likeliest(likely)
+        if found is None:
+            return None
+        likely = found.likely
+    left = found.residual(found.best)
+    return found if float(left @ left) < _MIXED * float(rest @ rest) else None
 
 
 def residual(rows: LawRows, one: Scored) -> np.ndarray:
@@ -184,17 +209,19 @@ class Counts:
     explained  what a free law of them explains of the force, likewise
     unknowns   number of its coefficients
     rows       number of rows
+    most       what they would command at most, by a velocity over one sample, likewise
     """
 
     expected: float
     explained: float
     unknowns: int
     rows: int
+    most: float = math.inf
 
     @property
     def heard(self) -> bool:
-        """True if the force follows them: motion that is left explains less."""
-        return self.explained > _HEARD * self.rows
+        """True if the force follows them: motion that is left explains less, or more than the law could command."""
+        return _HEARD * self.rows < self.explained < _COMMANDED * self.most
 
     @property
     def missing(self) -> bool:
@@ -203,33 +230,33 @@ class Counts:
         return not self.heard and self.explained + chance < _DEAF * self.expected
 
 
-def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Counts:
+def counts_of(rows: LawRows, signal: str, commands: Sequence[np.ndarray] = ()) -> Counts:
     """Return what the counts of a signal, dx of the reading or ds of the set position, are in the force.
 
     Differences of high order leave counts, which are white, and next to nothing of motion. What they leave of the force
-    is made white by the linear prediction of it.
+    is made white by the linear prediction of it. `commands`: those of a law by the signal alone, and at most.
     """
     from scipy.linalg import solve_toeplitz  # takes a second to import
     from scipy.signal import lfilter
 
     near = rows.places[_ORDER:] - rows.places[:-_ORDER] == _ORDER
     past = [k for k, name in enumerate(rows.basis.names) if name.startswith(signal) and int(name[2:]) >= 0]
-    command = np.zeros(rows.force.size) if command is None else command
-    columns = np.column_stack([rows.columns[:, past], rows.force, command])
+    columns = np.column_stack([rows.columns[:, past], *commands, rows.force])
     fast = np.diff(columns, _ORDER, axis=0)[near]
-    force = fast[:, -2]
+    force = fast[:, -1]
     memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
     if force.size < law_search.LEAST_ROWS or memory[0] == 0.0:
         return Counts(0.0, 0.0, len(past), force.size)
     memory[0] *= 1.0 + _NOTHING
     predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
     fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
-    force, command, changes = fast[:, -2], fast[:, -1], fast[:, :-2]
+    force, made, changes = fast[:, -1], fast[:, len(past) : -1], fast[:, : len(past)]
     sizes = np.linalg.norm(changes, axis=0)
     changes = changes[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
     explained = float(np.sum((np.linalg.qr(changes)[0].T @ force) ** 2))
     noise = (float(force @ force) - explained) / (force.size - changes.shape[1])
-    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1], force.size)
+    expected, most = np.sum(made**2, axis=0) / noise if commands else (0.0, math.inf)
+    return Counts(float(expected), explained / noise, changes.shape[1], force.size, float(most))
 
 
 def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
@@ -237,11 +264,11 @@ def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> Ot
     one, still = found.best, np.zeros(signals.x.size)
     kind = replace(one.structure, twist=STIFF, drag=False, friction=None, fed="", shifted=False)
     gains = np.array([one.fitted[name] for name in kind.gains])
-    bare = replace(one.fitted, structure=kind, values=gains)
+    laws = [replace(one.fitted, structure=replace(kind, n=n), values=gains) for n in (kind.n, 1)]
 
     def counts(signal: str, own: Signals) -> Counts:
         rows = LawRows.of(own, keep)
-        return counts_of(rows, signal, law_structures.regressors(bare, rows)[:, : gains.size] @ gains)
+        return counts_of(rows, signal, [law_structures.regressors(law, rows)[:, : gains.size] @ gains for law in laws])
 
     return replace(
         found, counts=(counts("dx", replace(signals, wanted=still)), counts("ds", replace(signals, x=still)))
@@ -465,7 +492,7 @@ class _Slow:
         tried, tasks = list[Structure](), list[law_structures.Problem]()
         for n in _SAMPLES:
             for d in _DELAYS:
-                if abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
+                if self.told is None and abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
                     continue
                 for twist in dict.fromkeys((STIFF, kind.twist)):
                     wide = _widest(n, d, kind.lag, 0.0)
@@ -582,6 +609,7 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
     rest, every = found.rows.force - own[:, :size] @ one.fitted.values, np.column_stack([own, *slopes])
-    if found.told is None:
-        return law_search.covariance_of(every, rest)
-    return regression.inverse_gram(found.told.weighted(rest).told(every))
+    # by set motion: of instruments that are not weighted, as the weights are of the same rows and make too little of it
+    if found.told is not None:
+        every = found.told.columns @ (found.told.columns.T @ every)
+    return law_search.covariance_of(every, rest)
