@@ -281,7 +281,7 @@ def _other(found: Search, limit: float | None) -> OtherReadings | None:
     """Return the law for other readings than the log holds, or None if it is not known."""
     # the slow rows have their own smoothed directions
     signals = replace(found.rows.raw, smoothing=0.0)
-    other = law_other_readings.with_other_readings(signals, signals.free(limit), blue=found.floor.bluest < -WHITE)
+    other = law_other_readings.with_other_readings(signals, signals.free(limit), blue=found.floor.blue)
     return other if other is not None and _known(other, found.floor) else None
 
 
@@ -329,7 +329,7 @@ def _foreign(other: OtherReadings, floor: Floor) -> bool:
 def _blue(other: OtherReadings, floor: Floor) -> bool:
     """Return True if the force has counts of another reading than that of the log."""
     assert other.counts is not None
-    return floor.bluest < -WHITE and not other.counts[0].heard
+    return floor.blue and not other.counts[0].heard
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:

@@ -155,8 +155,10 @@ def with_other_readings(signals: Signals, keep: np.ndarray, *, blue: bool = Fals
     rows = LawRows.of(signals, keep & signals.between_rests()).slow(_HIGHEST)
     if rows.force.size < law_search.LEAST_ROWS:
         return _with_counts(found, signals, keep)
-    found = _Slow(rows, fast).likeliest() or found
-    rest = residual(rows, found.best)
+    again = _Slow(rows, fast).likeliest()
+    if again is None:
+        return _with_counts(found, signals, keep)
+    found, rest = again, again.residual(again.best)
     far = np.abs(rest) > law_search.STRAY * median_spread(rest)
     # so it is at a turn
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:

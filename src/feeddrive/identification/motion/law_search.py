@@ -29,6 +29,9 @@ _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse t
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
 _CLEARLY = 0.5  # of the excess of a law over the free law, that is left without strays, if these hide the law
+# autocorrelation, below which a residual is blue noise of counts: those of the logs of the law's readings are above
+# -0.02, but for position loops that run every n-th sample (70 logs)
+BLUE = 0.15
 STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
@@ -112,6 +115,11 @@ class Floor:
     def price(self) -> float:
         """The criterion of the free law."""
         return self.unknowns * math.log(self.effective)
+
+    @property
+    def blue(self) -> bool:
+        """True if the residual has counts of a velocity, which those of the log do not explain."""
+        return self.bluest < -BLUE
 
     @property
     def left(self) -> float:
@@ -346,7 +354,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
                 one = _with_models(one) if _is_loose(one.best) else one
-                return _with_low_passes(one) if _hidden(one) else one
+                return _with_low_passes(one) if _hidden(one) and not one.floor.blue else one
             found += [] if one is None or one is first else [one]
     if not every:
         return None
