@@ -341,6 +341,12 @@ def test_counts_of_a_velocity_are_blue_at_its_samples(n: int) -> None:
     assert floor.bluest == pytest.approx(-0.5, abs=0.05)
 
 
+@pytest.mark.parametrize(("bluest", "blue"), [(-0.1, False), (-0.2, True)])
+def test_a_residual_is_blue_beyond_chance(bluest: float, blue: bool) -> None:
+    """Logs of the readings that the law had are above -0.02, those of other coarse counts at -0.2 to -0.6."""
+    assert law_search.Floor(1.0, 1e4, 0.3, bluest, 300.0, 40, 300).blue is blue
+
+
 def test_a_twist_is_linear_in_its_compliance_and_loss() -> None:
     """The columns of a bent axis are sums of those of three: to the digits of the sums."""
     basis = law_structures.Basis(T)
@@ -374,6 +380,7 @@ def test_counts_that_the_law_read_are_in_the_force_and_those_of_another_encoder_
         (1e5, 400.0, False, True),
         (1e5, 600.0, True, False),
         (350.0, 600.0, False, False),
+        (500.0, 600.0, True, False),
     ],
 )
 def test_counts_are_missed_where_the_law_would_make_more_of_them_than_chance(
@@ -514,7 +521,7 @@ def test_gains_that_are_less_than_their_errors_are_not_told_in_percent(
 def test_a_law_of_other_readings_is_known_within_bounds(
     monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], error: float, known: bool
 ) -> None:
-    """`missing`: counts of the log are not in the force; `blue`: those of another reading are; `told`: by set motion."""
+    """`missing`: counts of the log are not in the force; `blue`: others are; `told`: by the set motion."""
     given = {"misses": False, "twist": 100.0, "missing": False, "blue": False, "heard": False, "told": None} | changes
     fitted = Fitted(Structure(CASCADE_FAMILY, True, 1, 0, twist=Twist(1e-5)), np.array([3e5, 5e3, 9e3]), 20.0, 1.0)
     reading, wanted = Stand(missing=given["missing"], heard=given["heard"]), Stand(missing=False)

@@ -44,16 +44,17 @@ class SetMotion:
     @classmethod
     def of(cls, rows: LawRows, rest: np.ndarray) -> Self:
         """Return the instruments of rows, for a law that leaves `rest` of the force, as white noise of one size."""
-        made = rows.taken(_answers(rows))
-        norms = np.linalg.norm(made, axis=0)
+        answers = _answers(rows)
+        made, sizes = rows.taken(answers), np.linalg.norm(answers[rows.places], axis=0)
+        left = np.linalg.norm(made, axis=0)
         # a direction that does not change within a stretch tells nothing
-        told = norms > _ALONE * np.linalg.norm(_answers(rows)[rows.places], axis=0)
-        U, sizes, _ = np.linalg.svd(made[:, told] / norms[told], full_matrices=False)
+        told = left > _ALONE * sizes
+        U, sizes, _ = np.linalg.svd(made[:, told] / left[told], full_matrices=False)
         U = U[:, sizes > _ALONE * sizes[0]]
         return cls(U, np.eye(U.shape[1]) / math.sqrt(float(rest @ rest) / rest.size))
 
     def weighted(self, rest: np.ndarray) -> Self:
-        """Return the instruments with W of what a law leaves: of rows unlike in size, and with memory."""
+        """Return the instruments with W of what a law leaves: of rows unlike in size, and with a memory."""
         covariance = regression.long_run(self.columns * rest[:, None], _MEMORY)
         return replace(self, whiten=np.linalg.inv(np.linalg.cholesky(covariance)))
 

@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feeddrive.identification import regression
 from feeddrive.identification.motion import law_search, law_structures
 from feeddrive.identification.motion.law_instruments import SetMotion
 from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Signals, Twist, reduced
