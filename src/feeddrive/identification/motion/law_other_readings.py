@@ -91,6 +91,7 @@ class OtherReadings:
     gain    criterion of the best fit without a twist between motor and load, less that of this one
     likely  this and other fits, best first
     told    instruments of the set motion, if noise moves the axis and only what they tell is explained
+    biased  the likeliest fit of least squares then
     counts  what counts of the log's reading and set position are in the force
     """
 
@@ -101,6 +102,7 @@ class OtherReadings:
     likely: tuple[Scored, ...]
     counts: tuple[Counts, Counts] | None = None
     told: SetMotion | None = None
+    biased: Scored | None = None
 
     @property
     def misses(self) -> bool:
@@ -163,7 +165,7 @@ def with_other_readings(signals: Signals, keep: np.ndarray, *, blue: bool = Fals
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
         found = _Slow(found.rows.without(far), fast).likeliest(found.likely) or found
     if found.misses or (blue and not _holds(found)):
-        found = _by_set_motion(rows, fast, rest) or found
+        found = _by_set_motion(rows, fast, found.best) or found
     return _with_counts(found, signals, keep)
 
 
@@ -176,11 +178,12 @@ def _holds(found: OtherReadings) -> bool:
     return not floor.misses(replace(found.best, fitted=replace(found.best.fitted, ssr=left)), _REFUSED)
 
 
-def _by_set_motion(rows: LawRows, fast: LawRows, rest: np.ndarray) -> OtherReadings | None:
-    """Return the likeliest cascade by what the set motion tells, or None; `rest`: what least squares leave of the rows.
+def _by_set_motion(rows: LawRows, fast: LawRows, biased: Scored) -> OtherReadings | None:
+    """Return the likeliest cascade by what the set motion tells, or None; `biased`: that of least squares.
 
     The widest cascade, whose residual holds no part of another law, tells how noisy each row is, then the likeliest.
     """
+    rest = residual(rows, biased)
     told = SetMotion.of(rows, rest)
     first = _Slow(rows, fast, told)
     starts = first.starts()
@@ -193,7 +196,7 @@ def _by_set_motion(rows: LawRows, fast: LawRows, rest: np.ndarray) -> OtherReadi
             return None
         likely = found.likely
     left = found.residual(found.best)
-    return found if float(left @ left) < _MIXED * float(rest @ rest) else None
+    return replace(found, biased=biased) if float(left @ left) < _MIXED * float(rest @ rest) else None
 
 
 def residual(rows: LawRows, one: Scored) -> np.ndarray:
@@ -610,7 +613,28 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
     rest, every = found.rows.force - own[:, :size] @ one.fitted.values, np.column_stack([own, *slopes])
-    # by set motion: of instruments that are not weighted, as the weights are of the same rows and make too little of it
-    if found.told is not None:
-        every = found.told.columns @ (found.told.columns.T @ every)
-    return law_search.covariance_of(every, rest)
+    # by set motion: of instruments that are not weighted, as the weights are of the same rows and make too little of it;
+    # counts at turns repeat with the set motion: they may bend the law as far as they bend least squares, evenly
+    if found.told is None or found.biased is None:
+        return law_search.covariance_of(every, rest)
+    off = difference(one.fitted, found.biased.fitted, every.shape[1])
+    every = found.told.columns @ (found.told.columns.T @ every)
+    return law_search.covariance_of(every, rest) + np.outer(off, off) / 3.0
+
+
+def difference(one: Fitted, other: Fitted, size: int) -> np.ndarray:
+    """Return by how much the gains and 1/Tn of another fit differ, shape (size,), 0 for what only one of them has.
+
+    Where Kv and 1/Tn have changed places in the other fit, they change them back.
+    """
+    off, rate, gain = np.zeros(size), other.rate, other["Kp Kv"]
+    places = {name: one.structure.gains.index(name) for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains}
+    for name, place in places.items():
+        off[place] = (other[name] if name in other.structure.gains else other["Kp"]) - one[name]
+    if not (one.structure.curved and other.structure.curved):
+        return off
+    own = one["Kp Kv"] / one["Kp"]
+    if abs(math.log(rate / one.rate)) > abs(math.log(gain / other["Kp"] / one.rate)) and own != one.rate:
+        gain, rate = rate * other["Kp"], gain / other["Kp"]
+    off[places["Kp Kv"]], off[one.values.size] = gain - one["Kp Kv"], rate - one.rate
+    return off
