@@ -613,7 +613,7 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
     rest, every = found.rows.force - own[:, :size] @ one.fitted.values, np.column_stack([own, *slopes])
-    # by set motion: of instruments that are not weighted, as the weights are of the same rows and make too little of it;
+    # by set motion: of instruments without weights, as the weights are of the same rows and make too little of it;
     # counts at turns repeat with the set motion: they may bend the law as far as they bend least squares, evenly
     if found.told is None or found.biased is None:
         return law_search.covariance_of(every, rest)
