@@ -49,9 +49,9 @@ class SetMotion:
         left = np.linalg.norm(made, axis=0)
         # a direction that does not change within a stretch tells nothing
         told = left > _ALONE * sizes
-        U, sizes, _ = np.linalg.svd(made[:, told] / left[told], full_matrices=False)
-        U = U[:, sizes > _ALONE * sizes[0]]
-        return cls(U, np.eye(U.shape[1]) / math.sqrt(float(rest @ rest) / rest.size))
+        basis, sizes, _ = np.linalg.svd(made[:, told] / left[told], full_matrices=False)
+        kept = basis[:, sizes > _ALONE * sizes[0]]
+        return cls(kept, np.eye(kept.shape[1]) / math.sqrt(float(rest @ rest) / rest.size))
 
     def weighted(self, rest: np.ndarray) -> Self:
         """Return the instruments with W of what a law leaves: of rows unlike in size, and with a memory."""

@@ -189,12 +189,13 @@ def _by_set_motion(rows: LawRows, fast: LawRows, biased: Scored) -> OtherReading
     starts = first.starts()
     if not starts:
         return None
-    likely = tuple(first.wide(starts))
+    likely, found = tuple(first.wide(starts)), None
     for _ in range(_WEIGHTED):
         found = _Slow(rows, fast, told.weighted(residual(rows, likely[0]))).likeliest(likely)
         if found is None:
             return None
         likely = found.likely
+    assert found is not None
     left = found.residual(found.best)
     return replace(found, biased=biased) if float(left @ left) < _MIXED * float(rest @ rest) else None
 
