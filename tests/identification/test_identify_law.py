@@ -343,7 +343,7 @@ def test_counts_of_a_velocity_are_blue_at_its_samples(n: int) -> None:
 
 @pytest.mark.parametrize(("bluest", "blue"), [(-0.1, False), (-0.2, True)])
 def test_a_residual_is_blue_beyond_chance(bluest: float, blue: bool) -> None:
-    """Logs of the readings that the law had are above -0.02, those of other coarse counts at -0.2 to -0.6."""
+    """Logs of the readings that the law had are above -0.06, those of other coarse counts at -0.2 to -0.6."""
     assert law_search.Floor(1.0, 1e4, 0.3, bluest, 300.0, 40, 300).blue is blue
 
 

@@ -59,7 +59,7 @@ _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
 # them and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
 _HEARD = 0.08
 # of what counts would command at most, that they explain if the law read them: motion that the coarse counts of
-# another encoder make explains 2 and more of it, counts that were read at most 1.05 (70 logs)
+# another encoder make explains 2 and more of it, counts that were read at most 1.05 (43 logs)
 _COMMANDED = 1.5
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like

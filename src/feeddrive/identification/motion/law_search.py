@@ -30,7 +30,7 @@ _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must exp
 _KEPT = 4  # pairs of n and d that are fitted with every structure
 _CLEARLY = 0.5  # of the excess of a law over the free law, that is left without strays, if these hide the law
 # autocorrelation, below which a residual is blue noise of counts: those of the logs of the law's readings are above
-# -0.02, but for position loops that run every n-th sample (70 logs)
+# -0.06, but for position loops that run every n-th sample (32 logs)
 BLUE = 0.15
 STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 FEW = 0.03  # of the rows that may be left out so
