@@ -23,7 +23,7 @@ from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
 from feeddrive.language.block import Block
-from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.language.errors import DivergedError, NotCertifiedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -61,6 +61,7 @@ class Axis:
     lag: float = 0.02
     blocked: int = 0  # small moves that end early
     cause: str = "following_error"  # for which they do
+    stands: bool = False  # a control on trial does not move it, as the monitor says
     buzz: float = 0.0  # N, of the force of a control from sample to sample
     increment: float = 1e-8
     rotary: bool = False
@@ -74,6 +75,9 @@ class Axis:
         return replace(self, limits=limits)
 
     def scaled(self, factor: float, force_sign: int = 1) -> Axis:
+        return self
+
+    def as_found(self) -> Axis:
         return self
 
     def text(self) -> str:
@@ -95,6 +99,8 @@ class Axis:
         spectrum[1:] /= -self.mass * omega[1:] ** 2
         shaken = np.fft.irfft(spectrum, speed.size) if np.any(profile.excitation) else 0.0
         log = self._log(profile.set_position, profile.set_position - late + shaken, force, profile.excitation)
+        if control is not None and self.stands:
+            return Played(log, "it stands", 0, None, (), "standstill")
         blocked = profile.name == "small move" and len(self.of(profile.name)) <= self.blocked
         return Played(log, "it stands" if blocked else None, 0, None, (), self.cause if blocked else "")
 
@@ -173,6 +179,17 @@ def test_the_small_move_begins_with_a_tenth_of_the_force_and_doubles_it_twice(tm
     begun(tmp_path / "other", axis, until="Friction")
     forces = [limits.force for _, limits in axis.of("small move")]
     assert forces[:3] == pytest.approx([100.0, 200.0, 400.0], rel=0.01)
+
+
+def test_an_axis_that_stands_still_gets_more_force_in_the_small_move_alone(tmp_path: Path) -> None:
+    axis = Axis(blocked=1, cause="standstill")
+    begun(tmp_path / "out", axis, until="Friction")
+    forces = [limits.force for _, limits in axis.of("small move")]
+    assert forces[:2] == pytest.approx([100.0, 200.0], rel=0.01)
+    # a new control that does not move the axis is not tried again with another one: its readings may be frozen
+    axis, result = tried(tmp_path / "trial", stands=True)
+    assert result.refusal == "the gentle trial ended early: it stands"
+    assert [profile.name for profile, _ in axis.played] == ["gentle trial"]
 
 
 @pytest.mark.parametrize("cause", ["person", "runaway", "jump", "bus", "drive", ""])
@@ -328,10 +345,12 @@ def standing(monkeypatch: pytest.MonkeyPatch, factor: Callable[[float], float]) 
     return asked
 
 
-def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None) -> list[Any]:
+def not_designed(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None, **facts: float
+) -> list[Any]:
     """The options of each excitation that is asked for, where there is none."""
     asked = standing(monkeypatch, lambda _: 0.0)
-    result = begun(folder, axis or Axis(), "excitation", until="Responses")
+    result = begun(folder, axis or Axis(), "excitation", until="Responses", **facts)
     assert "stands out of the noise" in result.refusal
     return asked
 
@@ -340,8 +359,8 @@ def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = not_designed(monkeypatch, tmp_path / "out")
-    # lines up to 0.45 of a rate of 1 kHz, and from a fiftieth of the 400 Hz up to which modes are looked for
-    assert asked[0].band == pytest.approx((8.0, 450.0))
+    # lines up to the 400 Hz up to which modes are looked for, and from a fiftieth of it
+    assert asked[0].band == pytest.approx((8.0, 400.0))
     assert {each.realisations for each in asked} == {8}
     # of 960 N above friction
     assert asked[0].amplitude == pytest.approx(0.5 * 960.0)
@@ -350,17 +369,35 @@ def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
 
 def test_a_fine_grid_counts_more_than_a_band_beyond_400_hz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At a rate of 4 kHz: 1,000 Hz first, each band 0.7 of the one before; below 400 Hz coarser grids come first."""
-    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3))
+    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3), dead_time=0.0)
     tried = list(dict.fromkeys((each.resolution, round(each.band[1])) for each in asked))
     assert tried[:9] == [(grid, top) for grid in (1.0, 2.0, 4.0) for top in (1000, 700, 490)]
     assert tried[9:12] == [(grid, 343) for grid in (1.0, 2.0, 4.0)]
 
 
-@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {450.0}), (4.5, {450.0, 315.0})])
+@pytest.mark.parametrize(
+    ("dead_time", "widest"),
+    [
+        # 0.4 over the dead time and a cycle of 0.25 ms
+        (0.25e-3, 800.0),
+        # at least as far as modes are looked for
+        (2e-3, 400.0),
+        # at most 1 kHz
+        (0.0, 1000.0),
+    ],
+)
+def test_a_dead_time_bounds_the_band_of_an_excitation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dead_time: float, widest: float
+) -> None:
+    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3), dead_time=dead_time)
+    assert asked[0].band[1] == pytest.approx(widest)
+
+
+@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {400.0}), (4.5, {400.0, 280.0})])
 def test_the_highest_line_is_five_times_its_noise_or_the_band_ends_lower(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands_out: float, tops: set[float]
 ) -> None:
-    asked = standing(monkeypatch, lambda top: stands_out if top > 400.0 else 6.0)
+    asked = standing(monkeypatch, lambda top: stands_out if top > 300.0 else 6.0)
     result = begun(tmp_path / "out", Axis(), "excitation", until="Responses", dead_time=0.0)
     assert result.refusal == "it would be written"
     assert {round(each.band[1], 6) for each in asked} == tops
@@ -426,6 +463,34 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
     law: Any = loop.control.law
     assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
+
+
+def test_a_control_whose_trial_cannot_be_predicted_or_does_not_fit_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    (tmp_path / "out" / "10_export").mkdir()
+    good = SimpleNamespace(run=lambda *_: SimpleNamespace(judgment=SimpleNamespace(bad=False), verdict="good"))
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    for name in ("certify", "check", "export"):
+        monkeypatch.setattr(module, name, good)
+    planned, gains, ends = module.Chain._trial_motion, list[float](), [DivergedError("it grows"), None]
+
+    def trial_motion(self: Any, loop: Any) -> Any:
+        gains.append(float(loop.control.law.Kv))
+        end = ends[len(gains) - 1] if len(gains) <= len(ends) else planned(self, loop)
+        if end is None:
+            raise module.UnlikePredictedError("no trial fits")
+        if isinstance(end, Exception):
+            raise end
+        return end
+
+    monkeypatch.setattr(module.Chain, "_trial_motion", trial_motion)
+    result = begun(tmp_path / "out", Axis(limits=replace(LIMITS, following_error=0.02)), "tune", until="Trial")
+    # it is planned once for each control, and the third is tried
+    assert np.array(gains) / gains[0] == pytest.approx([1.0, 0.6, 0.36], rel=1e-4)
+    assert result["tune"].says.startswith("A safe start law, 36 % as fast")
+    assert "no trial fits" in result["tune"].says
 
 
 # the trial

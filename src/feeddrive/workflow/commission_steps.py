@@ -21,6 +21,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
@@ -29,6 +30,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
+from feeddrive.commissioning.cogging import moved, periodic_force
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
@@ -98,14 +100,15 @@ REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
 SURE = 0.1  # error of a mass by strokes, above which the rough one stays
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
+CLEARLY = 0.8  # of what friction alone leaves of the strokes: what is left beside a force that repeats along the travel
 STRUCTURES = (None, "modal", "rigid")  # of the model: by evidence, or where that is not told apart by the lines
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
-# of the rate of the bus, and Hz: highest line of the excitation, where it stands out of the noise
-BAND, TOP = 0.45, 1000.0
-MODES = 400.0  # Hz up to which modes are looked for with the finest grid that stands out there, if that is not so
+# of the rate of the bus, of the inverse of the dead time with a cycle, and Hz: highest line of the excitation
+BAND, DELAYS, TOP = 0.45, 0.4, 1000.0
+MODES = 400.0  # Hz up to which modes are looked for, with the finest grid that stands out there
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial begins: the tuned one, slower, a start law
@@ -119,6 +122,10 @@ LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: lon
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 # causes of an early end for which a weaker motion or a slower control is tried; all others end the commissioning
 TOO_MUCH = ("following_error", "velocity", "acceleration", "force", "travel", "guard")
+STUCK = ("standstill",)  # in the small move alone: friction or a brake may hold against a tenth of the force
+# times what is predicted, and at least so many counts: following error at which the monitor ends a trial
+ALARM, COUNTS = 3.0, 50.0
+FOLLOWS = 0.5  # of the travel of a trial, that the reading is predicted to make at least
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
 # times what is predicted, and share of limits.force, beyond which a force is an oscillation
 HARDLY, NERVOUS = 3.0, 0.01
@@ -229,6 +236,7 @@ class Chain:
         self.steps: list[Step] = []
         self.facts: dict[str, float] = {}
         self.trial: Trial | None = None
+        self.planned: tuple[motions.TrialMotion, dict[str, Log]] | None = None  # the trial of the tuned control
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
         self.kept = False
@@ -533,7 +541,17 @@ class Chain:
         two and four tenths.
         """
         still = motions.profile("hold", np.zeros(round(motions.REST / self.T)), self.T)
-        held = float(np.max(np.abs(self._play(self.axis, still).log["force"])))
+        try:
+            hold = self._play(self.axis.as_found(), still, step="small_move")
+        except UnlikePredictedError as unlike:
+            raise RefusedError(
+                Text(
+                    f"the drive cannot hold the axis within limits.force = {Quantity(self.limits.force, 'N'):3}: "
+                    f"{unlike.why}; look at lead, gear and rated torque in the drive file, or raise it if the machine "
+                    "allows it"
+                )
+            ) from None
+        held = float(np.max(np.abs(hold.log["force"])))
         why = ""
         for attempt in range(TRIES):
             share = SHARE * 2**attempt
@@ -542,7 +560,7 @@ class Chain:
                 return _Gentle(played.log, held, share)
             self._ended(played)
             why = Text(f"the {profile.name} ended early: {played.aborted}")
-            if played.cause not in TOO_MUCH:
+            if played.cause not in (*TOO_MUCH, *STUCK):
                 break
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force {why}"))
         raise RefusedError(why)
@@ -727,8 +745,12 @@ class Chain:
             # not all of it: what grows with the square of the speed is not told by a slow one
             grown = share * (FASTER if error == 0.0 else min(FASTER, 0.75 * USED * self.limits.following_error / error))
             if share >= 1.0 or grown < 1.3 * share:
-                return played
+                break
             share = min(1.0, grown)
+        if share < 1.0 and periodic_force(played.log, UNKNOWN_DELAY) is not None:
+            # what acts along the travel is told by all of it
+            played = self._play(axis, motions.strokes(travel, slower, self.T), control)
+        return played
 
     def _strokes_pace(self, loop: Loop) -> Pace:
         """Return how fast the strokes may be for the following error that the start law is predicted to have."""
@@ -777,8 +799,9 @@ class Chain:
         """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
 
         A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
-        reading.  The band is as wide as the highest line stands out: a resonance above the crossover can make a loop
-        unstable, and the responses must go on until the loop gain is small.
+        reading.  A resonance above the crossover can make a loop unstable, and the responses must go on until the loop
+        gain is small.  The dead time bounds the crossover, and so the band; more of it would take amplitude from the
+        lines that count.
         """
         mass = float(loop.axis.plant.rigid_mass())
         noise = max(QUIET, math.hypot(self.facts["noise"], self.axis.increment / 3.5))
@@ -789,7 +812,8 @@ class Chain:
             moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
             return moved / (noise * math.sqrt(4.0 / samples))
 
-        tops = [min(TOP, BAND / self.T) * SMALLER**k for k in range(SIZES)]
+        widest = min(TOP, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)), BAND / self.T)
+        tops = [widest * SMALLER**k for k in range(SIZES)]
         wide = [top for top in tops if top >= MODES] or tops[:1]
         # a mode with little damping lies between coarse lines: a fine grid counts more than a band beyond the modes
         tried = [(lines, top) for lines in LINES for top in wide]
@@ -914,11 +938,24 @@ class Chain:
         law: Any = model.control.law
         control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
         ran, facts = replace(model, control=control), self.facts
-        fit = fit_friction(ran, read_log(strokes), facts["coulomb"], facts["viscous"])
-        text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
+        log = read_log(strokes)
+        fit = fit_friction(ran, log, facts["coulomb"], facts["viscous"])
+        forces, told = model.axis.forces, ""
+        along = periodic_force(log, float(model.axis.actuator.delay()) + self.T)
+        if along is not None:
+            pulled = replace(ran, axis=replace(ran.axis, forces=(*forces, along)))
+            other = fit_friction(moved(pulled, float(log["set_position"][0])), log, facts["coulomb"], facts["viscous"])
+            if other.left < CLEARLY * fit.left:
+                fit, forces = other, (*forces, along)
+                told = Text(
+                    f" A force of {Quantity(float(along.force), 'N'):3} repeats every "
+                    f"{Quantity(float(along.period), 'm'):3 mm} of the drive's position."
+                )
+        axis = replace(fit.axis, forces=forces)
+        text = self._machine(replace(model, axis=axis), "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
-            f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
+            f"{Quantity(fit.left, 'm'):3} RMS of the strokes.{told}"
         )
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
@@ -997,12 +1034,31 @@ class Chain:
         for candidate in candidates[BEGINS[self.returns.get("tune", 0)] :]:
             try:
                 told, why = candidate()
+                why = why or self._not_tried()
             except FeeddriveError as error:
                 told, why = "", str(error)
             if not why:
                 return Text(f"{told}{f' Not the one before, as {whys[-1]}' if whys else ''}"), {}
             whys.append(why)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
+
+    def _not_tried(self) -> str:
+        """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
+        self.planned = None
+        try:
+            self.planned = self._trial_motion(self._placed(self.place / "machine.toml"))
+        except UnlikePredictedError as unlike:
+            return unlike.why
+        except DivergedError as error:
+            return Text(f"the trial cannot be predicted: {error}")
+        return ""
+
+    def _placed(self, machine: Path) -> Loop:
+        """Return the loop of a machine file that begins where the axis stands, if a force depends on that."""
+        loop = read_machine(machine).loop(AXIS)
+        if not any(isinstance(force, Cogging) for force in loop.axis.forces):
+            return loop
+        return moved(loop, float(np.mean(self.axis.listen(motions.REST).log["reading_load"])))
 
     def _beside(self) -> tuple[FRF, ...]:
         """Return the responses of further motions under the same control, for which its limits hold as well."""
@@ -1086,14 +1142,9 @@ class Chain:
 
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
-        loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
-        try:
-            return self._run_trial(loop)
-        except DivergedError as error:
-            raise UnlikePredictedError(Text(f"the trial cannot be predicted: {error}")) from None
-
-    def _run_trial(self, loop: Loop) -> Told:
-        motion, simulated = self._trial_motion(loop)
+        loop = self._placed(self._in("tune", "machine.toml"))
+        # after an interruption it is planned again
+        motion, simulated = self.planned or self._trial_motion(loop)
         expected = self._figures(motion, simulated)
         far = float(np.ptp(motion.alone.set_position))
         self._ask(
@@ -1103,7 +1154,7 @@ class Chain:
                 f"{Quantity(expected.following_peak, 'm'):3} of following error."
             )
         )
-        axis = self._under_control()
+        axis = self._on_trial(simulated)
         self._try_gently(axis, loop, motion)
         logs = self._tried(motion, axis, loop.control)
         measured = self._figures(motion, logs)
@@ -1117,6 +1168,14 @@ class Chain:
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
+
+    def _on_trial(self, simulated: Mapping[str, Log]) -> LiveAxis:
+        """Return the axis with the monitor near to what is predicted: after a runaway friction is all that brakes, and
+        the speed at which the force is switched off is the smaller the sooner it is noticed.
+        """
+        most = max(ALARM * max(_error(log.channels) for log in simulated.values()), COUNTS * self.axis.increment)
+        axis = self._under_control()
+        return axis.limited(replace(axis.limits, following_error=min(axis.limits.following_error, most)))
 
     def _try_gently(self, axis: LiveAxis, loop: Loop, motion: motions.TrialMotion) -> None:
         """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
@@ -1160,7 +1219,9 @@ class Chain:
             travel = max(REACH * limits.travel * share, motions.least_travel(pace))
             motion = motions.trial(travel, pace, free, self.T)
             alone = self._predicted(loop, motion.alone)
-            if travel > REACH * limits.travel or not self._fits(alone):
+            # an axis that friction holds shows nothing of its control
+            follows = float(np.ptp(alone["reading_load"])) >= FOLLOWS * travel
+            if travel > REACH * limits.travel or not follows or not self._fits(alone):
                 continue
             for smaller in range(SIZES):
                 weaker = motion.weaker(free * SMALLER**smaller)
