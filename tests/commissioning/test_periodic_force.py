@@ -10,7 +10,7 @@ import pytest
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.commissioning.cogging import moved, periodic_force
+from feeddrive.commissioning.cogging import acting, moved, periodic_force
 from feeddrive.commissioning.motions import Pace, strokes
 from feeddrive.files.log import Log
 from feeddrive.loop.axis import Axis
@@ -85,6 +85,18 @@ def test_its_period_is_found_where_the_travel_has_several() -> None:
 def test_noise_and_friction_are_no_periodic_force(seed: int, travel: float) -> None:
     """Of 1,000 periods that are tried on few rows some fit noise, by chance."""
     assert periodic_force(log_of(np.zeros_like, travel, seed), DELAY) is None
+
+
+def test_the_force_that_acts_is_that_of_an_axis_without_it() -> None:
+    """It acts at once, and the command a dead time later."""
+    log = log_of(wave(2.5e-3))
+    found = periodic_force(log, DELAY)
+    assert found is not None
+    left = acting(log, found, DELAY)["acting"] - log_of(np.zeros_like)["commanded"]
+    # what two noises leave, and a tenth of 30 N
+    assert np.std(left) < np.hypot(1.5 * NOISE, 0.1 * 30.0 / np.sqrt(2.0))
+    late = acting(log, found, 0.0)["acting"] - log_of(np.zeros_like)["commanded"]
+    assert np.std(late) > 1.5 * np.std(left)
 
 
 def test_a_loop_begins_where_the_axis_stands() -> None:

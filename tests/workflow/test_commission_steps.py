@@ -345,9 +345,7 @@ def standing(monkeypatch: pytest.MonkeyPatch, factor: Callable[[float], float]) 
     return asked
 
 
-def not_designed(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None, **facts: float
-) -> list[Any]:
+def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None, **facts: float) -> list[Any]:
     """The options of each excitation that is asked for, where there is none."""
     asked = standing(monkeypatch, lambda _: 0.0)
     result = begun(folder, axis or Axis(), "excitation", until="Responses", **facts)

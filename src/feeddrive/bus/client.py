@@ -208,9 +208,7 @@ class DriveClient:
     All methods raise BusError, whose message names bus, interface, station and remedy.
     """
 
-    def __init__(
-        self, transport: Transport, drive: BusDrive, *, paced: bool = True, own_force: bool = False
-    ) -> None:
+    def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True, own_force: bool = False) -> None:
         """Set up the client. Without `paced` (virtual drives only), each answer starts the next cycle at once.
 
         With `own_force` the drive keeps the limit of force that it holds.

@@ -15,6 +15,7 @@ Source: the weighted integrals, Shinbrot 1957 (modulating functions).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -137,6 +138,39 @@ class _Balance:
             for order, (sine, cosine), size in zip(range(1, ORDERS + 1), pairs, sizes, strict=True)
         )
         return Cogging(force=largest, period=self.span / waves, harmonics=harmonics)
+
+
+def described(along: Cogging) -> dict[str, float]:
+    """Return the numbers of a force along the travel by name, for a record; `stated` makes the force of them."""
+    told = {"along_force": float(along.force), "along_period": float(along.period)}
+    for each in along.harmonics:
+        told |= {f"along_share_{each.order}": float(each.share), f"along_phase_{each.order}": float(each.phase)}
+    return told
+
+
+def stated(facts: Mapping[str, float]) -> Cogging | None:
+    """Return the force along the travel of a record; None if there is none."""
+    if "along_force" not in facts:
+        return None
+    harmonics = tuple(
+        Harmonic(order=order, share=facts[f"along_share_{order}"], phase=facts[f"along_phase_{order}"])
+        for order in range(1, ORDERS + 1)
+    )
+    return Cogging(force=facts["along_force"], period=facts["along_period"], harmonics=harmonics)
+
+
+def acting(log: Log, along: Cogging, dead_time: float) -> Log:
+    """Return a log with the column `acting`: what is commanded and, a dead time sooner, the force along the travel.
+
+        acting(t) = commanded(t) + g(x(t + dead_time))
+
+    Mass, friction and responses from it are those of the axis without that force, which acts where the motor does.
+    """
+    time = np.arange(len(log)) * log.sample_time
+    angle = 2.0 * np.pi * np.interp(time + dead_time, time, log["reading_load"]) / float(along.period)
+    pull = float(along.force) * sum(each.at(angle) for each in along.harmonics)
+    channels = {**log.channels, "acting": log["commanded"] + pull}
+    return replace(log, channels=channels, units={**log.units, "acting": log.units["commanded"]})
 
 
 def moved(loop: Loop, position: float) -> Loop:

@@ -229,6 +229,9 @@ class GantryChain(Chain):
         )
         return Text(f"{told} {sides}"), facts
 
+    def _along(self, log: Log) -> None:
+        """Return None: each of the two motors has a force of its own along the travel, and the strokes tell the sum."""
+
     def _know_sides(self, facts: Mapping[str, float]) -> None:
         share = facts["share_first"]
         self.axis = replace(self.gantry, shares=(share, 1.0 - share)).common

@@ -30,7 +30,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
-from feeddrive.commissioning.cogging import moved, periodic_force
+from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, stated
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
@@ -100,7 +100,6 @@ REACH = 0.6  # of limits.travel: the rest is for braking
 LEAST_LAG = 1e-3  # s of following error over speed, which a drive with feedforward may fall short of
 SURE = 0.1  # error of a mass by strokes, above which the rough one stays
 ROUGH, SPREAD = 0.3, 0.2  # by which the rough mass, and the identified one, may be wrong
-CLEARLY = 0.8  # of what friction alone leaves of the strokes: what is left beside a force that repeats along the travel
 STRUCTURES = (None, "modal", "rigid")  # of the model: by evidence, or where that is not told apart by the lines
 NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in the responses alone
 SHORT = 0.25  # of the travel, that the slowest strokes take
@@ -689,19 +688,30 @@ class Chain:
             )
         )
         played = self._strokes(loop.control, pace, travel)
-        self._kept(strokes=played.log)
-        facts, told = self._identified(machine)
+        along = self._along(played.log)
+        self._kept(strokes=played.log if along is None else acting(played.log, along, UNKNOWN_DELAY))
+        facts, told = self._identified(machine, "commanded" if along is None else "acting")
         if facts["mass_error"] > SURE * facts["mass"]:
             # the responses will tell it: until then the law for the rough mass has moved the axis safely
             facts |= {"mass": self.facts["rough_mass"], "mass_error": ROUGH * self.facts["rough_mass"]}
+        pull = ""
+        if along is not None:
+            facts |= described(along)
+            pull = Text(
+                f"; a force of {Quantity(float(along.force), 'N'):3} repeats every "
+                f"{Quantity(float(along.period), 'm'):3 mm} along the travel"
+            )
         return Text(
             f"mass {Quantity(facts['mass'], 'kg', facts['mass_error'])}, friction "
             f"{Quantity(facts['coulomb'], 'N'):3}, viscous {Quantity(facts['viscous'], 'N s/m'):3}, dead time "
-            f"{Quantity(facts['dead_time'], 's'):2}. {told}"
+            f"{Quantity(facts['dead_time'], 's'):2}{pull}. {told}"
         ), facts
 
-    def _identified(self, machine: MachineFile) -> tuple[dict[str, float], str]:
-        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model."""
+    def _identified(self, machine: MachineFile, force: str) -> tuple[dict[str, float], str]:
+        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model.
+
+        force  the column of the strokes' force
+        """
         facts = {
             "mass": self.facts["rough_mass"],
             "mass_error": math.inf,
@@ -709,9 +719,9 @@ class Chain:
             "viscous": 0.0,
             "dead_time": UNKNOWN_DELAY,
         }
-        columns: dict[str, Any] = {"force": "commanded"}
+        columns: dict[str, Any] = {"force": force}
         if self.axis.rotary:
-            columns = {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
+            columns = {"angle": "reading_load", "set_angle": "set_position", "torque": force, "rotary": True}
         try:
             outcome = identify.run(
                 IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, **columns),
@@ -747,7 +757,7 @@ class Chain:
             if share >= 1.0 or grown < 1.3 * share:
                 break
             share = min(1.0, grown)
-        if share < 1.0 and periodic_force(played.log, UNKNOWN_DELAY) is not None:
+        if share < 1.0 and self._along(played.log) is not None:
             # what acts along the travel is told by all of it
             played = self._play(axis, motions.strokes(travel, slower, self.T), control)
         return played
@@ -786,7 +796,7 @@ class Chain:
             self._rigid(facts["mass"], facts["coulomb"], facts["viscous"], UNKNOWN_DELAY + 2.0 * self.T),
             max(SPREAD, 2.0 * facts["mass_error"] / facts["mass"]),
         )
-        made = self._designed(loop)
+        made = self._designed(self._begun(self._pulled(loop)))
         machine = self._machine(loop, "start law for the identified axis")
         write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
         write_whole(self.place / "machine.toml", machine)
@@ -876,13 +886,17 @@ class Chain:
 
     def _estimated(self, logs: Sequence[Log]) -> str:
         """Estimate the frequency responses of logs, and return a sentence on them."""
+        along = stated(self.facts)
+        if along is not None:
+            # in slow moves it would pass for noise
+            logs = [acting(log, along, self.facts["dead_time"]) for log in logs]
         self._kept(**{f"measured_{k}": log for k, log in enumerate(logs, start=1)})
         measured = tuple(self.place / f"measured_{k}.parquet" for k in range(1, len(logs) + 1))
         outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
         outcome = frf.run(
             FrfRequest(
                 measured,
-                input="commanded",
+                input="commanded" if along is None else "acting",
                 output=outputs,
                 reference=("excitation",),
                 method="periodic",
@@ -939,27 +953,26 @@ class Chain:
         control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
         ran, facts = replace(model, control=control), self.facts
         log = read_log(strokes)
+        ran = moved(self._pulled(ran), float(log["set_position"][0]))
         fit = fit_friction(ran, log, facts["coulomb"], facts["viscous"])
-        forces, told = model.axis.forces, ""
-        along = periodic_force(log, float(model.axis.actuator.delay()) + self.T)
-        if along is not None:
-            pulled = replace(ran, axis=replace(ran.axis, forces=(*forces, along)))
-            other = fit_friction(moved(pulled, float(log["set_position"][0])), log, facts["coulomb"], facts["viscous"])
-            if other.left < CLEARLY * fit.left:
-                fit, forces = other, (*forces, along)
-                told = Text(
-                    f" A force of {Quantity(float(along.force), 'N'):3} repeats every "
-                    f"{Quantity(float(along.period), 'm'):3 mm} of the drive's position."
-                )
-        axis = replace(fit.axis, forces=forces)
-        text = self._machine(replace(model, axis=axis), "feeddrive commission: responses and strokes")
+        loop = self._pulled(replace(model, axis=replace(fit.axis, forces=model.axis.forces)))
+        text = self._machine(loop, "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
-            f"{Quantity(fit.left, 'm'):3} RMS of the strokes.{told}"
+            f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
         )
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
         return _Model(fit.left, unused, place, with_origins(text, inputs), says)
+
+    def _along(self, log: Log) -> Cogging | None:
+        """Return the force that repeats along the strokes, if there is a clear one."""
+        return periodic_force(log, UNKNOWN_DELAY)
+
+    def _pulled(self, loop: Loop) -> Loop:
+        """Return a loop with the force along the travel that was found, by the drive's own positions."""
+        along = stated(self.facts)
+        return loop if along is None else replace(loop, axis=replace(loop.axis, forces=(*loop.axis.forces, along)))
 
     def _responses(self) -> dict[str, FRF]:
         return read_frfs(self._in("responses", "responses/frf.csv"))
@@ -1046,16 +1059,15 @@ class Chain:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
         self.planned = None
         try:
-            self.planned = self._trial_motion(self._placed(self.place / "machine.toml"))
+            self.planned = self._trial_motion(self._begun(read_machine(self.place / "machine.toml").loop(AXIS)))
         except UnlikePredictedError as unlike:
             return unlike.why
         except DivergedError as error:
             return Text(f"the trial cannot be predicted: {error}")
         return ""
 
-    def _placed(self, machine: Path) -> Loop:
-        """Return the loop of a machine file that begins where the axis stands, if a force depends on that."""
-        loop = read_machine(machine).loop(AXIS)
+    def _begun(self, loop: Loop) -> Loop:
+        """Return a loop that begins where the axis stands, if a force depends on that."""
         if not any(isinstance(force, Cogging) for force in loop.axis.forces):
             return loop
         return moved(loop, float(np.mean(self.axis.listen(motions.REST).log["reading_load"])))
@@ -1142,7 +1154,7 @@ class Chain:
 
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
-        loop = self._placed(self._in("tune", "machine.toml"))
+        loop = self._begun(read_machine(self._in("tune", "machine.toml")).loop(AXIS))
         # after an interruption it is planned again
         motion, simulated = self.planned or self._trial_motion(loop)
         expected = self._figures(motion, simulated)
