@@ -83,7 +83,7 @@ def test_its_period_is_found_where_the_travel_has_several() -> None:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("travel", [TRAVEL, 0.01])
 def test_noise_and_friction_are_no_periodic_force(seed: int, travel: float) -> None:
-    """Of 1,000 periods that are tried on few rows some fit noise, by chance."""
+    """Of 1,000 periods that are tried on few rows some fit noise and friction, and not in the other direction."""
     assert periodic_force(log_of(np.zeros_like, travel, seed), DELAY) is None
 
 

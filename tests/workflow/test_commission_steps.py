@@ -22,6 +22,7 @@ from feeddrive.commissioning.record import Commissioned, Step, digests, write_re
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
+from feeddrive.files.read_log import read_log
 from feeddrive.language.block import Block
 from feeddrive.language.errors import DivergedError, NotCertifiedError, ParameterError
 from feeddrive.language.progress import Progress
@@ -511,6 +512,11 @@ def test_a_new_control_first_moves_a_fifth_as_far_and_as_fast(tmp_path: Path) ->
     gentle, alone = (profile for profile, _ in axis.played[:2])
     assert np.max(gentle.set_position) == pytest.approx(0.2 * np.max(alone.set_position))
     assert speed(gentle) == pytest.approx(0.2 * speed(alone), rel=0.01)
+    # the monitor acts at three times what is predicted, also of the pulse, where the user allows 20 mm
+    logs = [read_log(tmp_path / "out" / "11_trial" / f"predicted_{name}.parquet") for name in ("alone", "pushed")]
+    most = max(float(np.max(np.abs(log["set_position"] - log["reading_load"]))) for log in logs)
+    assert [limits.following_error for _, limits in axis.played[:3]] == pytest.approx(3 * [min(0.02, 3.0 * most)])
+    assert 3.0 * most < 0.02
     assert result.trial is not None
     # this axis follows a hundred times better than any start law
     assert not result.kept

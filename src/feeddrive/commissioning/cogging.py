@@ -6,9 +6,9 @@ The momentum balance is taken in weak form, over windows with a smooth weight w,
     g(x) = Σ_n  a_n sin(2π n x/P) + b_n cos(2π n x/P)                     n = 1 ... ORDERS
 
 with the force as it acts, a dead time after it was commanded.  For each period P of a grid it is a linear least-squares
-problem; the period that leaves least is taken, if it leaves clearly less than the balance without g, and less than the
-best of so many periods would leave by chance (F statistic, Bonferroni).  A travel that is shorter than a period tells
-the force along it all the same, and not what repeats beyond it.
+problem; the period that leaves least is taken, if g as it is found in one direction of motion explains the other one,
+too: vibrations and friction, which the best of so many periods fits as well, do not repeat with the position.  A travel
+that is shorter than a period tells the force along it all the same, and not what repeats beyond it.
 
 Source: the weighted integrals, Shinbrot 1957 (modulating functions).
 """
@@ -26,12 +26,10 @@ from feeddrive.files.log import Log
 from feeddrive.loop.loop import Loop
 
 ORDERS = 3  # harmonics of a period
-RISK = 0.05  # that chance is taken for a periodic force
-PERIODIC = 0.7  # of the variance that the balance without it leaves: what a periodic force must leave less of
+KEPT = 0.5  # of the squares of one direction: what a force that was found in the other must leave less of
 _WINDOW, _ROW = 0.06, 2e-3  # s of a window, and of the means that it weighs
 _SLOW, _STICKY = 0.02, 0.05  # of the largest set speed: slower rows are left out; over which friction falls
 _LONGEST, _SHORTEST, _STEP = 0.5, 100.0, 0.1  # periods in the travel that are tried, and their step
-_WIDTH = 2 * ORDERS + 1  # what a periodic force has: amplitudes, and its period
 _FINER = 10  # steps between two of the grid
 
 
@@ -42,16 +40,14 @@ def periodic_force(log: Log, dead_time: float) -> Cogging | None:
     dead_time  s from the command to the force
     """
     balance = _Balance(log, dead_time)
-    if balance.force.size < 4 * (balance.others.shape[1] + _WIDTH):
+    if balance.fewest < 2 * (balance.others.shape[1] + 2 * ORDERS):
         return None
     grid = np.arange(_LONGEST, _SHORTEST, _STEP)
     rough = grid[int(np.argmin([balance.left(waves) for waves in grid]))]
     fine = rough + _STEP * np.linspace(-1.0, 1.0, 2 * _FINER + 1)
     fine = fine[fine >= _LONGEST]
     best = float(fine[int(np.argmin([balance.left(waves) for waves in fine]))])
-    if balance.left(best) > PERIODIC * balance.left(None) or balance.chance(best) > RISK / grid.size:
-        return None
-    return balance.cogging(best)
+    return balance.cogging(best) if balance.kept(best) < KEPT else None
 
 
 class _Balance:
@@ -82,6 +78,7 @@ class _Balance:
         fastest = float(np.max(np.abs(speed)))
         moving = np.min(np.abs(speed)[windows], axis=1) > _SLOW * fastest
         self._windows, self._weight = windows[moving], weight
+        self._forth = speed[self._begins[moving]] > 0.0
         self._position = position
         # from the middle of each window, as a bend sums to zero only nearly
         near = position[self._windows]
@@ -92,6 +89,7 @@ class _Balance:
         self.others = np.column_stack(
             [near @ bend, -near @ slope, way @ weight, sticky @ weight, np.full(len(near), weight.sum())]
         )
+        self.fewest = min(int(np.sum(self._forth)), int(np.sum(~self._forth)))
         self.span = float(np.ptp(position))
         # what the other columns explain is taken out of force and waves alike
         self._base = np.linalg.qr(self.others / np.linalg.norm(self.others, axis=0))[0]
@@ -107,25 +105,26 @@ class _Balance:
     def _rest(self, columns: np.ndarray) -> np.ndarray:
         return columns - self._base @ (self._base.T @ columns)
 
-    def left(self, waves: float | None) -> float:
-        """Return the mean square of what is left of the forces; `waves`: periods in the travel, None: no such force."""
-        force = self._rest(self.force)
-        if waves is not None:
-            columns = self._rest(self._waves(waves))
-            force = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
-        return float(force @ force) / self._freedom(waves)
+    def left(self, waves: float) -> float:
+        """Return the sum of the squares of what is left of the forces, with so many periods in the travel."""
+        force, columns = self._rest(self.force), self._rest(self._waves(waves))
+        force = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
+        return float(force @ force)
 
-    def _freedom(self, waves: float | None) -> int:
-        return self.force.size - self.others.shape[1] - (0 if waves is None else _WIDTH)
+    def kept(self, waves: float) -> float:
+        """Return what a force along the travel, found in one direction, leaves of the other, as a share."""
+        columns, without, left = self._waves(waves), 0.0, 0.0
+        for known in (self._forth, ~self._forth):
+            linear = np.column_stack([self.others, columns])[known]
+            found = _solved(linear, self.force[known])[self.others.shape[1] :]
+            without += self._left_of(~known, 0.0)
+            left += self._left_of(~known, columns[~known] @ found)
+        return left / without if without > 0.0 else 1.0
 
-    def chance(self, waves: float) -> float:
-        """Return the probability of so large a decrease of what is left, if there is no periodic force."""
-        # scipy.stats has the same function, but takes a second to import
-        from scipy.special import fdtrc
-
-        freedom = self._freedom(waves)
-        more = self._freedom(None) * self.left(None) / self.left(waves) - freedom
-        return float(fdtrc(_WIDTH, freedom, more / _WIDTH))
+    def _left_of(self, rows: np.ndarray, pull: np.ndarray | float) -> float:
+        force, others = self.force[rows] - pull, self.others[rows]
+        left = force - others @ _solved(others, force)
+        return float(left @ left)
 
     def cogging(self, waves: float) -> Cogging:
         """Return the force with so many periods in the travel."""
@@ -138,6 +137,13 @@ class _Balance:
             for order, (sine, cosine), size in zip(range(1, ORDERS + 1), pairs, sizes, strict=True)
         )
         return Cogging(force=largest, period=self.span / waves, harmonics=harmonics)
+
+
+def _solved(columns: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return the least-squares solution for columns of different units."""
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    return np.linalg.lstsq(columns / sizes, force, rcond=None)[0] / sizes
 
 
 def described(along: Cogging) -> dict[str, float]:
@@ -168,8 +174,8 @@ def acting(log: Log, along: Cogging, dead_time: float) -> Log:
     """
     time = np.arange(len(log)) * log.sample_time
     angle = 2.0 * np.pi * np.interp(time + dead_time, time, log["reading_load"]) / float(along.period)
-    pull = float(along.force) * sum(each.at(angle) for each in along.harmonics)
-    channels = {**log.channels, "acting": log["commanded"] + pull}
+    waves = [float(each.share) * np.sin(each.order * angle + float(each.phase)) for each in along.harmonics]
+    channels = {**log.channels, "acting": log["commanded"] + float(along.force) * np.sum(waves, axis=0)}
     return replace(log, channels=channels, units={**log.units, "acting": log.units["commanded"]})
 
 
