@@ -10,7 +10,7 @@ import pytest
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.commissioning.cogging import acting, moved, periodic_force
+from feeddrive.commissioning.cogging import acting, moved, periodic_force, pulled
 from feeddrive.commissioning.motions import Pace, strokes
 from feeddrive.files.log import Log
 from feeddrive.loop.axis import Axis
@@ -39,13 +39,6 @@ def log_of(pull: Callable[[np.ndarray], np.ndarray], travel: float = TRAVEL, see
     )
 
 
-def along(found: Cogging, x: np.ndarray) -> np.ndarray:
-    """The force of a block at positions of the motor, N."""
-    angle = 2.0 * np.pi * x / float(found.period)
-    waves = (each.share * np.sin(each.order * angle + each.phase) for each in found.harmonics)
-    return np.sum([float(found.force) * wave for wave in waves], axis=0)
-
-
 def wave(period: float, second: float = 0.3, size: float = 30.0) -> Callable[[np.ndarray], np.ndarray]:
     def pull(x: np.ndarray) -> np.ndarray:
         angle = 2.0 * np.pi * x / period + 0.7
@@ -67,7 +60,7 @@ def test_it_is_found_along_the_travel_to_a_tenth_whatever_its_period(period: flo
     found = periodic_force(log_of(wave(period), span), DELAY)
     assert found is not None
     x = BEGIN + np.linspace(0.02, 0.98, 500) * span
-    off = along(found, x) - wave(period)(x)
+    off = pulled(found, x) - wave(period)(x)
     # a constant is a holding force
     assert np.std(off) < 0.1 * np.std(wave(period)(x))
 
@@ -92,6 +85,7 @@ def test_the_force_that_acts_is_that_of_an_axis_without_it() -> None:
     log = log_of(wave(2.5e-3))
     found = periodic_force(log, DELAY)
     assert found is not None
+    assert pulled(found, log["reading_load"]) == pytest.approx(wave(2.5e-3)(log["reading_load"]), abs=3.0)
     left = acting(log, found, DELAY)["acting"] - log_of(np.zeros_like)["commanded"]
     # what two noises leave, and a tenth of 30 N
     assert np.std(left) < np.hypot(1.5 * NOISE, 0.1 * 30.0 / np.sqrt(2.0))
@@ -109,4 +103,4 @@ def test_a_loop_begins_where_the_axis_stands() -> None:
     (there,) = begun.axis.forces
     assert isinstance(there, Cogging)
     x = np.linspace(0.0, TRAVEL, 50)
-    assert along(there, x) == pytest.approx(along(found, x + BEGIN), abs=1e-6)
+    assert pulled(there, x) == pytest.approx(pulled(found, x + BEGIN), abs=1e-6)

@@ -30,7 +30,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
-from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, stated
+from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, pulled, stated
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
@@ -796,7 +796,7 @@ class Chain:
             self._rigid(facts["mass"], facts["coulomb"], facts["viscous"], UNKNOWN_DELAY + 2.0 * self.T),
             max(SPREAD, 2.0 * facts["mass_error"] / facts["mass"]),
         )
-        made = self._designed(self._begun(self._pulled(loop)))
+        made = self._designed(loop)
         machine = self._machine(loop, "start law for the identified axis")
         write_excitation(made, self.place, excitation_report(made, {"Drive": self.axis.where}))
         write_whole(self.place / "machine.toml", machine)
@@ -881,8 +881,19 @@ class Chain:
                 )
             )
         axis = self._under_control()
-        logs = [self._play(axis, profile, control, step="excitation").log for profile in profiles]
-        return self._estimated(logs), {}
+        return self._estimated([self._excited(axis, profile, control) for profile in profiles]), {}
+
+    def _excited(self, axis: LiveAxis, profile: Profile, control: Control) -> Log:
+        """Play an excitation, with the force against that along the travel, and return its log."""
+        along = stated(self.facts)
+        if along is None:
+            return self._play(axis, profile, control, step="excitation").log
+        # the start law is soft: left to it, this force would take most of the following error
+        against = pulled(along, self._stands() + profile.set_position)
+        played = self._play(axis, replace(profile, excitation=profile.excitation - against), control, step="excitation")
+        # no part of what the responses are correlated with
+        channels = {**played.log.channels, "excitation": profile.excitation[: len(played.log)]}
+        return replace(played.log, channels=channels)
 
     def _estimated(self, logs: Sequence[Log]) -> str:
         """Estimate the frequency responses of logs, and return a sentence on them."""
@@ -1070,7 +1081,11 @@ class Chain:
         """Return a loop that begins where the axis stands, if a force depends on that."""
         if not any(isinstance(force, Cogging) for force in loop.axis.forces):
             return loop
-        return moved(loop, float(np.mean(self.axis.listen(motions.REST).log["reading_load"])))
+        return moved(loop, self._stands())
+
+    def _stands(self) -> float:
+        """Return where the axis stands, by the drive's position, m."""
+        return float(np.mean(self.axis.listen(motions.REST).log["reading_load"]))
 
     def _beside(self) -> tuple[FRF, ...]:
         """Return the responses of further motions under the same control, for which its limits hold as well."""
