@@ -16,8 +16,11 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.blocks.force.cogging import Cogging
+from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
+from feeddrive.commissioning.cogging import described, pulled
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
@@ -367,11 +370,13 @@ def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
 
 
 def test_a_fine_grid_counts_more_than_a_band_beyond_400_hz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At a rate of 4 kHz: 1,000 Hz first, each band 0.7 of the one before; below 400 Hz coarser grids come first."""
+    """At a rate of 4 kHz bands end at 1,000 Hz or lower; the coarsest grid comes before those that end below 200 Hz."""
     asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3), dead_time=0.0)
     tried = list(dict.fromkeys((each.resolution, round(each.band[1])) for each in asked))
-    assert tried[:9] == [(grid, top) for grid in (1.0, 2.0, 4.0) for top in (1000, 700, 490)]
-    assert tried[9:12] == [(grid, 343) for grid in (1.0, 2.0, 4.0)]
+    assert tried[:6] == [(grid, top) for grid in (1.0, 2.0) for top in (1000, 700, 490)]
+    assert tried[6:10] == [(grid, top) for top in (343, 240) for grid in (1.0, 2.0)]
+    assert tried[10:15] == [(4.0, top) for top in (1000, 700, 490, 343, 240)]
+    assert tried[15:18] == [(grid, 168) for grid in (1.0, 2.0, 4.0)]
 
 
 @pytest.mark.parametrize(
@@ -400,6 +405,22 @@ def test_the_highest_line_is_five_times_its_noise_or_the_band_ends_lower(
     result = begun(tmp_path / "out", Axis(), "excitation", until="Responses", dead_time=0.0)
     assert result.refusal == "it would be written"
     assert {round(each.band[1], 6) for each in asked} == tops
+
+
+def test_an_axis_with_cogging_is_shaken_with_a_force_against_it_that_is_no_excitation(tmp_path: Path) -> None:
+    along = Cogging(force=30.0, period=0.02, harmonics=tuple(Harmonic(order=n, share=1.0 / n) for n in (1, 2, 3)))
+    axis = Axis()
+    chain = module.Chain(module.CommissionRequest(None, virtual="paper"), axis, tmp_path, Person(""))
+    chain.facts = FACTS | described(along)
+    path = np.concatenate([np.zeros(200), np.linspace(0.0, 0.047, 800), np.full(200, 0.047)])
+    shaken = 10.0 * np.sin(np.arange(path.size)) * np.hanning(path.size)
+    log = chain._excited(axis, Profile("excitation", "", T, "N", shaken, path, np.gradient(path, T)), None)
+    against = axis.played[0][0].excitation - shaken
+    np.testing.assert_allclose(against[100:-100], -pulled(along, path)[100:-100], atol=1e-9)
+    # the axis begins at rest, and ends where it would be pulled
+    assert abs(pulled(along, path)[-1]) > 10.0
+    assert against[0] == against[-1] == 0.0
+    np.testing.assert_array_equal(log["excitation"], shaken)
 
 
 # what is tried of a model, a tuning and a start law

@@ -108,6 +108,7 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 # of the rate of the bus, of the inverse of the dead time with a cycle, and Hz: highest line of the excitation
 BAND, DELAYS, TOP = 0.45, 0.4, 1000.0
 MODES = 400.0  # Hz up to which modes are looked for, with the finest grid that stands out there
+LEAST = 200.0  # Hz up to which they are, before the coarsest grid is taken
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial begins: the tuned one, slower, a start law
@@ -824,10 +825,12 @@ class Chain:
 
         widest = min(TOP, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)), BAND / self.T)
         tops = [widest * SMALLER**k for k in range(SIZES)]
-        wide = [top for top in tops if top >= MODES] or tops[:1]
-        # a mode with little damping lies between coarse lines: a fine grid counts more than a band beyond the modes
-        tried = [(lines, top) for lines in LINES for top in wide]
-        tried += [(lines, top) for top in tops[len(wide) :] for lines in LINES]
+        # a mode with little damping lies between coarse lines, the more so the lower it is: a fine grid counts more
+        # than a band beyond the modes, and the coarsest one is that of axes with little travel
+        tried = [(lines, top) for lines in LINES[:-1] for top in tops if top >= MODES]
+        tried += [(lines, top) for top in tops if LEAST <= top < MODES for lines in LINES[:-1]]
+        tried += [(LINES[-1], top) for top in tops if top >= LEAST]
+        tried += [(lines, top) for top in tops if top < LEAST for lines in LINES]
         for (resolution, periods), top in tried:
             made = self._largest(loop, top, resolution, periods)
             if made is not None and stands_out(made) >= STANDS_OUT:
@@ -890,6 +893,10 @@ class Chain:
             return self._play(axis, profile, control, step="excitation").log
         # the start law is soft: left to it, this force would take most of the following error
         against = pulled(along, self._stands() + profile.set_position)
+        # at rest friction holds the axis, and a force that begins or ends at once is a jump
+        still = round(motions.RAMP / self.T)
+        fade = np.minimum(1.0, np.arange(against.size) / still)
+        against = fade * fade[::-1] * against
         played = self._play(axis, replace(profile, excitation=profile.excitation - against), control, step="excitation")
         # no part of what the responses are correlated with
         channels = {**played.log.channels, "excitation": profile.excitation[: len(played.log)]}
