@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from feeddrive.commissioning.trial import Figures
 from feeddrive.language.errors import FileError
 
 DRIVE = "bus = 'ethercat'\n"
+ASKED = {"small_move": {"goal": "rope-snap", "max_ms": "2.0"}}
 INSIDE = {"0x6060": "8", "0x6072": "3000"}
 FOUND = Figures(following_rms=1e-5, following_peak=3e-5, stiffness=2e7, force_noise=1.0, position_noise=1e-8)
 
@@ -42,7 +44,9 @@ def folder(tmp_path: Path) -> Path:
         (place / "deep" / "more.csv").write_text(f"{name} and more\n")
         files = [f"{place.name}/log.csv", f"{place.name}/deep/more.csv"]
         steps.append(Step(name, f"{name} is done", {"mass": 80.0 + number}, digests(folder, files), INSIDE))
-    write_record(folder, DRIVE, INSIDE, steps, {"where": "station 1", "kept": False, "questions": 2, "refusal": "no"})
+    write_record(
+        folder, DRIVE, ASKED, INSIDE, steps, {"where": "station 1", "kept": False, "questions": 2, "refusal": "no"}
+    )
     return folder
 
 
@@ -54,7 +58,7 @@ def changed(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
 
 
 def names(folder: Path) -> list[str]:
-    record = read_record(folder, DRIVE)
+    record = read_record(folder, DRIVE, ASKED)
     assert record is not None
     return [step.name for step in record.steps]
 
@@ -63,19 +67,19 @@ def names(folder: Path) -> list[str]:
 
 
 def test_what_is_written_is_read(folder: Path) -> None:
-    record = read_record(folder, DRIVE)
+    record = read_record(folder, DRIVE, ASKED)
     assert record is not None
     assert record.inside == INSIDE
     assert [step.name for step in record.steps] == ["listen", "small_move", "start_law"]
     assert record.steps[1].figures == {"mass": 82.0}
     assert record.steps[1].says == "small_move is done"
     assert record.steps[1].inside == INSIDE
-    assert (record.stale, record.changed) == ((), "")
+    assert (record.stale, record.again) == ((), "")
 
 
 def test_a_folder_without_a_record_begins_anew(tmp_path: Path) -> None:
-    assert read_record(tmp_path, DRIVE) is None
-    assert read_record(tmp_path / "nothing", DRIVE) is None
+    assert read_record(tmp_path, DRIVE, ASKED) is None
+    assert read_record(tmp_path / "nothing", DRIVE, ASKED) is None
 
 
 def test_the_result_of_a_folder_has_its_steps_and_figures(folder: Path) -> None:
@@ -100,10 +104,10 @@ def test_the_result_of_a_folder_has_its_steps_and_figures(folder: Path) -> None:
 
 @pytest.mark.parametrize("with_before", [False, True])
 def test_the_figures_of_the_trial_are_read(folder: Path, with_before: bool) -> None:
-    closing: dict[str, Any] = {"predicted": asdict(FOUND), "measured": asdict(FOUND), "kept": True, "rotary": True}
+    closing: dict[str, Any] = {"predicted": FOUND.values(), "measured": FOUND.values(), "kept": True, "rotary": True}
     if with_before:
-        closing["before"] = asdict(FOUND)
-    write_record(folder, DRIVE, INSIDE, (), closing)
+        closing["before"] = FOUND.values()
+    write_record(folder, DRIVE, ASKED, INSIDE, (), closing)
     found = read_commissioned(folder)
     assert found.kept
     assert found.rotary
@@ -131,11 +135,43 @@ def test_a_step_whose_file_is_altered_or_gone_is_done_again_with_all_after_it(
         (folder / file).unlink()
     else:
         (folder / file).write_text("other numbers\n")
-    record = read_record(folder, DRIVE)
+    record = read_record(folder, DRIVE, ASKED)
     assert record is not None
     assert [step.name for step in record.steps] == left
-    assert record.changed == file
+    assert record.again == f"{folder / file} is not what its step wrote"
     assert len(record.stale) == 2 * (3 - len(left))
+
+
+@pytest.mark.parametrize(
+    ("now", "says"),
+    [
+        ({"goal": "least-error", "max_ms": "2.0"}, "--goal was rope-snap and is now least-error"),
+        ({"goal": "rope-snap", "max_ms": "1.5"}, "--max-ms was 2.0 and is now 1.5"),
+        ({"goal": "rope-snap"}, "--max-ms was 2.0 and is now not given"),
+        ({**ASKED["small_move"], "filters": "kept"}, "--filters was not given and is now kept"),
+    ],
+)
+def test_a_step_with_other_options_is_done_again_with_all_after_it(
+    folder: Path, now: dict[str, str], says: str
+) -> None:
+    record = read_record(folder, DRIVE, {"small_move": now})
+    assert record is not None
+    assert [step.name for step in record.steps] == ["listen"]
+    assert record.again == says
+    assert len(record.stale) == 4
+
+
+def test_a_figure_that_is_not_finite_is_null_for_every_reader_of_json(folder: Path) -> None:
+    rigid = replace(FOUND, stiffness=math.inf)
+    steps = [Step("listen", "still", {"stiffness": math.inf})]
+    write_record(folder, DRIVE, ASKED, INSIDE, steps, {"predicted": rigid.values(), "measured": FOUND.values()})
+    text = (folder / FILE).read_text()
+    assert "Infinity" not in text
+    assert json.loads(text)["predicted"]["stiffness"] is None
+    found = read_commissioned(folder)
+    assert found.trial is not None
+    assert found.trial.predicted == rigid
+    assert found["listen"].figures["stiffness"] == math.inf
 
 
 def test_a_file_that_no_step_wrote_changes_nothing(folder: Path) -> None:
@@ -153,7 +189,7 @@ def test_a_folder_in_place_of_a_file_is_another_file(folder: Path) -> None:
 @pytest.mark.parametrize("drive", ["", DRIVE + "\n", DRIVE.replace("ethercat", "canopen")])
 def test_the_record_of_another_drive_file_is_refused(folder: Path, drive: str) -> None:
     with pytest.raises(FileError, match=rf"{FILE}: is the record of another drive file, .* give another --out"):
-        read_record(folder, drive)
+        read_record(folder, drive, ASKED)
 
 
 # what is no record
@@ -178,10 +214,9 @@ def step_with(**parts: Any) -> Callable[[dict[str, Any]], None]:
         lambda document: document.update(steps=5),
         lambda document: document.update(steps=["listen"]),
         lambda document: document.update(inside=["0x6060"]),
-        *[without(key) for key in ("format", "drive_sha256", "inside", "steps")],
+        *[without(key) for key in ("format", "drive_sha256", "asked", "inside", "steps")],
         *[step_without(key) for key in ("name", "says", "figures", "files", "inside")],
         step_with(figures={"mass": "heavy"}),
-        step_with(figures={"mass": None}),
         step_with(files="log.csv"),
     ],
 )
@@ -191,19 +226,19 @@ def test_a_record_with_anything_missing_is_named_and_left_alone(
     changed(folder, change)
     text = (folder / FILE).read_text()
     with pytest.raises(FileError, match=rf"axis/{FILE}: is no record of a commissioning; give another --out"):
-        read_record(folder, DRIVE)
+        read_record(folder, DRIVE, ASKED)
     assert (folder / FILE).read_text() == text
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "5", '"text"', "null", "[1, 2]"])
 def test_a_file_that_is_no_object_is_no_record(folder: Path, text: str) -> None:
     (folder / FILE).write_text(text)
-    for read in (lambda: read_record(folder, DRIVE), lambda: read_commissioned(folder)):
+    for read in (lambda: read_record(folder, DRIVE, ASKED), lambda: read_commissioned(folder)):
         with pytest.raises(FileError, match="is no record of a commissioning"):
             read()
 
 
-@pytest.mark.parametrize("figures", [{"predicted": {"stiffness": 1.0}}, {"measured": asdict(FOUND)}, {"predicted": 5}])
+@pytest.mark.parametrize("figures", [{"predicted": {"stiffness": 1.0}}, {"measured": FOUND.values()}, {"predicted": 5}])
 def test_half_of_a_trial_is_no_record(folder: Path, figures: dict[str, Any]) -> None:
     changed(folder, lambda document: document.update(figures))
     with pytest.raises(FileError, match="is no record of a commissioning"):
@@ -224,7 +259,7 @@ def test_a_name_that_leads_out_of_the_folder_removes_nothing(folder: Path, name:
     (folder / "link").symlink_to(folder.parent)
     name = name.format(absolute=thesis)
     changed(folder, step_with(files={name: "0" * 64}))
-    record = read_record(folder, DRIVE)
+    record = read_record(folder, DRIVE, ASKED)
     assert record is not None
     assert name in record.stale
     remove_stale(folder, record.stale)

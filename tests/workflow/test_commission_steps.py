@@ -163,7 +163,7 @@ def begun(folder: Path, axis: Axis, before: str = "listen", until: str = "Small"
         done.append(Step(name, "stated", {**FACTS, **facts}, digests(folder, files)))
     if done:
         folder.mkdir(exist_ok=True)
-        write_record(folder, axis.text(), {}, done, {})
+        write_record(folder, axis.text(), module.asked_of(module.CommissionRequest(axis)), {}, done, {})
     return fd.commission(axis, out=folder, progress=Person(until))
 
 

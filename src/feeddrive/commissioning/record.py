@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from feeddrive.commissioning.evidence import Evidence, read_evidence
 from feeddrive.commissioning.trial import Figures, Trial
@@ -19,6 +20,8 @@ from feeddrive.language.table import Result, Table
 
 FILE = "commission.json"
 FORMAT = "feeddrive commission 1"
+
+Asked: TypeAlias = Mapping[str, Mapping[str, str]]  # options of the request, by the step that takes them and by name
 
 
 @dataclass(frozen=True)
@@ -81,22 +84,30 @@ def digests(folder: Path, files: Sequence[str]) -> dict[str, str]:
 @dataclass(frozen=True)
 class Record:
     """What an interrupted commissioning had: what was in the drive at its beginning, the steps that were done, the
-    names of the files of all others, which are done again, and the first file that is not as it was written.
+    names of the files of all others, which are done again, and the reason for which the first of these is.
     """
 
     inside: Mapping[str, str]
     steps: tuple[Step, ...]
     stale: tuple[str, ...]
-    changed: str = ""
+    again: str = ""
 
 
 def write_record(
-    folder: Path, drive: str, inside: Mapping[str, str], steps: Sequence[Step], closing: Mapping[str, Any]
+    folder: Path,
+    drive: str,
+    asked: Asked,
+    inside: Mapping[str, str],
+    steps: Sequence[Step],
+    closing: Mapping[str, Any],
 ) -> None:
-    """Write `commission.json`: digest of the drive file, what was in the drive, the steps, and how it all ended."""
+    """Write `commission.json`: digest of the drive file, the options of the steps by name, what was in the drive, the
+    steps, and how it all ended.  Figures that are not finite, as a stiffness without any deflection, are null.
+    """
     document = {
         "format": FORMAT,
         "drive_sha256": digest_of(drive),
+        "asked": {name: dict(options) for name, options in asked.items()},
         "inside": dict(inside),
         "steps": [
             {
@@ -110,13 +121,29 @@ def write_record(
         ],
         **closing,
     }
-    write_whole(folder / FILE, json.dumps(document, indent=1) + "\n")
+    write_whole(folder / FILE, json.dumps(_written(document), indent=1, allow_nan=False) + "\n")
 
 
-def read_record(folder: Path, drive: str) -> Record | None:
-    """Return the record from which a commissioning goes on, with the steps before the first whose files have changed.
+def _written(value: Any) -> Any:
+    """Return a value with null for every number that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _written(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_written(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _figure(value: object) -> float:
+    """Return a figure of a record: null stands for one that was too large for a number."""
+    return math.inf if value is None else float(value)  # type: ignore[arg-type]
+
+
+def read_record(folder: Path, drive: str, asked: Asked) -> Record | None:
+    """Return the record from which a commissioning goes on, with the steps before the first that is done again.
 
     drive  the text of the drive file, which must be the one that the record names
+    asked  the options of each step by name: a step whose options are others now is done again, as is one whose files
+           have changed
     Raises FileError for a record that is none, and for one of another drive.
     """
     path = folder / FILE
@@ -126,19 +153,34 @@ def read_record(folder: Path, drive: str) -> Record | None:
         stated = str(document["drive_sha256"])
         inside = _texts(document["inside"])
         steps = _steps(document)
+        before = {str(name): _texts(options) for name, options in document["asked"].items()}
     if stated != digest_of(drive):
         raise FileError(
             f"{path}: is the record of another drive file, or of this one before it was changed: give another --out, "
             "or remove that directory to begin anew"
         )
     whole: list[Step] = []
-    changed = ""
+    again = ""
     for step in steps:
-        changed = next((name for name, digest in step.files.items() if not _is_same(folder / name, digest)), "")
-        if changed:
+        again = _other_file(folder, step) or _other_option(before.get(step.name, {}), asked.get(step.name, {}))
+        if again:
             break
         whole.append(step)
-    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files), changed)
+    return Record(inside, tuple(whole), tuple(name for step in steps[len(whole) :] for name in step.files), again)
+
+
+def _other_file(folder: Path, step: Step) -> str:
+    """Return the reason if a file of a step is not as it was written, or ""."""
+    changed = next((name for name, digest in step.files.items() if not _is_same(folder / name, digest)), None)
+    return "" if changed is None else f"{folder / changed} is not what its step wrote"
+
+
+def _other_option(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Return the reason if an option of a step is not as it was, or ""."""
+    name = next((name for name in {**before, **now} if before.get(name) != now.get(name)), None)
+    if name is None:
+        return ""
+    return f"--{name.replace('_', '-')} was {before.get(name, 'not given')} and is now {now.get(name, 'not given')}"
 
 
 def read_commissioned(folder: Path) -> Commissioned:
@@ -149,7 +191,7 @@ def read_commissioned(folder: Path) -> Commissioned:
     path = folder / FILE
     with _understood(path) as document:
         figures = {
-            name: Figures(**{str(key): float(value) for key, value in document[name].items() if value is not None})
+            name: Figures(**{str(key): _figure(value) for key, value in document[name].items()})
             for name in ("predicted", "measured", "before")
             if name in document
         }
@@ -183,7 +225,7 @@ def _steps(document: Mapping[str, Any]) -> list[Step]:
         Step(
             str(entry["name"]),
             str(entry["says"]),
-            {str(name): float(value) for name, value in entry["figures"].items()},
+            {str(name): _figure(value) for name, value in entry["figures"].items()},
             _texts(entry["files"]),
             _texts(entry["inside"]),
         )

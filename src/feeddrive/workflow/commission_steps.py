@@ -37,6 +37,7 @@ from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
 from feeddrive.commissioning.record import (
     FILE,
+    Asked,
     Commissioned,
     Record,
     Step,
@@ -166,6 +167,13 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
             raise ParameterError("--second is a drive; a virtual gantry is a machine with a cross_beam")
 
 
+def asked_of(request: CommissionRequest) -> Asked:
+    """Return the options that decide what a step does, by the step that is the first to use them."""
+    limits = [figure.limit.option for figure in limitable() if figure.limit]
+    used = {"tune": ["goal", *limits], "export": ["target"]}
+    return {step: {option: str(getattr(request, option)) for option in options} for step, options in used.items()}
+
+
 class UnlikePredictedError(Exception):
     """A motion unlike its prediction; `step` is the one to go back to, for a weaker motion or a slower control."""
 
@@ -245,7 +253,7 @@ class Chain:
         """Run all steps that are not done yet, and return the outcome; without `kept` no file of it is named."""
         _check_folder(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
-        record = read_record(self.folder, self.stated)
+        record = read_record(self.folder, self.stated, asked_of(self.request))
         self.inside = dict(self.axis.inside())
         before: dict[str, Step] = {}
         if record is not None and record.steps:
@@ -253,11 +261,8 @@ class Chain:
             self.inside = dict(record.inside)
             before = {step.name: step for step in record.steps}
         if record is not None:
-            if record.changed:
-                self.progress.remark(
-                    f"- {self.folder / record.changed} is not what its step wrote: that step and all after it are done "
-                    "again."
-                )
+            if record.again:
+                self.progress.remark(f"- {record.again}: that step and all after it are done again.")
             remove_stale(self.folder, record.stale)
         refusal = ""
         try:
@@ -376,7 +381,7 @@ class Chain:
             closing["measured"] = self.trial.measured.values()
             if self.trial.before is not None:
                 closing["before"] = self.trial.before.values()
-        write_record(self.folder, self.stated, self.inside, self.steps, closing)
+        write_record(self.folder, self.stated, asked_of(self.request), self.inside, self.steps, closing)
 
     def _outcome(self, refusal: str, *, kept: bool) -> Outcome[Commissioned]:
         result = Commissioned(
