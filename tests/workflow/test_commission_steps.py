@@ -20,7 +20,7 @@ from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
-from feeddrive.commissioning.cogging import described, pulled
+from feeddrive.commissioning.cogging import described, pulled, stated
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
@@ -63,6 +63,7 @@ class Axis:
     coulomb: float = 40.0
     held: float = 0.0
     lag: float = 0.02
+    led: float = 1e-4  # s, under a control on trial
     blocked: int = 0  # small moves that end early
     cause: str = "following_error"  # for which they do
     stands: bool = False  # a control on trial does not move it, as the monitor says
@@ -94,7 +95,7 @@ class Axis:
     def play(self, profile: Profile, progress: Progress | None = None, control: Control | None = None) -> Played:
         self.played.append((profile, self.limits))
         speed = np.gradient(profile.set_position, T)
-        late = (1e-4 if control is not None else self.lag) * speed
+        late = (self.led if control is not None else self.lag) * speed
         force = self.held + self.coulomb * np.sign(speed) + self.mass * np.gradient(speed, T)
         if control is not None:
             force = force + 0.5 * self.buzz * (-1.0) ** np.arange(speed.size)
@@ -259,7 +260,7 @@ def none(*_: Any, **__: Any) -> Any:
 
 
 def strokes(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, error: float = 1.0, **limits: float
+    monkeypatch: pytest.MonkeyPatch, folder: Path, error: float = 1.0, *, led: float = 1e-4, **limits: float
 ) -> tuple[Axis, Commissioned]:
     """Strokes from the facts that are stated, which give 120 kg with an error; nothing comes after them."""
     rigid = SimpleNamespace(estimates=())
@@ -267,7 +268,7 @@ def strokes(
     found = SimpleNamespace(result=SimpleNamespace(rigid=rigid, mass=mass, delay=delay), verdict="")
     monkeypatch.setattr(module, "identify", SimpleNamespace(run=lambda *_: found))
     monkeypatch.setattr(module, "design_excitation", none)
-    axis = Axis(limits=replace(LIMITS, **limits))
+    axis = Axis(limits=replace(LIMITS, **limits), led=led)
     return axis, begun(folder, axis, "start_law", until="Responses")
 
 
@@ -283,6 +284,28 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     fastest = (2.0 * 0.06 / 3.0) ** 0.5
     assert speed(series[-1]) == pytest.approx(fastest, rel=0.01)
     assert speed(series[0]) == pytest.approx(0.1 * fastest, rel=0.01)
+
+
+def test_a_force_along_the_travel_is_told_by_strokes_over_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The slower series are shorter ones; without such a force the last of them is enough."""
+    axis, result = strokes(monkeypatch, tmp_path / "out", led=0.01)
+    series = [profile for profile, _ in axis.of("strokes")]
+    assert np.max(series[-1].set_position) < 0.9 * 0.6 * 0.1
+    assert "along_force" not in result["friction_and_mass"].figures
+    found = Cogging(force=30.0, period=0.02, harmonics=tuple(Harmonic(order=n, share=1.0 / n) for n in (1, 2, 3)))
+    monkeypatch.setattr(module, "periodic_force", lambda *_: found)
+    axis, result = strokes(monkeypatch, tmp_path / "other", led=0.01)
+    more = [profile for profile, _ in axis.of("strokes")]
+    assert len(more) == len(series) + 1
+    assert np.max(more[-1].set_position) == pytest.approx(0.6 * 0.1)
+    assert speed(more[-1]) == pytest.approx(speed(series[-1]), rel=0.01)
+    assert repr(stated(result["friction_and_mass"].figures)) == repr(found)
+    log = read_log(tmp_path / "other" / "4_friction_and_mass" / "strokes.parquet")
+    assert np.max(np.abs(log["acting"] - log["commanded"])) == pytest.approx(
+        np.max(np.abs(pulled(found, log["reading_load"]))), rel=0.01
+    )
 
 
 def test_strokes_use_half_of_the_force_that_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
