@@ -124,7 +124,7 @@ SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are t
 # causes of an early end for which a weaker motion or a slower control is tried; all others end the commissioning
 TOO_MUCH = ("following_error", "velocity", "acceleration", "force", "travel", "guard")
 STUCK = ("standstill",)  # in the small move alone: friction or a brake may hold against a tenth of the force
-# times what is predicted, and at least so many counts: following error at which the monitor ends a trial
+# times what is predicted, and at least so many counts: following error at which the guard ends a trial
 ALARM, COUNTS = 3.0, 50.0
 FOLLOWS = 0.5  # of the travel of a trial, that the reading is predicted to make at least
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
@@ -1193,9 +1193,9 @@ class Chain:
                 f"{Quantity(expected.following_peak, 'm'):3} of following error."
             )
         )
-        axis = self._on_trial(simulated)
-        self._try_gently(axis, loop, motion)
-        logs = self._tried(motion, axis, loop.control)
+        axis, control = self._under_control(), self._guarded(loop.control, simulated)
+        self._try_gently(axis, replace(loop, control=control), motion)
+        logs = self._tried(motion, axis, control)
         measured = self._figures(motion, logs)
         before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
         self._kept(**logs, **{f"predicted_{name}": log for name, log in simulated.items()})
@@ -1208,13 +1208,17 @@ class Chain:
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
 
-    def _on_trial(self, simulated: Mapping[str, Log]) -> LiveAxis:
-        """Return the axis with the monitor near to what is predicted: after a runaway friction is all that brakes, and
-        the speed at which the force is switched off is the smaller the sooner it is noticed.
+    def _guarded(self, control: Control, simulated: Mapping[str, Log]) -> Control:
+        """Return the control with the bound of its guard near to what is predicted, and so while the axis is slow.
+
+        It then brakes on its ramp; in a runaway, which the monitor sees later, friction is all that brakes.
         """
+        guard = control.guard
+        if guard is None:
+            return control
         most = max(ALARM * max(_error(log.channels) for log in simulated.values()), COUNTS * self.axis.increment)
-        axis = self._under_control()
-        return axis.limited(replace(axis.limits, following_error=min(axis.limits.following_error, most)))
+        limit = min(self.limits.following_error, most)
+        return replace(control, guard=replace(guard, following_error_limit=limit))
 
     def _try_gently(self, axis: LiveAxis, loop: Loop, motion: motions.TrialMotion) -> None:
         """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
