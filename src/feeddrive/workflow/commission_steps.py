@@ -978,8 +978,9 @@ class Chain:
         log = read_log(strokes)
         ran = moved(self._pulled(ran), float(log["set_position"][0]))
         fit = fit_friction(ran, log, facts["coulomb"], facts["viscous"])
-        loop = self._pulled(replace(model, axis=replace(fit.axis, forces=model.axis.forces)))
-        text = self._machine(loop, "feeddrive commission: responses and strokes")
+        # as in the responses, the force along the travel is not in it: it has no mean slope, by which loops are judged
+        axis = replace(fit.axis, forces=model.axis.forces)
+        text = self._machine(replace(model, axis=axis), "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
             f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
@@ -1082,18 +1083,17 @@ class Chain:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
         self.planned = None
         try:
-            self.planned = self._trial_motion(self._begun(read_machine(self.place / "machine.toml").loop(AXIS)))
+            self.planned = self._trial_motion(self._real(self.place / "machine.toml"))
         except UnlikePredictedError as unlike:
             return unlike.why
         except DivergedError as error:
             return Text(f"the trial cannot be predicted: {error}")
         return ""
 
-    def _begun(self, loop: Loop) -> Loop:
-        """Return a loop that begins where the axis stands, if a force depends on that."""
-        if not any(isinstance(force, Cogging) for force in loop.axis.forces):
-            return loop
-        return moved(loop, self._stands())
+    def _real(self, machine: Path) -> Loop:
+        """Return the loop of a machine file with the force along the travel, from where the axis stands."""
+        loop = self._pulled(read_machine(machine).loop(AXIS))
+        return loop if stated(self.facts) is None else moved(loop, self._stands())
 
     def _stands(self) -> float:
         """Return where the axis stands, by the drive's position, m."""
@@ -1181,7 +1181,7 @@ class Chain:
 
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
-        loop = self._begun(read_machine(self._in("tune", "machine.toml")).loop(AXIS))
+        loop = self._real(self._in("tune", "machine.toml"))
         # after an interruption it is planned again
         motion, simulated = self.planned or self._trial_motion(loop)
         expected = self._figures(motion, simulated)
