@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line: threads that wait count as CPU time
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 NEAR = 0.1  # share by which measured and predicted may differ

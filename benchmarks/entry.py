@@ -10,12 +10,15 @@ columns are named with their units, as the message says.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line: threads that wait count as CPU time
 
 import numpy as np
 
