@@ -21,12 +21,13 @@ from feeddrive.figures.catalogue import goals
 from feeddrive.figures.figure import Figure, Goal, Limit
 from feeddrive.figures.of_loops import FORCE_NOISE, SENSITIVITY_PEAK
 from feeddrive.language import tree
-from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number, span
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.language.units import rounded
+from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -46,6 +47,7 @@ from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
 from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
+from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, over_box
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -154,6 +156,10 @@ def scattered(
     return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
 
 
+_ROUNDS = 12  # rounds in which plants of a box join
+_JOIN = 2  # plants that join in a round
+_PLENTY = 0.03  # of a logarithm: plants of a box at which every limit has more slack are left out of a search
+_SPARSER = 3.0  # times fewer lines of a plant of a box than of a point with a goal
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # largest violation of a bound with which a start is good enough
 _PAYS = 0.02  # of the goal: least gain for which a notch is kept
@@ -215,8 +221,13 @@ class Tuner:
         seed: int,
         velocity: float,
         progress: Progress,
+        box: Box | None = None,
     ) -> None:
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
+        # plants of the box join the points one by one, as soon as they exceed a limit
+        self.stated, self.joined = points, list[tuple[int, Corner]]()
+        known = [(point, point.loop) for point in points if point.loop is not None]
+        self.boxes = [] if box is None else [BoxPlants(box, loop, point.name, velocity) for point, loop in known]
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         # lines that a search turns out to need are added here and stay for the following searches
@@ -243,6 +254,93 @@ class Tuner:
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
         return Criteria(points, response, self.goal, self.limits, self.band)
 
+    def _join(self, plants: Sequence[Examined]) -> None:
+        """Add plants of the box to the points at which the limits apply."""
+        for plant in plants:
+            point = plant.plants.point(plant.corner)
+            self.points += (point,)
+            self.kept.append(point.sparse(_SPARSER))
+            self.joined.append((self.boxes.index(plant.plants), plant.corner))
+        # the criteria on all lines belong to the points before
+        self._whole = None
+
+    def _prune(self, criteria: Criteria, x: np.ndarray) -> None:
+        """Remove the plants of the box at which no limit is nearly used at x."""
+        try:
+            slacks = {bound.point: bound.slack for bound in sorted(criteria(x).bounds, key=lambda b: -b.slack)}
+        except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+            return
+        first = len(self.stated)
+        used = [*range(first), *(i for i in range(first, len(self.points)) if slacks.get(i, np.inf) < _PLENTY)]
+        self.points, self.kept = tuple(self.points[i] for i in used), [self.kept[i] for i in used]
+        self.joined = [self.joined[i - first] for i in used if i >= first]
+        self._whole = None
+
+    def _joining(self, plants: Iterable[Examined]) -> list[Examined]:
+        """Return the plants that are to join: of those that exceed a limit the worst ones, the worst first."""
+        exceeding = sorted((plant for plant in plants if plant.used > 1.0), key=lambda plant: -plant.used)
+        new = [p for p in exceeding if (self.boxes.index(p.plants), p.corner) not in self.joined]
+        return new[:_JOIN]
+
+    def _over_corners(
+        self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, *, rough: bool = False, prune: bool = False
+    ) -> np.ndarray:
+        """Search from x until no corner of the box exceeds a limit; the worst corners join after each search.
+
+        prune  True to remove those at which all limits have plenty of room in the end: every plant costs time in the
+               searches to come, and it joins again where it exceeds a limit
+
+        Returns the start of the next search, at which the loop is stable at all points.
+        """
+        for _ in range(_ROUNDS if self.boxes else 0):
+            self.progress.step("worst plants of the box")
+            if search.judge(x) is None:
+                x = self._begin(search, x, speeds(control, names))
+            end = search.descend(x)
+            search.penalty = PENALTY
+            x = end.x
+            at = tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True)))
+            at = replace(at, law=at.law.at_one_rate()) if rough else at
+            examination = Examination(at, self.points[0].sample_time, self.limits, self.velocity)
+            joining = self._joining(plant for plants in self.boxes for plant in examination.corners(plants))
+            if not joining:
+                break
+            self._join(joining)
+            self.evaluations += search.criteria.count
+            search.criteria = self.criteria(control, names, rough=rough)
+        if self.joined and prune:
+            self._prune(search.criteria, x)
+            search.criteria = self.criteria(control, names, rough=rough)
+        return x if search.judge(x) is not None else self._begin(search, x, speeds(control, names))
+
+    def over_box(self, best: Best) -> tuple[Best, OverBox | None]:
+        """Return the result with its limits kept over all of the box, and what was examined of it; None without a box.
+
+        Plants between the corners that exceed a limit join the points, and the search goes on, for a few rounds.
+        """
+        if not self.boxes:
+            return best, None
+        for turn in range(_ROUNDS + 1):
+            values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
+            self.progress.step("worst plants of the box")
+            examined, plants = over_box(tree.vary(best.control, values), self.boxes, self.limits)
+            joining = self._joining(plants)
+            if not joining or turn == _ROUNDS:
+                break
+            self._join(joining)
+            search = Search(self.criteria(best.control, best.names), *best.box, best.sure)
+            x = best.end.x if search.judge(best.end.x) is not None else None
+            if x is None:
+                x = self._begin(search, best.end.x, speeds(best.control, best.names))
+            end = self._on_all_lines(best.control, best.names, search, search.descend(x))
+            self.evaluations += search.criteria.count
+            if search.broken(end.judged) > 5e-3:
+                self._refuse(search, end)
+            best = best._replace(end=end, criteria=search.criteria)
+        if joining and examined.holds:
+            examined = replace(examined, reason=f"after {_ROUNDS} rounds plants of the box still exceed a limit")
+        return best, examined
+
     def tuned(
         self, control: Control, names: tuple[str, ...], starts: int | None = None, *, trial: bool = False
     ) -> Best:
@@ -258,6 +356,7 @@ class Tuner:
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")
+        first = self._over_corners(search, control, names, first, rough=rough, prune=True)
         wanted = self.starts if starts is None else starts
         ends, unsettled = self._searched(search, control, names, x, first, wanted)
         end = min(ends, key=lambda other: search.merit(other.judged))
@@ -265,6 +364,9 @@ class Tuner:
             end = self._exactly(search, control, names, end)
         # a descent may end at a violated bound although a slower loop keeps all of them
         end = self._from_below(search, end, x, speeds(control, names))
+        # another search may have ended where other plants are the worst
+        if self.boxes:
+            end = search.descend(self._over_corners(search, control, names, end.x))
         costs = [float(np.max(other.judged.goal)) for other in ends]
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
@@ -339,7 +441,8 @@ class Tuner:
             self.progress.step(f"{len(names)} tunables, from all over their range")
             for kind in ("population", "continuation"):
                 begun = self._elsewhere(search, x, powers, evolved=kind == "population")
-                if begun is not None:
+                # it was looked at without the rules of its blocks
+                if begun is not None and search.judge(begun) is not None:
                     ends.append(self._continued(search, begun) if kind == "continuation" else search.descend(begun))
                     kinds.append(kind)
             ends, opened = self._widened(search, ends, soft, names)
@@ -775,6 +878,7 @@ class Tuned(Result):
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the controller, if there was no search
+    box, box_before   the new and the present controller over the box of plants; None without a box
     cascade_before    velocity and position loop of the present controller separately; None if it is not a P-PI
                       controller
     cascade           the same loops for the new controller
@@ -802,6 +906,8 @@ class Tuned(Result):
     cascade_before: CascadeLoops | None = None
     cascade: CascadeLoops | None = None
     recipe: str = ""
+    box: OverBox | None = None
+    box_before: OverBox | None = None
 
     @property
     def rotary(self) -> bool:
@@ -1077,6 +1183,7 @@ def tune_control(
     seed: int = 0,
     velocity: float = 0.05,
     today: Control | None = None,
+    box: Box | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
@@ -1096,6 +1203,8 @@ def tune_control(
     confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
                 known
     today       the controller to compare with; default: `control` itself
+    box         tolerances of the plants of modelled points: the limits hold at every plant of it that is found by its
+                corners and by searches within it (`Tuned.box`); the goal is that of the models themselves
     progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
@@ -1112,7 +1221,7 @@ def tune_control(
     control = control.control if isinstance(control, Loop) else control
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
-    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress)
+    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress, box)
     chosen = law_tunables(control) if tunables is None else tuple(tunables)
     best = tuner.tuned(
         control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
@@ -1120,8 +1229,9 @@ def tune_control(
     tried: list[str] = []
     if filters == "placed":
         best = tuner.with_notches(best, tried)
+    best, examined = tuner.over_box(best)
     tuner.progress.step("proof")
-    return result(tuner, best, today or control, tuple(tried))
+    return result(tuner, best, today or control, tuple(tried), box=examined)
 
 
 def assess(
@@ -1135,6 +1245,7 @@ def assess(
     confidence: float = 0.95,
     velocity: float = 0.05,
     today: Control | None = None,
+    box: Box | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Evaluate a controller, for example one from a recipe, like `tune_control` but without a search.
@@ -1143,9 +1254,11 @@ def assess(
 
     Raises the same errors as `tune_control`, and UnstableError if the loop is unstable at a point.
     """
-    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
+    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress, box)
     names = law_tunables(control)
-    return result(tuner, tuner.as_it_is(control, names), today or control, (), rule)
+    best = tuner.as_it_is(control, names)
+    examined = over_box(control, tuner.boxes, tuner.limits)[0] if tuner.boxes else None
+    return result(tuner, best, today or control, (), rule, examined)
 
 
 def _tuner(
@@ -1159,6 +1272,7 @@ def _tuner(
     seed: int,
     velocity: float,
     progress: Progress | None,
+    box: Box | None = None,
 ) -> Tuner:
     """Check the arguments of a tuning and return its `Tuner`."""
     figure = goals().get(goal)
@@ -1182,7 +1296,7 @@ def _tuner(
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
+    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box)
     integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(
@@ -1206,22 +1320,26 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
 _MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as large
 
 
-def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
+def result(
+    tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "", box: OverBox | None = None
+) -> Tuned:
     """Assemble the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
     after = _figures(tuner, control)
-    loops = tuple(replace(point.loop, control=control) for point in tuner.points if point.loop is not None)
+    loops = tuple(replace(point.loop, control=control) for point in tuner.stated if point.loop is not None)
     proof = of_measurement(
-        [loop for loop, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
+        [loop for loop, point in zip(after, tuner.stated, strict=True) if point.loop is None], tuner.limits
     )
-    for point in tuner.points:
+    for point in tuner.stated:
         if point.loop is None:
             proof += of_known(point, control, tuner.limits, tuner.velocity)
         else:
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
+    if box is not None:
+        proof += (Checked(f"limits over the box, {box.examined} plants", box.holds, box.sentence(tuner.limits)),)
     cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
     whole = tuner.on_all_lines(best.control, best.names)
     return Tuned(
@@ -1247,6 +1365,8 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         cascade_before=cascades[0],
         cascade=cascades[1],
         recipe=recipe,
+        box=box,
+        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if box is not None and before else None,
     )
 
 
@@ -1256,7 +1376,8 @@ def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
         return ()
-    return tuple(figures(answer, tuner.limits.reading_noise) for answer in answers)
+    stated = (answer for answer in answers if not answer.point.bounds_only)
+    return tuple(figures(answer, tuner.limits.reading_noise) for answer in stated)
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:
