@@ -222,12 +222,17 @@ class Tuner:
         velocity: float,
         progress: Progress,
         box: Box | None = None,
+        around: Sequence[Loop] | None = None,
     ) -> None:
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
         # plants of the box join the points one by one, as soon as they exceed a limit
         self.stated, self.joined = points, list[tuple[int, Corner]]()
-        known = [(point, point.loop) for point in points if point.loop is not None]
-        self.boxes = [] if box is None else [BoxPlants(box, loop, point.name, velocity) for point, loop in known]
+        # around a measured point lie the plants of a model that agrees with it
+        models = ((point.name, point.loop or point.known_as) for point in points)
+        loops = [(name, loop) for name, loop in models if loop is not None]
+        if around is not None:
+            loops = [(loop.name if len(around) > 1 else "model", loop) for loop in around]
+        self.boxes = [] if box is None else [BoxPlants(box, loop, name, velocity) for name, loop in loops]
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         # lines that a search turns out to need are added here and stay for the following searches
@@ -935,7 +940,8 @@ class Tuned(Result):
         if self.recipe:
             return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
         noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
-        return Text(f"{aim(self)} subject to {self.limits.sentence()}{noise}")
+        over = Text(f" over the box: {self.box.box.sentence}") if self.box is not None else ""
+        return Text(f"{aim(self)} subject to {self.limits.sentence()}{over}{noise}")
 
     @property
     def at_drive(self) -> bool:
@@ -959,7 +965,7 @@ class Tuned(Result):
         if not self.holds:
             return Verdict.REFUSE
         gained = self.gained()
-        if gained is None or broken_limits(self.before, self.limits):
+        if gained is None or broken_today(self):
             return Verdict.TAKE
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
@@ -969,25 +975,57 @@ class Tuned(Result):
 
     def table(self) -> Table:
         """Tabulate old and new figures, active limits, and the proof."""
+        heads = ["what", "today", "new", "unit"] if self.box is None else ["what", *BESIDE, "unit"]
+
+        def cells(today: Cell, new: Cell, *, worst: tuple[Cell, Cell] = ("", "")) -> list[Cell]:
+            return [today, new] if self.box is None else [today, worst[0], new, worst[1]]
+
         rows: list[Sequence[Cell]] = []
         for name, value in self.tunables.items():
             unit = tree.declaration(self.control, name).unit
             started = self.started[name]
             before = "–" if np.isnan(started) else Quantity(started, unit, form="5 SI")
-            rows.append([readable(self.control, name), before, Quantity(value, unit, form="5 SI"), UNIT])
+            rows.append([readable(self.control, name), *cells(before, Quantity(value, unit, form="5 SI")), UNIT])
         for i, after in enumerate(self.after):
             before = self.before[i] if self.before else None
             mark = f" ({after.point})" if len(self.after) > 1 else ""
             rows += [
-                [f"{figure.label or figure.title}{mark}", _figure(before, figure), _figure(after, figure), UNIT]
+                [
+                    f"{figure.label or figure.title}{mark}",
+                    *cells(_figure(before, figure), _figure(after, figure), worst=worst_beside(self, figure)),
+                    UNIT,
+                ]
                 for figure in reported()
                 if figure.read(after) is not None
             ]
-        rows += [["held back by", "", "", held.sentence()] for held in self.held]
-        rows += [["to gain more", "", "", text] for text in self.advice]
-        rows += [["notch", "", "", text] for text in self.notches]
-        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.text] for line in self.proof]
-        return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
+        rows += [["held back by", *cells("", ""), held.sentence()] for held in self.held]
+        rows += [["to gain more", *cells("", ""), text] for text in self.advice]
+        rows += [["notch", *cells("", ""), text] for text in self.notches]
+        rows += [[f"proof: {line.what}", *cells("", _verdict(line.holds)), line.text] for line in self.proof]
+        return Table(f"{self.rule}. {self.recommendation()}", heads, rows)
+
+
+BESIDE = ("today", "worst", "new", "worst of new")
+"""The heads of figures with a box: at the model, and at the worst plant of the box."""
+
+
+def worst_beside(tuned: Tuned, figure: Figure) -> tuple[Cell, Cell]:
+    """Return a figure of today's and of the new control at the worst plant of the box; empty where it has none."""
+    cells: list[Cell] = []
+    for box in (tuned.box_before, tuned.box):
+        spread = None if box is None else box.spread(figure)
+        unstable = box is not None and not np.isfinite(box.used)
+        cells.append("unstable" if unstable else None if spread is None else figure.quantity(spread.worst))
+    return cells[0], cells[1]
+
+
+def broken_today(tuned: Tuned) -> str:
+    """Return, as a clause, the first limit that today's control violates at a model or over the box; else empty."""
+    broken = broken_limits(tuned.before, tuned.limits)
+    over = tuned.box_before
+    if broken or over is None or over.holds is not False:
+        return broken
+    return Text(f"do not keep {tuned.limits.sentence()} over the box: {over.sentence(tuned.limits)}")
 
 
 def _verdict(holds: bool | None) -> str:
@@ -1077,12 +1115,13 @@ def _of_the_table(tuned: Tuned) -> str:
 def _advised(tuned: Tuned) -> str:
     limit = f"; {tuned.held[0].what} is the limit" if tuned.held else ""
     gained = tuned.gained()
-    limits, new = tuned.limits.sentence(), _new_values(tuned)
+    over = "" if tuned.box is None else " over the box"
+    limits, new = Text(f"{tuned.limits.sentence()}{over}"), _new_values(tuned)
     if gained is None:
         state = "there is no control to compare with" if not tuned.before else "today's loop is unstable"
         return Text(f"{new} within {limits}{limit}; {state}")
     change, gain_text = _change(tuned, gained), _gain_text(tuned, gained)
-    broken = broken_limits(tuned.before, tuned.limits)
+    broken = broken_today(tuned)
     if broken:
         return Text(f"{new}, {gain_text} within {limits}{limit}; today's gains {broken}")
     drive = _against(tuned)
@@ -1118,11 +1157,13 @@ def _new_values(tuned: Tuned) -> str:
     listed = [Text(f"{name} {Quantity(rounded(value, 3), units[name]):6}") for name, value in [*law.items()][:_LISTED]]
     further = len(tuned.tunables) - len(listed)
     gains = joined(", ", [*listed, *([Text(f"{further} more")] if further else [])])
-    peak = max(SENSITIVITY_PEAK.value(loop) for loop in tuned.after)
+    peak = Quantity(max(SENSITIVITY_PEAK.value(loop) for loop in tuned.after))
+    spread = None if tuned.box is None else tuned.box.spread(SENSITIVITY_PEAK)
+    over = "" if spread is None or spread.worst is None else f" ({Quantity(spread.worst):3} at worst)"
     if not tuned.at_drive:
-        return Text(f"Take {gains}: Ms {Quantity(peak):3}")
+        return Text(f"Take {gains}: Ms {peak:3}{over}")
     what = "Against a force at the drive" if declared_goal(tuned).on_table else "The new values"
-    return Text(f"{what}: {gains} give Ms {Quantity(peak):3}")
+    return Text(f"{what}: {gains} give Ms {peak:3}{over}")
 
 
 def _worse(tuned: Tuned) -> str:
@@ -1184,6 +1225,7 @@ def tune_control(
     velocity: float = 0.05,
     today: Control | None = None,
     box: Box | None = None,
+    around: Sequence[Loop] | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
@@ -1205,6 +1247,7 @@ def tune_control(
     today       the controller to compare with; default: `control` itself
     box         tolerances of the plants of modelled points: the limits hold at every plant of it that is found by its
                 corners and by searches within it (`Tuned.box`); the goal is that of the models themselves
+    around      the loops around which the box lies; default: those of the modelled points
     progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
@@ -1221,7 +1264,7 @@ def tune_control(
     control = control.control if isinstance(control, Loop) else control
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
-    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress, box)
+    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress, box, around)
     chosen = law_tunables(control) if tunables is None else tuple(tunables)
     best = tuner.tuned(
         control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
@@ -1273,6 +1316,7 @@ def _tuner(
     velocity: float,
     progress: Progress | None,
     box: Box | None = None,
+    around: Sequence[Loop] | None = None,
 ) -> Tuner:
     """Check the arguments of a tuning and return its `Tuner`."""
     figure = goals().get(goal)
@@ -1296,7 +1340,7 @@ def _tuner(
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box)
+    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box, around)
     integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(

@@ -8,7 +8,7 @@ one whose resonance meets the phase at which it harms most; it is a search and n
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -209,9 +209,28 @@ class OverBox(Result):
         """The verdict in a word."""
         return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
 
+    @property
+    def covered(self) -> Text:
+        """How many plants were examined, in words."""
+        of_all = f"{self.corners[0]} of {self.corners[1]} corners"
+        return Text(f"{self.examined} plants examined, among them {of_all}")
+
     def spread(self, figure: Figure) -> Spread | None:
         """Return a figure at the model and at its worst plant; None if it was not computed."""
         return next((spread for spread in self.spreads if spread.figure == figure), None)
+
+    def record(self) -> dict[str, Any]:
+        """Return what was examined as plain numbers for JSON; None stands for what does not exist."""
+        return {
+            "box": str(self.box),
+            "parameters": self.text,
+            "verdict": self.verdict,
+            "plants_examined": self.examined,
+            "corners": {"examined": self.corners[0], "all": self.corners[1]},
+            "limit_used": self.used if np.isfinite(self.used) else None,
+            "worst_plant": self.plant,
+            "figures": {s.figure.key: {"model": s.nominal, "worst": s.worst, "plant": s.plant} for s in self.spreads},
+        }
 
     def sentence(self, limits: Limits) -> Text:
         """Return the verdict with the worst plant, as a clause."""
