@@ -47,7 +47,7 @@ from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
 from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
-from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, over_box
+from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -232,7 +232,7 @@ class Tuner:
         loops = [(name, loop) for name, loop in models if loop is not None]
         if around is not None:
             loops = [(loop.name if len(around) > 1 else "model", loop) for loop in around]
-        self.boxes = [] if box is None else [BoxPlants(box, loop, name, velocity) for name, loop in loops]
+        self.boxes = [] if box is None else [box_plants(box, loop, name, velocity) for name, loop in loops]
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         # lines that a search turns out to need are added here and stay for the following searches

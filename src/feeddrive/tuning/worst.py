@@ -6,6 +6,7 @@ increased by steps along its gradient, within the box.  This finds a worst plant
 one whose resonance meets the phase at which it harms most; it is a search and no proof.
 """
 
+import pickle
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from feeddrive.figures.figure import Figure, Limit
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.recent import Recent
 from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.box import Box, Corner
@@ -30,6 +32,7 @@ _STARTS = 3  # worst corners from which a search within the box starts
 _INSIDE = 6  # plants drawn at random from which another one starts, if they are the worst of them
 _DIFFERENCE = 0.02  # of half of a dimension: step of the differences
 _FIRST, _LEAST = 0.5, 0.05  # of half of a dimension: first and smallest step of a search
+_CORNERS, _KEPT = 128, 256  # plants whose models are kept: corners, others
 _LARGEST = 8  # steps of a search
 UNDECIDED = 2e-3  # of a limit: a violation that the lines of the examination cannot tell from none
 
@@ -43,14 +46,18 @@ class BoxPlants:
         self.inside = tuple(box.drawn(loop.axis, _INSIDE, 0))
         # the model itself comes first
         self.middle = tuple(Corner((0.0,) * len(box.dimensions(loop.axis)), late) for late in sorted({0, box.dead_time}))
-        self._coarse: dict[Corner, OperatingPoint] = {}
+        # corners are needed under every control, other plants under one
+        self._corners, self._others = Recent[OperatingPoint](_CORNERS), Recent[OperatingPoint](_KEPT)
 
     def coarse(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant, on few lines."""
-        if corner not in self._coarse:
+
+        def made() -> OperatingPoint:
             loop = self.box.plant(self.loop, corner)
-            self._coarse[corner] = modelled_point(loop, self.named(corner), velocity=self.velocity, coarse=True)
-        return self._coarse[corner]
+            return modelled_point(loop, self.named(corner), velocity=self.velocity, coarse=True)
+
+        fixed = all(abs(u) in (0.0, 1.0) for u in corner.place)
+        return (self._corners if fixed else self._others).get(corner, made)
 
     def point(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant on all lines, at which limits apply and the goal does not."""
@@ -60,6 +67,15 @@ class BoxPlants:
     def named(self, corner: Corner) -> Text:
         """Return the name of a plant: that of the operating point, and how the plant differs from the model."""
         return Text(f"{self.name}: {self.box.named(self.loop.axis, corner)}")
+
+
+_PLANTS = Recent[BoxPlants](8)
+
+
+def box_plants(box: Box, loop: Loop, name: str, velocity: float) -> BoxPlants:
+    """Return the plants of the box around the axis of a loop; those of the last boxes are kept with their models."""
+    key = box, name, velocity, float(loop.sample_time), pickle.dumps(loop.axis)
+    return _PLANTS.get(key, lambda: BoxPlants(box, loop, name, velocity))
 
 
 class Examined(NamedTuple):
@@ -167,13 +183,15 @@ def _sorted(plants: Iterable[Examined]) -> list[Examined]:
 class Spread(NamedTuple):
     """A figure of a control at the model and at the worst plant of a box.
 
-    Both are None if the loop has no such figure, for example if it is unstable; `plant` names the worst plant.
+    Both are None if the loop has no such figure, for example if it is unstable; `plant` names the worst plant, and
+    `at` is its loop under the control of the model.
     """
 
     figure: Figure
     nominal: float | None
     worst: float | None
     plant: Text
+    at: Loop | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,11 +273,17 @@ class OverBox(Result):
 
 
 def over_box(
-    control: Control, boxes: Sequence[BoxPlants], limits: Limits, *, inside: bool = True
+    control: Control,
+    boxes: Sequence[BoxPlants],
+    limits: Limits,
+    *,
+    inside: bool = True,
+    shown: Sequence[Figure] | None = None,
 ) -> tuple[OverBox, list[Examined]]:
     """Examine a control over the boxes of all operating points; return the result and all plants, the worst first.
 
     inside  False to examine the corners alone, which costs less
+    shown   the figures beside those at the model; default: those that a tuning reports
     """
     first = boxes[0]
     examination = Examination(control, float(first.loop.sample_time), limits, first.velocity)
@@ -277,12 +301,14 @@ def over_box(
         corners=counted,
         used=worst.used,
         plant=worst.name,
-        spreads=tuple(_spreads(examination, models, found)),
+        spreads=tuple(_spreads(examination, models, found, reported() if shown is None else shown)),
     )
     return result, found
 
 
-def _spreads(examination: Examination, models: Sequence[Examined], found: Sequence[Examined]) -> Iterable[Spread]:
+def _spreads(
+    examination: Examination, models: Sequence[Examined], found: Sequence[Examined], shown: Sequence[Figure]
+) -> Iterable[Spread]:
     """Yield the figures at the models and at their worst plants, both on all lines."""
     close: dict[Corner, Examined] = {}
 
@@ -292,7 +318,7 @@ def _spreads(examination: Examination, models: Sequence[Examined], found: Sequen
         return close[plant.corner]
 
     models = [closely(plant) for plant in models]
-    for figure in reported():
+    for figure in shown:
         if not figure.better:
             continue
         nominal, plant = _worst_of(figure, models), _worst_of(figure, found)
@@ -301,7 +327,8 @@ def _spreads(examination: Examination, models: Sequence[Examined], found: Sequen
         value = None if nominal is None or not np.isfinite(nominal.used) else figure.read(nominal.figures)
         if value is not None or worst is not None:
             named = Text() if plant is None else Text(f"unstable at {plant.name}") if unstable else plant.name
-            yield Spread(figure, value, worst, named)
+            at = None if plant is None else plant.plants.box.plant(plant.plants.loop, plant.corner)
+            yield Spread(figure, value, worst, named, at)
 
 
 def _worst_of(figure: Figure, plants: Sequence[Examined]) -> Examined | None:
