@@ -124,14 +124,16 @@ def _tuning(comparison: Comparison) -> Marked:
         cells: list[Cell] = [law.name, *("∞" if value is not None and math.isinf(value) else value for value in values)]
         over: list[Cell] = [] if boxed is None else _over_box(law)
         if law.kind == UNFIT:
-            rows.append([law.name, *[None] * len(_ROBUSTNESS), *over, law.reason, None, None])
+            rows.append([law.name, *[None] * len(_ROBUSTNESS), *over, law.reason, None, None, None])
         elif law.tuned is None:
-            rows.append([*cells, *over, law.held_by, None, None])
+            rows.append([*cells, *over, law.held_by, None, None, None])
         else:
             proof = Text(f"not proven: {law.unproven}") if law.unproven else "holds"
-            rows.append([*cells, *over, law.held_by, law.tuned.evaluations, proof])
+            agreed = "{} of {}".format(*law.tuned.agreed)
+            rows.append([*cells, *over, law.held_by, law.tuned.evaluations, agreed, proof])
     beside = [] if boxed is None else [SENSITIVITY_PEAK.column("Ms at worst"), "over the box", "worst plant"]
-    columns = ["law", *(figure.column() for figure in _ROBUSTNESS), *beside, "held back by", "loops judged", "proof"]
+    columns = ["law", *(figure.column() for figure in _ROBUSTNESS), *beside, "held back by", "loops judged"]
+    columns += ["searches within 5 %", "proof"]
     title = Text(
         f"Robustness: {comparison.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
         "run of the loop with its friction, counts and limits, all computed independently of the search."

@@ -146,6 +146,7 @@ class Competitor:
             row["tunables"] = {f"{control}.{name}": value for name, value in tuned.tunables.items()}
             row["held"] = [bound if isinstance(bound, str) else bound.sentence() for bound in tuned.held]
             row |= {"spread": tuned.spread, "loops_judged": tuned.evaluations}
+            row["searches"] = {"within_5_percent": tuned.agreed[0], "all": tuned.agreed[1]}
         if self.box is not None:
             row["box"] = self.box.record()
             row["worst"] = {key: plain(value) for key, value in self.worst.items()}

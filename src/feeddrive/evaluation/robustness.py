@@ -143,6 +143,7 @@ class Design:
     refused    the reason if no design was found; otherwise empty
     figures    figures by key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
+    agreed     number of searches that ended within 5 % of the best one of their tuning, and of all
     held       the active constraints, as sentences; `bounds` contains them as values
     """
 
@@ -162,6 +163,7 @@ class Design:
     started: Mapping[str, float] = field(default_factory=dict[str, float])
     bounds: tuple[HeldBack, ...] = ()
     advice: tuple[str, ...] = ()
+    agreed: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(cls, law: str, outcome: Tuned | Refusal, rule: Rule) -> Self:
@@ -181,6 +183,7 @@ class Design:
             started=outcome.started,
             bounds=outcome.held,
             advice=outcome.advice,
+            agreed=outcome.agreed,
         )
 
     def record(self) -> dict[str, Any]:
@@ -202,6 +205,7 @@ class Design:
         values["tunables"] = {name: float.fromhex(value) for name, value in record["tunables"].items()}
         values["bounds"] = tuple(HeldBack(**bound) for bound in record.get("bounds", ()))
         values |= {name: tuple(record.get(name, ())) for name in ("held", "advice")}
+        values["agreed"] = tuple(record.get("agreed", (0, 0)))
         return cls(**values)
 
     def control(self, candidate: Candidate) -> Control:
@@ -287,6 +291,7 @@ class Tuning(Case["Tuned | Refusal"]):
             evaluations=design.evaluations,
             spread=design.spread,
             unsettled=design.unsettled,
+            agreed=design.agreed,
             recipe="",
         )
 
@@ -330,6 +335,7 @@ class Tuning(Case["Tuned | Refusal"]):
             tunings[int(np.argmin(goals))],
             spread=spread,
             evaluations=sum(tuned.evaluations for tuned in tunings),
+            agreed=(sum(tuned.agreed[0] for tuned in tunings), sum(tuned.agreed[1] for tuned in tunings)),
             unsettled=unsettled,
         )
 

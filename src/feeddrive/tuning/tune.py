@@ -156,6 +156,7 @@ def scattered(
     return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
 
 
+_AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
 _ROUNDS = 12  # rounds in which plants of a box join
 _JOIN = 2  # plants that join in a round
 _PLENTY = 0.03  # of a logarithm: plants of a box at which every limit has more slack are left out of a search
@@ -192,6 +193,7 @@ class Best(NamedTuple):
     spread     relative difference of the goal between the worst and the best search
     unsettled  reason why the result is not confirmed; empty if it is
     box        lower and upper ends of the search ranges, as logarithms
+    agreed     number of searches that ended within 5 % of the best one, itself included, and of all searches
     """
 
     control: Control
@@ -203,6 +205,7 @@ class Best(NamedTuple):
     spread: float
     unsettled: str
     box: tuple[np.ndarray, np.ndarray]
+    agreed: tuple[int, int] = (0, 0)
 
 
 class Tuner:
@@ -302,8 +305,11 @@ class Tuner:
             if search.judge(x) is None:
                 x = self._begin(search, x, speeds(control, names))
             end = search.descend(x)
-            search.penalty = PENALTY
             x = end.x
+            # more plants do not help where the limits contradict each other at those that have joined
+            if self.joined and search.broken(end.judged) > _AT_ODDS:
+                break
+            search.penalty = PENALTY
             at = tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True)))
             at = replace(at, law=at.law.at_one_rate()) if rough else at
             examination = Examination(at, self.points[0].sample_time, self.limits, self.velocity)
@@ -339,7 +345,7 @@ class Tuner:
                 x = self._begin(search, best.end.x, speeds(best.control, best.names))
             end = self._on_all_lines(best.control, best.names, search, search.descend(x))
             self.evaluations += search.criteria.count
-            if search.broken(end.judged) > 5e-3:
+            if search.broken(end.judged) > _AT_ODDS:
                 self._refuse(search, end)
             best = best._replace(end=end, criteria=search.criteria)
         if joining and examined.holds:
@@ -372,6 +378,8 @@ class Tuner:
         # another search may have ended where other plants are the worst
         if self.boxes:
             end = search.descend(self._over_corners(search, control, names, end.x))
+        merits = [search.merit(other.judged) for other in ends]
+        agreed = sum(merit < min(merits) + AGREE for merit in merits), len(ends)
         costs = [float(np.max(other.judged.goal)) for other in ends]
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
@@ -401,7 +409,7 @@ class Tuner:
             search.sure = sure
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         # a missing band explains more than conflicting limits, so it is checked before the refusal
-        if search.broken(end.judged) > 5e-3:
+        if search.broken(end.judged) > _AT_ODDS:
             require_covered(self.on_all_lines(control, names).answers(end.x))
             if trial:
                 raise UnstableError(f"no setting was found that keeps {self.limits.sentence()}")
@@ -413,7 +421,8 @@ class Tuner:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
         spread = max(costs) - min(costs)
-        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
+        ranges = search.low, search.high
+        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, ranges, agreed)
 
     def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
         """Continue a search made with the single-rate law, using the multirate law itself."""
@@ -726,7 +735,7 @@ class Tuner:
                 continue
             gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
             if flat:
-                best = other if gained > 0.0 else best
+                best = other._replace(agreed=best.agreed) if gained > 0.0 else best
                 tried.append(Text(f"at {Quantity(frequency, 'Hz')}: ends flat, not taken"))
             elif gained > _PAYS:
                 ended = float(np.exp(other.end.x[len(best.names)]))
@@ -736,7 +745,7 @@ class Tuner:
                         f"{Quantity(gained, 'share'):2}, taken"
                     )
                 )
-                best = other
+                best = other._replace(agreed=best.agreed)
             else:
                 tried.append(
                     Text(
@@ -883,6 +892,7 @@ class Tuned(Result):
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the controller, if there was no search
+    agreed            number of searches that ended within 5 % of the best one, and of all; (0, 0) without a search
     box, box_before   the new and the present controller over the box of plants; None without a box
     cascade_before    velocity and position loop of the present controller separately; None if it is not a P-PI
                       controller
@@ -911,6 +921,7 @@ class Tuned(Result):
     cascade_before: CascadeLoops | None = None
     cascade: CascadeLoops | None = None
     recipe: str = ""
+    agreed: tuple[int, int] = (0, 0)
     box: OverBox | None = None
     box_before: OverBox | None = None
 
@@ -1409,6 +1420,7 @@ def result(
         cascade_before=cascades[0],
         cascade=cascades[1],
         recipe=recipe,
+        agreed=best.agreed,
         box=box,
         box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if box is not None and before else None,
     )

@@ -60,6 +60,10 @@ class CompareRequest(EvaluationRequest):
     take: str | None = option("A law with whose control the machine file is written too, as taken.toml", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
+    def check(self) -> None:
+        """Raise ParameterError for a box that cannot be read."""
+        Box.parse(self.box)
+
     def usual_out(self) -> Path:
         return Path("results") / f"compare_{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
 

@@ -377,7 +377,10 @@ def _tuned(
         "Loops judged": str(tuned.evaluations),
         "Searches": "none, a rule"
         if tuned.recipe
-        else Text(f"{request.starts}, their ends {Quantity(tuned.spread, 'share'):2} apart"),
+        else Text(
+            f"{tuned.agreed[1]}, of which {tuned.agreed[0]} end within 5 % of the best; seed {request.seed}, all ends "
+            f"{Quantity(tuned.spread, 'share'):2} apart"
+        ),
         "Again": request.command_line("tune"),
         "In Python": request.python("tune"),
     }
