@@ -160,12 +160,14 @@ def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarr
     """Return the response of a law to both readings, (draws, 2, lines)."""
     A, B, c, d = law
     z = np.exp(2j * np.pi * f.ravel() * T)
-    x = np.linalg.solve(z[:, None, None] * np.eye(A.shape[0]) - A, np.broadcast_to(B, (z.size, *B.shape)).astype(complex))
+    x = np.linalg.solve(
+        z[:, None, None] * np.eye(A.shape[0]) - A, np.broadcast_to(B, (z.size, *B.shape)).astype(complex)
+    )
     return (np.einsum("n,lnr->rl", c, x) + d[:, None]).reshape(2, *f.shape).transpose(1, 0, 2)
 
 
 def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the largest |z| of the closed loop of every plant, without states of the law that never reach the force."""
+    """Return the largest |z| of the closed loop of every plant, without states that never reach the force."""
     A, B, c, d = law
     live = c != 0.0
     while True:

@@ -1,4 +1,5 @@
-"""A comparison over a box: every law keeps the rule there, worst figures stand beside those of the model, and only what holds is ranked."""
+"""A comparison over a box: every law keeps the rule there, worst figures stand beside those of the model, and only what
+holds is ranked."""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ def test_every_law_tunes_a_notch_and_a_low_pass(found: Comparison) -> None:
 def test_tables_show_both(found: Comparison) -> None:
     text = str(found)
     assert text.count("  at worst") == 2
-    report = str([section for section in comparison_report(found).sections])
+    report = str(list(comparison_report(found).sections))
     assert "at the model, then at the worst plant of the box" in report
     assert "Ms at worst" in report
     row = summary(found)["laws"][PLAIN]
@@ -112,7 +113,9 @@ def test_only_what_holds_is_ranked(used: float, kind: str, monkeypatch: pytest.M
 def test_a_loop_that_is_unstable_in_the_box_has_no_worst_runs() -> None:
     loop = read_machine("linear_motor").loop("x")
     law = replace(loop.control.law, Kp=90_000.0)
-    case = judged(replace(loop, control=replace(loop.control, law=law)), Rule(9.0, 0.1, 1.05, 0.1, 1, box=Box(0.0, 0.5, 3)))
+    case = judged(
+        replace(loop, control=replace(loop.control, law=law)), Rule(9.0, 0.1, 1.05, 0.1, 1, box=Box(0.0, 0.5, 3))
+    )
     row = case.outcome(Progress())
     assert row.kind == OUTSIDE
     assert "over the box unstable at x: mass -50 %" in row.unplaced

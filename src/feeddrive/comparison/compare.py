@@ -9,7 +9,17 @@ from typing import Any
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.evaluation.competitor import OUTSIDE, REFUSED, UNDECIDED, UNFIT, UNSETTLED, AtWork, Competitor, Place, Plant
+from feeddrive.evaluation.competitor import (
+    OUTSIDE,
+    REFUSED,
+    UNDECIDED,
+    UNFIT,
+    UNSETTLED,
+    AtWork,
+    Competitor,
+    Place,
+    Plant,
+)
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.lineup import Lineup, Trial, judged

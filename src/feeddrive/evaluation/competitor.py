@@ -235,9 +235,7 @@ class AtWork(Case[Competitor]):
         worst_figures = {} if box is None else self._worst_over(box, rows[0])
         # the longest remark is that of a run in which the guard tripped, if any
         remark = max((row.remark for row in rows), key=len)
-        return replace(
-            rows[0], figures=figures, remark=remark, unplaced=unplaced, box=box, worst=worst_figures
-        )
+        return replace(rows[0], figures=figures, remark=remark, unplaced=unplaced, box=box, worst=worst_figures)
 
     def _over_box(self, loop: Loop) -> OverBox | None:
         """Return the law over the box of the rule; None if the rule has no box."""

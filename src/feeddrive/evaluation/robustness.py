@@ -281,9 +281,7 @@ class Tuning(Case["Tuned | Refusal"]):
         progress.step("as it was kept")
         control, limits = design.control(self.candidate), self.rule.limits()
         return replace(
-            assess(
-                control, self.points, rule="kept", limits=limits, velocity=self.rule.velocity, box=self.rule.box
-            ),
+            assess(control, self.points, rule="kept", limits=limits, velocity=self.rule.velocity, box=self.rule.box),
             tunables=dict(design.tunables),
             started=dict(design.started),
             held=design.bounds,

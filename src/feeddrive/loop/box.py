@@ -9,7 +9,6 @@ from typing import Self
 import numpy as np
 
 from feeddrive.language import tree
-from feeddrive.language.block import declarations
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined

@@ -36,7 +36,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number, span, unit_name
 from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
-from feeddrive.loop.box import Box
+from feeddrive.loop.box import Box as Tolerances
 from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
 from feeddrive.plot import style
@@ -398,7 +398,7 @@ def tune_robust(
     fresh: int | None = None,
     starts: int = 2,
     seed: int = 0,
-    box: Box | None = None,
+    box: Tolerances | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Robust:
@@ -451,7 +451,7 @@ class RobustTuner:
         fresh: int | None = None,
         starts: int = 2,
         seed: int = 0,
-        box: Box | None = None,
+        box: Tolerances | None = None,
         workers: int | None = None,
         progress: Progress | None = None,
     ) -> None:

@@ -291,7 +291,14 @@ class Tuner:
         return new[:_JOIN]
 
     def _over_corners(
-        self, search: Search, control: Control, names: tuple[str, ...], x: np.ndarray, *, rough: bool = False, prune: bool = False
+        self,
+        search: Search,
+        control: Control,
+        names: tuple[str, ...],
+        x: np.ndarray,
+        *,
+        rough: bool = False,
+        prune: bool = False,
     ) -> np.ndarray:
         """Search from x until no corner of the box exceeds a limit; the worst corners join after each search.
 
@@ -1351,7 +1358,9 @@ def _tuner(
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box, around)
+    tuner = Tuner(
+        operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box, around
+    )
     integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(

@@ -1,8 +1,8 @@
 """The worst plants of a box under a control: its corners, and points within it that a search finds.
 
 A limit holds over a box if no plant of it violates the limit.  The corners come first: for most loops one of them is
-the worst.  From the worst corners and from the worst of some plants drawn at random the utilization of the limits is then
-increased by steps along its gradient, within the box.  This finds a worst plant between the corners too, such as
+the worst.  From the worst corners and from the worst of some plants drawn at random the utilization of the limits is
+then increased by steps along its gradient, within the box.  This finds a worst plant between the corners too, such as
 one whose resonance meets the phase at which it harms most; it is a search and no proof.
 """
 
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.figures.figure import Figure, Limit
+from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import ROPE_SNAP
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
@@ -45,7 +45,9 @@ class BoxPlants:
         self.corners = tuple(box.corners(loop.axis))
         self.inside = tuple(box.drawn(loop.axis, _INSIDE, 0))
         # the model itself comes first
-        self.middle = tuple(Corner((0.0,) * len(box.dimensions(loop.axis)), late) for late in sorted({0, box.dead_time}))
+        self.middle = tuple(
+            Corner((0.0,) * len(box.dimensions(loop.axis)), late) for late in sorted({0, box.dead_time})
+        )
         # corners are needed under every control, other plants under one
         self._corners, self._others = Recent[OperatingPoint](_CORNERS), Recent[OperatingPoint](_KEPT)
 
@@ -291,8 +293,9 @@ def over_box(
     found = _sorted([plant for plants in boxes for plant in examined(plants)])
     models = [plant for plants in boxes for plant in examination.at(plants, plants.middle[:1])]
     worst = found[0]
-    counted = sum(len(plants.corners) for plants in boxes), sum(
-        plants.box.all_corners(plants.loop.axis) for plants in boxes
+    counted = (
+        sum(len(plants.corners) for plants in boxes),
+        sum(plants.box.all_corners(plants.loop.axis) for plants in boxes),
     )
     result = OverBox(
         box=first.box,

@@ -137,8 +137,8 @@ class Field:
 
 
 BOX = (
-    "tolerances of the plant within which the limits hold: stiffness=0.2,mass=0.3,dead_time=1sample (that is standard), "
-    "or none"
+    "tolerances of the plant within which the limits hold: stiffness=0.2,mass=0.3,dead_time=1sample (that is "
+    "standard), or none"
 )
 """The meaning of the option `--box` of all commands that have it; its text is read by `Box.parse`."""
 

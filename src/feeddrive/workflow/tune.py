@@ -66,8 +66,8 @@ _ALONE = {
 
 
 NO_MODEL = (
-    "the box needs a model of the plant, and here are measured responses only: the limits hold for the responses at all "
-    "places, with their noise; give more places with --at, or a machine whose plant agrees with them with --baseline"
+    "the box needs a model of the plant, and here are measured responses only: the limits hold for the responses at "
+    "all places, with their noise; give more places with --at, or a machine whose plant agrees with --baseline"
 )
 
 
