@@ -26,7 +26,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 LINES, BESIDE = 320, np.linspace(-4.0, 4.0, 17)
-ZOOMS, POINTS = 5, 15
+ZOOMS, POINTS = 4, 9
 
 
 @dataclass(frozen=True)
@@ -111,17 +111,35 @@ def held(chain: Chain, late: np.ndarray, loop: Loop) -> Held:
     return Held(A, second[:, :size, size], B1 if part > 1e-12 else 0.0 * B1, C, m + late)
 
 
-def response(plants: Held, which: np.ndarray, f: np.ndarray, T: float) -> np.ndarray:
-    """Return the responses of both readings of plants `which`, (draws, 2, lines), on lines f, (draws, lines)."""
-    z = np.exp(2j * np.pi * f * T)
-    out = np.empty((which.size, 2, f.shape[1]), complex)
-    for block in np.array_split(np.arange(which.size), max(1, which.size * f.shape[1] // 300_000)):
-        A, k = plants.A[which[block]], z[block]
-        n = A.shape[1]
-        right = plants.B0[which[block], None] + plants.B1[which[block], None] / k[:, :, None]
-        x = np.linalg.solve(k[:, :, None, None] * np.eye(n) - A[:, None], right[..., None].astype(complex))[..., 0]
-        out[block] = np.einsum("rn,dln->drl", plants.C, x) * (k ** -plants.late[which[block], None])[:, None]
-    return out
+class Modes:
+    """The responses of held plants as sums over their modes, C v w B/(z - λ), checked against solved systems."""
+
+    def __init__(self, plants: Held, T: float) -> None:
+        self.plants, self.T = plants, T
+        self.poles, V = np.linalg.eig(plants.A)
+        right = np.stack([plants.B0, plants.B1], axis=2).astype(complex)
+        self.outputs, self.inputs = plants.C @ V, np.linalg.solve(V, right)
+        every = slice(0, None, max(1, self.poles.shape[0] // 50))
+        f = np.array([1e-3, 0.05, 0.3])[None] / T
+        z, n = np.exp(2j * np.pi * f[0] * T), plants.A.shape[1]
+        for A, B0, B1, late, values in zip(
+            *(part[every] for part in (plants.A, plants.B0, plants.B1, plants.late, self.at(np.tile(f, (len(V), 1))))),
+            strict=True,
+        ):
+            solved = [plants.C @ np.linalg.solve(x * np.eye(n) - A, B0 + B1 / x) * x**-late for x in z]
+            # against the larger of both readings: far above all modes the table hardly moves
+            size = np.max(np.abs(solved), axis=1)
+            assert np.all(np.abs(values - np.array(solved).T) < 1e-6 * size)
+
+    def at(self, f: np.ndarray) -> np.ndarray:
+        """Return the responses of both readings, (draws, 2, lines), on lines f, (draws, lines)."""
+        z = np.exp(2j * np.pi * f * self.T)
+        out = np.zeros((f.shape[0], 2, f.shape[1]), complex)
+        for i in range(self.poles.shape[1]):
+            # the command acts at once, and the rest of it a sample later
+            driven = self.inputs[:, i, 0, None] + self.inputs[:, i, 1, None] / z
+            out += self.outputs[:, :, i, None] * (driven / (z - self.poles[:, i, None]))[:, None]
+        return out * (z ** -self.plants.late[:, None])[:, None]
 
 
 def linear_law(control: Control, T: float, velocity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -202,39 +220,41 @@ class Drawn:
 
 
 class Draws:
-    """Plants that are drawn once for all laws, with their responses on lines that are dense at their resonances."""
+    """Plants that are drawn once for all laws: lines that all share, and lines of each that are dense at its modes."""
 
     def __init__(self, loop: Loop, box: Box, count: int = 10_000, seed: int = 1) -> None:
         self.loop, self.T = loop, float(loop.sample_time)
         self.plants = held(*drawn(loop, box, count, seed), loop)
+        self.modes = Modes(self.plants, self.T)
         nyquist = 0.5 / self.T
-        base = np.geomspace(3e-5 * nyquist, nyquist * (1.0 - 1e-9), LINES)
-        s = np.log(np.linalg.eigvals(self.plants.A) + 0j) / self.T
-        s = np.where((s.imag > 1.0) & (np.abs(s.real) < s.imag), s, 2j * np.pi * base[LINES // 2])
-        near = (s.imag[..., None] + np.abs(s.real)[..., None] * BESIDE).reshape(count, -1) / (2.0 * np.pi)
-        lines = np.concatenate([np.tile(base, (count, 1)), near], axis=1)
-        self.lines = np.sort(np.clip(lines, base[0], base[-1]), axis=1)
-        self.response = response(self.plants, np.arange(count), self.lines, self.T)
+        self.base = np.geomspace(3e-5 * nyquist, nyquist * (1.0 - 1e-9), LINES)
+        # of each pair of poles one; sorted, so that the modes of all draws have their columns
+        pairs = self.plants.A.shape[1] // 2
+        order = np.argsort(-np.log(self.modes.poles + 0j).imag, axis=1)[:, :pairs]
+        poles = np.log(np.take_along_axis(self.modes.poles, order, axis=1) + 0j) / self.T
+        near = (np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * BESIDE).reshape(count, -1)
+        self.near = np.clip(near / (2.0 * np.pi), self.base[0], self.base[-1])
+        self.lines = np.concatenate([np.tile(self.base, (count, 1)), self.near], axis=1)
+        self.order = np.argsort(self.lines, axis=1)
+        self.response = self.modes.at(self.lines)
 
     def under(self, control: Control, velocity: float = 0.05) -> Drawn:
         """Return the worst of the draws under a control."""
-        law = linear_law(control, self.T, velocity)
-        peaks = self._sensitivity(law, self.lines, self.response)
-        at = np.argmax(peaks, axis=1)
-        low = self.lines[np.arange(at.size), np.maximum(at - 1, 0)]
-        high = self.lines[np.arange(at.size), np.minimum(at + 1, self.lines.shape[1] - 1)]
-        best, every = np.max(peaks, axis=1), np.arange(at.size)
+        law, count = linear_law(control, self.T, velocity), self.lines.shape[0]
+        shared = np.broadcast_to(law_response(law, self.base[None], self.T), (count, 2, LINES))
+        own = np.concatenate([shared, law_response(law, self.near, self.T)], axis=2)
+        peaks = 1.0 / np.abs(1.0 - np.einsum("drl,drl->dl", own, self.response))
+        lines, peaks = (np.take_along_axis(part, self.order, axis=1) for part in (self.lines, peaks))
+        at, every = np.argmax(peaks, axis=1), np.arange(count)
+        low, high = lines[every, np.maximum(at - 1, 0)], lines[every, np.minimum(at + 1, lines.shape[1] - 1)]
+        best = np.max(peaks, axis=1)
         for _ in range(ZOOMS):
             f = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, POINTS)
-            fine = self._sensitivity(law, f, response(self.plants, every, f, self.T))
+            fine = 1.0 / np.abs(1.0 - np.einsum("drl,drl->dl", law_response(law, f, self.T), self.modes.at(f)))
             k = np.argmax(fine, axis=1)
             best = np.maximum(best, np.max(fine, axis=1))
             low, high = f[every, np.maximum(k - 1, 0)], f[every, np.minimum(k + 1, POINTS - 1)]
         return Drawn(float(np.max(best)), int(np.argmax(best)), float(np.max(closed_eigenvalues(self.plants, law))))
-
-    def _sensitivity(self, law: Sequence[np.ndarray], f: np.ndarray, plants: np.ndarray) -> np.ndarray:
-        L = -np.einsum("drl,drl->dl", law_response(law, f, self.T), plants)
-        return 1.0 / np.abs(1.0 + L)
 
 
 def main() -> None:
