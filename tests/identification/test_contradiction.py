@@ -133,11 +133,36 @@ def test_of_two_masses_that_contradict_each_other_the_one_is_taken_that_leaves_l
     log, how = pushed(0.0), Preparation()
     rigid, right = identify_rigid(log, friction="symmetric"), refine(loop(), log, delays=[0])
     remarks: list[str] = []
-    assert better(log, rigid, right, how, remarks) is right
+    assert better(log, rigid, right, how, remarks) == (rigid, right)
     assert not remarks
     heavy = tree.vary(right.loop, {"axis.x.plant.mass": 1.1 * MASS})
     wrong = refine(heavy, log, ["axis.x.friction_load.coulomb"], delays=[0])
     mass = replace(right["mass"], value=1.1 * MASS)
-    assert better(log, rigid, replace(wrong, estimates=(mass,)), how, remarks) is None
+    taken, none = better(log, rigid, replace(wrong, estimates=(mass,)), how, remarks)
+    assert none is None
     assert "they contradict each other" in remarks[0]
     assert "the inverse dynamics, which leave less, are taken" in remarks[0]
+    # neither model can be whole, so that its error holds the difference, here many errors of both
+    apart = abs(mass.value - rigid["mass"].value)
+    assert taken["mass"].value == rigid["mass"].value
+    assert taken["mass"].error == pytest.approx(apart, rel=0.05)
+    assert taken["coulomb"].error == rigid["coulomb"].error
+
+
+def test_a_closed_loop_that_leaves_less_force_than_the_inverse_dynamics_has_their_difference_in_its_error() -> None:
+    from feeddrive.identification.motion.identify import better
+    from feeddrive.identification.motion.motion_log import Preparation
+    from feeddrive.identification.motion.rigid import identify_rigid
+
+    log = pushed(0.0)
+    rigid, right = identify_rigid(log, friction="symmetric"), refine(loop(), log, delays=[0])
+    poor = replace(rigid.residuals, values=rigid.residuals.measured)
+    light = tuple(replace(one, value=0.9 * one.value) if one.name == "mass" else one for one in rigid.estimates)
+    rigid_wrong = replace(rigid, estimates=light, residuals=poor)
+    remarks: list[str] = []
+    same, taken = better(log, rigid_wrong, right, Preparation(), remarks)
+    assert same is rigid_wrong
+    assert taken is not None
+    assert "the closed loop, which leaves less, is taken" in remarks[0]
+    assert taken["mass"].value == right["mass"].value
+    assert taken["mass"].error == pytest.approx(abs(right["mass"].value - light[0].value), rel=0.05)

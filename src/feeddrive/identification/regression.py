@@ -108,6 +108,18 @@ class Estimate:
         """The 95 % confidence interval, if the model is valid."""
         return self.value - NORMAL * self.error, self.value + NORMAL * self.error
 
+    def beside(self, other: Self) -> Self:
+        """Return the estimate with its error increased by its disagreement with another one from the same log.
+
+            error² + max(0, d² - |error² - error_other²|),   d the difference of the two values
+
+        If the model is correct, the variance of the difference between two fits to the same log is the difference of
+        their variances; any excess is due to model error.
+        Source: Hausman 1978.
+        """
+        beyond = (self.value - other.value) ** 2 - abs(self.error**2 - other.error**2)
+        return replace(self, error=math.sqrt(self.error**2 + max(0.0, beyond)))
+
     def at_table(self, lever: float) -> Self:
         """Return an estimate in shaft units referred to the table."""
         factor = lever ** power(self.unit)

@@ -19,7 +19,15 @@ from feeddrive.identification.motion.control_law import LawCheck
 from feeddrive.identification.motion.identify_law import ControlFit, identify_control
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
 from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
-from feeddrive.identification.motion.rigid import MORE_RAMPS, SURE_MASS, DelayFit, RigidFit, find_delay, identify_rigid
+from feeddrive.identification.motion.rigid import (
+    MORE_RAMPS,
+    SURE_MASS,
+    DelayFit,
+    RigidFit,
+    beside,
+    find_delay,
+    identify_rigid,
+)
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
 from feeddrive.language import tree
@@ -207,12 +215,15 @@ def agreed(
     return other if first else fit
 
 
-def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]) -> Refinement | None:
-    """Return the output-error fit, or None if its mass contradicts the inverse dynamics, which fit the log better.
+def better(
+    log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, remarks: list[str]
+) -> tuple[RigidFit, Refinement | None]:
+    """Return both fits, or None for the output-error fit if the inverse dynamics are to be taken.
 
-    The result is also None if the relative error of the mass of the closed loop exceeds `SURE_MASS` and its error is
-    more than `SURER` times that of the inverse dynamics. The force residuals of both are compared in the rows of the
-    inverse dynamics. The masses contradict each other if they differ by more than three joint standard errors.
+    They are taken if the relative error of the mass of the closed loop exceeds `SURE_MASS` and its error is more than
+    `SURER` times that of the inverse dynamics, or if the masses contradict each other and the inverse dynamics leave
+    less of the force in their rows. Masses contradict each other if they differ by more than three joint standard
+    errors: whichever is taken, the model lacks something, so that the difference is part of its error (`beside`).
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
@@ -223,9 +234,9 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
                 f"dynamics {rigid_mass.quantity}: these, which are surer of it, are taken"
             )
         )
-        return None
+        return rigid, None
     if mass is None or abs(mass.value - rigid_mass.value) < control_law.SURE * math.hypot(mass.error, rigid_mass.error):
-        return fit
+        return rigid, fit
     rows = prepare(log, how)
     residual = log.force - fit.replay.run["force"][: log.force.size]
     left = float(np.linalg.norm(rows.force_with(residual, how.delay)) / np.linalg.norm(rows.force))
@@ -237,10 +248,13 @@ def better(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation, r
             f"{Quantity(mass.value, rigid_mass.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
             "contradict each other, as where a force acts that the model lacks; the "
             f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
-            f"{'are' if first else 'is'} taken"
+            f"{'are' if first else 'is'} taken, with the difference in the error of its mass"
         )
     )
-    return None if first else fit
+    if first:
+        return beside(rigid, [replace(mass, name=rigid_mass.name)]), None
+    wider = (one.beside(rigid_mass) if one is mass else one for one in fit.estimates)
+    return rigid, replace(fit, estimates=tuple(wider))
 
 
 def with_counts(log: MotionLog, rigid: RigidFit, fit: Refinement, how: Preparation) -> RigidFit:
@@ -486,7 +500,7 @@ def identify_motion(
     elif refinement is not None:
         late = refinement.delay
     if refinement is not None:
-        refinement = better(log, rigid, refinement, rigid.how, remarks)
+        rigid, refinement = better(log, rigid, refinement, rigid.how, remarks)
     if refinement is not None and (rigid.left > POOR or rigid.changed):
         rigid = with_counts(log, rigid, refinement, rigid.how)
     if refinement is None and loop is not None and start is not None:

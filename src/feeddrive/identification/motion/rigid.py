@@ -1,6 +1,6 @@
 """Identification of a rigid drive with friction by inverse dynamics, and of the dead time of its force."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -303,8 +303,8 @@ def identify_rigid(
         return fits[0]
     usual, finer = fits
     if _doubt(usual) > SURE_MASS and _doubt(finer) < _doubt(usual):
-        return _contradicted(finer, usual)
-    return _contradicted(usual, finer)
+        return beside(finer, usual.estimates)
+    return beside(usual, finer.estimates)
 
 
 def _moving(log: MotionLog, how: Preparation) -> Prepared:
@@ -317,23 +317,11 @@ def _doubt(fit: RigidFit) -> float:
     return fit["mass"].error / fit["mass"].value
 
 
-def _contradicted(fit: RigidFit, other: RigidFit) -> RigidFit:
-    """Return a fit with errors increased by its disagreement with a fit to other rows of the same log.
-
-        error² + max(0, d² - |error² - error_other²|),   d the difference of the two values
-
-    If the model is correct, the variance of the difference between the two fits is the difference of their variances;
-    any excess is due to model error.
-    Source: Hausman 1978.
-    """
-    wider = np.ones(len(fit.estimates))
-    others = {estimate.name: estimate for estimate in other.estimates}
-    for k, one in enumerate(fit.estimates):
-        if (second := others.get(one.name)) is None or not one.error:
-            continue
-        beyond = (one.value - second.value) ** 2 - abs(one.error**2 - second.error**2)
-        wider[k] = np.sqrt(1.0 + max(0.0, beyond) / one.error**2)
-    estimates = tuple(replace(one, error=one.error * w) for one, w in zip(fit.estimates, wider.tolist(), strict=True))
+def beside(fit: RigidFit, others: Iterable[Estimate]) -> RigidFit:
+    """Return a fit with errors increased by its disagreement with other estimates from the same log, by their names."""
+    named = {estimate.name: estimate for estimate in others}
+    estimates = tuple(one.beside(named[one.name]) if one.name in named else one for one in fit.estimates)
+    wider = [after.error / one.error if one.error else 1.0 for one, after in zip(fit.estimates, estimates, strict=True)]
     return replace(fit, estimates=estimates, covariance=fit.covariance * np.outer(wider, wider))
 
 
