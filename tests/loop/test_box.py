@@ -125,6 +125,13 @@ def test_all_corners_up_to_64_and_of_more_those_around_the_blocks(screw: Loop) -
     assert {Corner(block, late) for block in blocks for late in (0, 1)} <= set(many)
 
 
+def test_the_middle_of_every_edge_is_examined(screw: Loop) -> None:
+    """Five parameters have 5 · 2⁴ edges, at both dead times."""
+    edges = list(Box().edges(screw.axis))
+    assert len(set(edges)) == len(edges) == 160
+    assert all(sorted(map(abs, edge.place)) == [0.0, 1.0, 1.0, 1.0, 1.0] for edge in edges)
+
+
 def test_draws_fill_the_box(screw: Loop) -> None:
     corners = list(Box().drawn(screw.axis, 400, 3))
     places = np.array([corner.place for corner in corners])

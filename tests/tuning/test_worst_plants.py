@@ -93,6 +93,20 @@ def test_a_worst_plant_between_the_corners_is_found(table: Loop) -> None:
     assert found.used >= corners.used
 
 
+def test_a_limit_that_is_used_up_everywhere_hides_no_other(table: Loop) -> None:
+    """Ms between the corners is found as well beside a bound of the compliance that each plant exceeds more."""
+    law = replace(table.control.law, Kv=150.0, Kp=37_240.0, Tn=0.0485)
+    loop = replace(table, control=replace(table.control, law=law))
+    plants, key = box_plants(Box(0.0, 0.3, 1), loop, "model", 0.05), SENSITIVITY_PEAK.key
+    most = [
+        max(
+            plant.of(key) for plant in Examination(loop.control, float(loop.sample_time), limits, 0.05).searched(plants)
+        )
+        for limits in (Limits(), Limits(compliance_peak_m_per_N=0.05e-6))
+    ]
+    assert most[1] == pytest.approx(most[0], rel=1e-6)
+
+
 def test_limits_hold_over_the_box(held: Tuned, motor: Loop, draws: ModuleType) -> None:
     assert held.box is not None
     assert held.box.holds is True

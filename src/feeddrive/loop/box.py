@@ -20,6 +20,7 @@ from feeddrive.loop.loop import Loop
 _MASS = {"kg": 1.0, "kg m2": 1.0}
 _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
+_EDGES = 256  # largest number of edges whose middles are examined
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Box:
     def __post_init__(self) -> None:
         for name in ("stiffness", "mass"):
             value = getattr(self, name)
-            if not (isinstance(value, int | float) and 0.0 <= value < 1.0):
+            if not 0.0 <= value < 1.0:
                 raise ParameterError(f"box: {name} = {value} must be a share >= 0 and < 1, such as 0.2 for ±20 %")
         if not (isinstance(self.dead_time, int) and 0 <= self.dead_time <= 100):
             raise ParameterError(
@@ -187,6 +188,15 @@ class Box:
         for late, place in product(lates, places):
             yield Corner(place, late)
 
+    def edges(self, axis: Axis) -> Iterator[Corner]:
+        """Yield the middles of the edges between the corners of `corners`, at most 256."""
+        middles = (
+            Corner((*corner.place[:i], 0.0, *corner.place[i + 1 :]), corner.late)
+            for corner in self.corners(axis)
+            for i in range(len(corner.place))
+        )
+        yield from list(dict.fromkeys(middles))[:_EDGES]
+
     def all_corners(self, axis: Axis) -> int:
         """Return the number of corners of the box of an axis."""
         return 2 ** len(self.dimensions(axis)) * (2 if self.dead_time else 1)
@@ -203,12 +213,17 @@ class Box:
         return joined(", ", parts) or Text("the model")
 
     def drawn(self, axis: Axis, count: int, seed: int) -> Iterator[Corner]:
-        """Yield plants drawn at random from all of the box, each dimension evenly and independently."""
+        """Yield plants drawn at random: evenly from all of the box, every other one with some parameters at an end.
+
+        Of these each parameter is at an end with probability 1/2, since the worst plants lie on edges more often.
+        """
         random = np.random.default_rng(seed)
         n = len(self.dimensions(axis))
-        for _ in range(count):
-            place = tuple(random.uniform(-1.0, 1.0, n).tolist())
-            yield Corner(place, int(random.integers(0, self.dead_time + 1)))
+        for i in range(count):
+            place = random.uniform(-1.0, 1.0, n)
+            at_end = (random.random(n) < 0.5) & (i % 2 == 1)
+            place = np.where(at_end, np.sign(place), place)
+            yield Corner(tuple(place.tolist()), int(random.integers(0, self.dead_time + 1)))
 
 
 def _signed(axis: Axis, path: str) -> bool:

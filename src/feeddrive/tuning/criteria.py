@@ -204,7 +204,7 @@ def _critical(places: Sequence[Place]) -> list[Place]:
     kept[::_THINNED] = True
     for beside in (-1, 0, 1):
         kept[low + beside] = True
-    return [places[k] for k in np.flatnonzero(kept)]
+    return [place for place, keep in zip(places, kept, strict=True) if keep]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:

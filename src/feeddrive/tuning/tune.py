@@ -47,7 +47,7 @@ from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
 from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
-from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box
+from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, box_plants, over_box
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -212,6 +212,7 @@ class Tuner:
     """A tuning task: points, goal and limits, which are the same for every set of tunables that is tried."""
 
     _whole: tuple[Control, tuple[str, ...], Criteria] | None = None
+    boxes: Sequence[BoxPlants] = ()
 
     def __init__(
         self,
@@ -329,6 +330,8 @@ class Tuner:
         if self.joined and prune:
             self._prune(search.criteria, x)
             search.criteria = self.criteria(control, names, rough=rough)
+        if not self.boxes:
+            return x
         return x if search.judge(x) is not None else self._begin(search, x, speeds(control, names))
 
     def over_box(self, best: Best) -> tuple[Best, OverBox | None]:
@@ -338,6 +341,7 @@ class Tuner:
         """
         if not self.boxes:
             return best, None
+        examined, joining = None, list[Examined]()
         for turn in range(_ROUNDS + 1):
             values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
             self.progress.step("worst plants of the box")
@@ -355,7 +359,7 @@ class Tuner:
             if search.broken(end.judged) > _AT_ODDS:
                 self._refuse(search, end)
             best = best._replace(end=end, criteria=search.criteria)
-        if joining and examined.holds:
+        if joining and examined is not None and examined.holds:
             examined = replace(examined, reason=f"after {_ROUNDS} rounds plants of the box still exceed a limit")
         return best, examined
 
@@ -742,7 +746,7 @@ class Tuner:
                 continue
             gained = float(np.max(best.end.judged.goal) - np.max(other.end.judged.goal))
             if flat:
-                best = other._replace(agreed=best.agreed) if gained > 0.0 else best
+                best = other if gained > 0.0 else best
                 tried.append(Text(f"at {Quantity(frequency, 'Hz')}: ends flat, not taken"))
             elif gained > _PAYS:
                 ended = float(np.exp(other.end.x[len(best.names)]))
@@ -752,7 +756,7 @@ class Tuner:
                         f"{Quantity(gained, 'share'):2}, taken"
                     )
                 )
-                best = other._replace(agreed=best.agreed)
+                best = other
             else:
                 tried.append(
                     Text(
@@ -1289,7 +1293,8 @@ def tune_control(
     )
     tried: list[str] = []
     if filters == "placed":
-        best = tuner.with_notches(best, tried)
+        # a notch is tried by one search, which confirms nothing of those before
+        best = tuner.with_notches(best, tried)._replace(agreed=best.agreed)
     best, examined = tuner.over_box(best)
     tuner.progress.step("proof")
     return result(tuner, best, today or control, tuple(tried), box=examined)

@@ -1,13 +1,14 @@
 """The worst plants of a box under a control: its corners, and points within it that a search finds.
 
 A limit holds over a box if no plant of it violates the limit.  The corners come first: for most loops one of them is
-the worst.  From the worst corners and from the worst of some plants drawn at random the utilization of the limits is
-then increased by steps along its gradient, within the box.  This finds a worst plant between the corners too, such as
-one whose resonance meets the phase at which it harms most; it is a search and no proof.
+the worst.  From the worst corners, from middles of edges that are nearly as bad and from the worst of some plants drawn
+at random, the utilization of each limit is then increased by steps along its gradient, within the box.  This finds a
+worst plant between the corners too, such as one whose resonance meets the phase at which it harms most; it is a search
+and no proof.
 """
 
 import pickle
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -29,10 +30,11 @@ from feeddrive.tuning.criteria import Criteria, Limits, bounds_of
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 
 _STARTS = 3  # worst corners from which a search within the box starts
-_INSIDE = 6  # plants drawn at random from which another one starts, if they are the worst of them
+_NEARLY, _MOST = 0.9, 16  # of the worst: middles of edges from which a search starts; the largest number of them
+_INSIDE = 64  # plants drawn at random, from the worst of which further searches start
 _DIFFERENCE = 0.02  # of half of a dimension: step of the differences
 _FIRST, _LEAST = 0.5, 0.05  # of half of a dimension: first and smallest step of a search
-_CORNERS, _KEPT = 128, 256  # plants whose models are kept: corners, others
+_KEPT = 256  # plants between the corners whose models are kept
 _LARGEST = 8  # steps of a search
 UNDECIDED = 2e-3  # of a limit: a violation that the lines of the examination cannot tell from none
 
@@ -44,12 +46,14 @@ class BoxPlants:
         self.box, self.loop, self.name, self.velocity = box, loop, name, velocity
         self.corners = tuple(box.corners(loop.axis))
         self.inside = tuple(box.drawn(loop.axis, _INSIDE, 0))
+        self.edges = tuple(box.edges(loop.axis))
         # the model itself comes first
         self.middle = tuple(
             Corner((0.0,) * len(box.dimensions(loop.axis)), late) for late in sorted({0, box.dead_time})
         )
-        # corners are needed under every control, other plants under one
-        self._corners, self._others = Recent[OperatingPoint](_CORNERS), Recent[OperatingPoint](_KEPT)
+        # corners and draws are needed under every control, other plants under one
+        self._fixed = {*self.corners, *self.edges, *self.inside, *self.middle}
+        self._corners, self._others = Recent[OperatingPoint](len(self._fixed)), Recent[OperatingPoint](_KEPT)
 
     def coarse(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant, on few lines."""
@@ -58,8 +62,7 @@ class BoxPlants:
             loop = self.box.plant(self.loop, corner)
             return modelled_point(loop, self.named(corner), velocity=self.velocity, coarse=True)
 
-        fixed = all(abs(u) in (0.0, 1.0) for u in corner.place)
-        return (self._corners if fixed else self._others).get(corner, made)
+        return (self._corners if corner in self._fixed else self._others).get(corner, made)
 
     def point(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant on all lines, at which limits apply and the goal does not."""
@@ -83,13 +86,19 @@ def box_plants(box: Box, loop: Loop, name: str, velocity: float) -> BoxPlants:
 class Examined(NamedTuple):
     """A plant of a box under a control: its figures, and the utilization of the limit that is used most.
 
-    used  above 1 if a limit is violated; infinite if the loop is unstable or cannot be computed
+    used     above 1 if a limit is violated; infinite if the loop is unstable or cannot be computed
+    by_limit  the utilization of each limit that is nearly used, by the key of its figure
     """
 
     plants: BoxPlants
     corner: Corner
     figures: Figures | None
     used: float
+    by_limit: Mapping[str, float]
+
+    def of(self, key: str) -> float:
+        """Return the utilization of one limit; 0 if there is plenty of room, infinite for an unstable loop."""
+        return self.by_limit.get(key, 0.0) if np.isfinite(self.used) else np.inf
 
     @property
     def name(self) -> Text:
@@ -109,16 +118,16 @@ class Examination:
         """Return plants under the control, in the order of `corners`."""
         wanted = list(dict.fromkeys(corners))
         new = [corner for corner in wanted if (id(plants), corner) not in self._known]
-        for corner, (loop, used) in zip(new, self._judged([plants.coarse(corner) for corner in new]), strict=True):
-            self._known[id(plants), corner] = Examined(plants, corner, loop, used)
+        for corner, judged in zip(new, self._judged([plants.coarse(corner) for corner in new]), strict=True):
+            self._known[id(plants), corner] = Examined(plants, corner, *judged)
         return [self._known[id(plants), corner] for corner in wanted]
 
     def closely(self, plant: Examined) -> Figures | None:
         """Return the figures of a plant on all lines of a model."""
         return self._judged([plant.plants.point(plant.corner)])[0][0]
 
-    def _judged(self, points: Sequence[OperatingPoint]) -> list[tuple[Figures | None, float]]:
-        """Return the figures at points, and the utilization of the limits; None and infinity for an unstable loop."""
+    def _judged(self, points: Sequence[OperatingPoint]) -> list[tuple[Figures | None, float, Mapping[str, float]]]:
+        """Return the figures at points, the utilization of the limits, infinite for an unstable loop, and of each."""
         if not points:
             return []
         criteria = Criteria(tuple(points), self.response, ROPE_SNAP, self.limits, (0.0, np.inf))
@@ -126,15 +135,20 @@ class Examination:
             return [self._of(answer) for answer in criteria.answers(np.zeros(0))]
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
             # one plant at which the loop has no finite response must not hide the others
-            return [(None, np.inf)] if len(points) == 1 else [row for point in points for row in self._judged([point])]
+            return (
+                [(None, np.inf, {})] if len(points) == 1 else [row for point in points for row in self._judged([point])]
+            )
 
-    def _of(self, answer: Answer) -> tuple[Figures | None, float]:
+    def _of(self, answer: Answer) -> tuple[Figures | None, float, Mapping[str, float]]:
         loop = figures(answer, self.limits.reading_noise)
         if not loop.stable:
-            return loop, np.inf
+            return loop, np.inf, {}
         # the slacks of the search: between few lines those of Ms follow the circle of a resonance
-        slack = min((bound.slack for bound in bounds_of(0, answer, self.limits)), default=np.inf)
-        return loop, float(np.exp(-slack))
+        used: dict[str, float] = {}
+        for bound in bounds_of(0, answer, self.limits):
+            key = bound.key[0]
+            used[key] = max(used.get(key, 0.0), float(np.exp(-bound.slack)))
+        return loop, max(used.values(), default=0.0), used
 
     def corners(self, plants: BoxPlants) -> list[Examined]:
         """Return the corners and the middle of a box under the control, the worst first."""
@@ -142,23 +156,29 @@ class Examination:
 
     def searched(self, plants: BoxPlants) -> list[Examined]:
         """Return all examined plants of a box, also between the corners, the worst first."""
-        corners = self.corners(plants)
-        drawn = _sorted(self.at(plants, plants.inside))
-        starts = [*corners[:_STARTS], *drawn[:1]]
-        if np.isfinite(corners[0].used):
-            for start in starts:
-                self._ascend(plants, start)
+        corners, edges, drawn = self.corners(plants), self.at(plants, plants.edges), self.at(plants, plants.inside)
+        # of each limit on its own: one that is used up everywhere would hide where another one is exceeded
+        for limit in self.limits.limits if np.isfinite(corners[0].used) else ():
+            key = limit.figure.key
+            ranked = [sorted(found, key=lambda plant, key=key: -plant.of(key)) for found in (corners, edges, drawn)]
+            # the middle of an edge is nearly as bad as the worst plant where the worst of the edge lies beside it
+            near = _NEARLY * max(found[0].of(key) for found in ranked if found)
+            starts = [*ranked[0][:_STARTS], *ranked[2][:_STARTS]]
+            for start in (*starts, *[edge for edge in ranked[1] if edge.of(key) > near][:_MOST]):
+                self._ascend(plants, start, key)
         return _sorted([found for (place, _), found in self._known.items() if place == id(plants)])
 
-    def _ascend(self, plants: BoxPlants, here: Examined) -> None:
-        """Increase the utilization from a plant by steps along the gradient within the box."""
+    def _ascend(self, plants: BoxPlants, here: Examined, key: str) -> None:
+        """Increase the utilization of a limit from a plant by steps along the gradient within the box."""
         n, size = len(here.corner.place), _FIRST
         for _ in range(_LARGEST if n else 0):
             u = np.array(here.corner.place)
             # inwards, so that every difference is one of plants in the box
             inward = np.where(u > 0.0, -_DIFFERENCE, _DIFFERENCE)
             beside = self.at(plants, (_moved(here.corner, u + step) for step in np.diag(inward)))
-            slope = np.array([plant.used - here.used for plant in beside]) / inward
+            slope = np.array([plant.of(key) - here.of(key) for plant in beside]) / inward
+            # along the faces that hold it: a steep slope out of the box would shorten every step within it
+            slope[(u * slope > 0.0) & (np.abs(u) >= 1.0)] = 0.0
             if not (np.all(np.isfinite(slope)) and np.any(slope)):
                 return
             moved = False
@@ -167,7 +187,7 @@ class Examination:
                 if np.array_equal(there, u):
                     return
                 other = self.at(plants, [_moved(here.corner, there)])[0]
-                moved = other.used > here.used
+                moved = other.of(key) > here.of(key)
                 here, size = (other, 1.5 * size) if moved else (here, 0.5 * size)
             # an unstable plant is as bad as can be: nothing is found beyond
             if not moved or not np.isfinite(here.used):
