@@ -84,20 +84,24 @@ def held(chain: Chain, late: np.ndarray, loop: Loop) -> Held:
     """Return the exact sampled models of plants under a zero-order hold, with current loop and dead time."""
     draws, n = chain.mass.shape
     T, actuator = float(loop.sample_time), loop.axis.actuator
-    K, D = np.zeros((draws, n, n)), np.tile(np.diag(chain.viscous), (draws, 1, 1))
+    springs, dampers = np.zeros((draws, n, n)), np.tile(np.diag(chain.viscous), (draws, 1, 1))
     for i in range(n - 1):
         pair = np.zeros((n, n))
         pair[i, i] = pair[i + 1, i + 1] = 1.0
         pair[i, i + 1] = pair[i + 1, i] = -1.0
-        K, D = K + chain.stiffness[:, i, None, None] * pair, D + chain.damping[i] * pair
-    lag = actuator.current_loop is not None
+        springs, dampers = springs + chain.stiffness[:, i, None, None] * pair, dampers + chain.damping[i] * pair
+    bandwidth = actuator.current_loop
+    lag = bandwidth is not None
     size = 2 * n + lag
     F = np.zeros((draws, size + 1, size + 1))  # states and the held command
     F[:, :n, n : 2 * n] = np.eye(n)
-    F[:, n : 2 * n, :n], F[:, n : 2 * n, n : 2 * n] = -K / chain.mass[:, :, None], -D / chain.mass[:, :, None]
+    F[:, n : 2 * n, :n], F[:, n : 2 * n, n : 2 * n] = (
+        -springs / chain.mass[:, :, None],
+        -dampers / chain.mass[:, :, None],
+    )
     F[:, n, 2 * n] = 1.0 / chain.mass[:, 0]  # the force, or the command itself
-    if lag:
-        pole = 2.0 * np.pi * float(actuator.current_loop)
+    if bandwidth is not None:
+        pole = 2.0 * np.pi * float(bandwidth)
         F[:, 2 * n, 2 * n], F[:, 2 * n, size] = -pole, pole
     whole = float(actuator.dead_time) / T
     m, part = int(np.floor(whole + 1e-9)), (whole - np.floor(whole + 1e-9)) * T

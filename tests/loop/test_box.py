@@ -100,6 +100,7 @@ def test_a_coupling_mass_goes_with_the_masses_it_couples(screw: Loop) -> None:
     for corner in box.corners(loop.axis):
         varied = box.plant(loop, corner).axis.plant
         assert isinstance(varied, TwoMass)
+        assert varied.coupling_mass is not None
         share = varied.coupling_mass**2 / (varied.mass_motor * varied.mass_load)
         assert share == pytest.approx(0.9, rel=1e-12)
 

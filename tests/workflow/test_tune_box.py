@@ -11,6 +11,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.table import Table
 from feeddrive.loop.box import Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
@@ -23,7 +24,8 @@ def test_nominal_and_worst_stand_beside_each_other(tmp_path: Path) -> None:
         "linear_motor", box="mass=0.3,dead_time=1sample", filters="kept", starts=1, out=tmp_path / "out"
     )
     outcome = tune.run(request)
-    figures = next(table for table in outcome.tables if "figures of the closed loop" in str(table.title))
+    tables = [table for table in outcome.tables if isinstance(table, Table)]
+    figures = next(table for table in tables if "figures of the closed loop" in str(table.title))
     assert [str(getattr(column, "name", column)) for column in figures.columns] == [
         "what", "today", "worst", "new", "worst of new", "unit",
     ]  # fmt: skip

@@ -386,7 +386,11 @@ class Criteria:
         """Return the evaluation for logarithms x of the tunables; results are cached."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
-            self._known[key] = self.judged(x, self.answers(x))
+            evaluation = self.judged(x, self.answers(x))
+            # a control whose blocks refuse the sample time, such as a too fast observer, cannot run
+            if evaluation.stable and not self.control.is_admissible(np.exp(x)):
+                evaluation = replace(evaluation, stable=False)
+            self._known[key] = evaluation
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:

@@ -94,16 +94,12 @@ class Search:
         self.accepted = accepted
 
     def judge(self, x: np.ndarray) -> Evaluation | None:
-        """Return the evaluation at x, or None if the loop is unstable, the evaluation fails, or the control cannot run.
-
-        A control that cannot run is one whose blocks refuse the sample time, such as a too fast observer.
-        """
+        """Return the evaluation at x, or None if the loop is unstable or the evaluation fails."""
         try:
             evaluation = self.criteria(x)
         except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
             return None
-        good = evaluation.stable and np.all(np.isfinite(evaluation.goal))
-        return evaluation if good and self.criteria.control.is_admissible(np.exp(x)) else None
+        return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
     def look(self, points: np.ndarray) -> np.ndarray:
         """Return the merit at many points (points, tunables), clipped to the search range.

@@ -308,7 +308,9 @@ class Tuner:
 
         Returns the start of the next search, at which the loop is stable at all points.
         """
-        for _ in range(_ROUNDS if self.boxes else 0):
+        if not self.boxes:
+            return x
+        for _ in range(_ROUNDS):
             self.progress.step("worst plants of the box")
             if search.judge(x) is None:
                 x = self._begin(search, x, speeds(control, names))
@@ -330,8 +332,6 @@ class Tuner:
         if self.joined and prune:
             self._prune(search.criteria, x)
             search.criteria = self.criteria(control, names, rough=rough)
-        if not self.boxes:
-            return x
         return x if search.judge(x) is not None else self._begin(search, x, speeds(control, names))
 
     def over_box(self, best: Best) -> tuple[Best, OverBox | None]:
