@@ -197,8 +197,8 @@ def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
         if np.array_equal(more, live):
             break
         live = more
-    A, B, c = A[np.ix_(live, live)], B[live], c[live]
-    n, q, deep = plants.A.shape[1], A.shape[0], int(np.max(plants.late)) + 2
+    inner, entered, c = A[np.ix_(live, live)], B[live], c[live]
+    n, q, deep = plants.A.shape[1], inner.shape[0], int(np.max(plants.late)) + 2
     largest = np.empty(plants.A.shape[0])
     for i in range(largest.size):
         m = int(plants.late[i])
@@ -207,7 +207,7 @@ def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
         cells = [force, *np.eye(n + q + deep)[n + q :]]
         W[:n, :n] = plants.A[i]
         W[:n] += np.outer(plants.B0[i], cells[m]) + np.outer(plants.B1[i], cells[m + 1])
-        W[n : n + q, :n], W[n : n + q, n : n + q] = B @ plants.C, A
+        W[n : n + q, :n], W[n : n + q, n : n + q] = entered @ plants.C, inner
         W[n + q] = force
         W[n + q + 1 :, n + q : -1] = np.eye(deep - 1)
         largest[i] = np.max(np.abs(np.linalg.eigvals(W)))
@@ -234,7 +234,7 @@ class Draws:
         self.base = np.geomspace(3e-5 * nyquist, nyquist * (1.0 - 1e-9), LINES)
         # of each pair of poles one; sorted, so that the modes of all draws have their columns
         pairs = self.plants.A.shape[1] // 2
-        order = np.argsort(-np.log(self.modes.poles + 0j).imag, axis=1)[:, :pairs]
+        order = np.argsort(-np.angle(self.modes.poles), axis=1)[:, :pairs]
         poles = np.log(np.take_along_axis(self.modes.poles, order, axis=1) + 0j) / self.T
         near = (np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * BESIDE).reshape(count, -1)
         self.near = np.clip(near / (2.0 * np.pi), self.base[0], self.base[-1])

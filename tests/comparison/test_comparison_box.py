@@ -4,6 +4,7 @@ holds is ranked."""
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate
 from feeddrive.tuning.filters import filter_response, with_notch_and_low_pass
-from feeddrive.tuning.worst import OverBox
+from feeddrive.tuning.worst import Examined, OverBox, over_box
 from feeddrive.workflow.compare import CompareRequest
 
 SHORT = SnapLimitedMove(
@@ -95,14 +96,12 @@ def test_only_what_holds_is_ranked(used: float, kind: str, monkeypatch: pytest.M
     """A loop within the rule at its model, with what the examination of its box is said to have found."""
     loop = read_machine("linear_motor").loop("x")
     case = judged(loop, Rule(2.0, 2.0, 1.05, 0.1, 1, box=Box(0.0, 0.1, 0)))
-    whole = AtWork._over_box
 
-    def found(self: AtWork, loop: Loop) -> OverBox | None:
-        box = whole(self, loop)
-        assert box is not None
-        return replace(box, used=used)
+    def found(*examined: Any, **shown: Any) -> tuple[OverBox, list[Examined]]:
+        box, plants = over_box(*examined, **shown)
+        return replace(box, used=used), plants
 
-    monkeypatch.setattr(AtWork, "_over_box", found)
+    monkeypatch.setattr("feeddrive.evaluation.competitor.over_box", found)
     row = case.outcome(Progress())
     assert row.kind == kind
     assert bool(row.unplaced) is bool(kind)

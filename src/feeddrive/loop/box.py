@@ -86,7 +86,7 @@ class Box:
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
                 raise ParameterError(f"box: {name} = {value} must be a share >= 0 and < 1, such as 0.2 for ±20 %")
-        if not (isinstance(self.dead_time, int) and 0 <= self.dead_time <= 100):
+        if not (0 <= self.dead_time <= 100 and self.dead_time % 1 == 0):
             raise ParameterError(
                 f"box: dead_time = {self.dead_time} must be a whole number of samples from 0 to 100, such as 1sample"
             )
