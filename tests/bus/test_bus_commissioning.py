@@ -128,6 +128,9 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     assert paper.values["position_most"] == 30_000_000
     assert paper.values["max_motor_speed"] == 3000  # 0.5 m/s on a screw of 10 mm
     assert remarks == ["The drive does not take 0x605A:00 (quick stop option): set this limit with its maker's tool."]
+    paper.values["max_torque"] = 777
+    write_limits(paper, made, own_force=True)
+    assert paper.values["max_torque"] == 777
 
 
 def test_the_cycle_time_is_written_where_it_can_be() -> None:

@@ -728,3 +728,14 @@ def test_an_axis_that_turns_moves_in_rad_under_a_torque() -> None:
     assert ended is not None
     assert " rad" in ended
     assert " m " not in ended
+
+
+def test_for_a_first_hold_a_drive_keeps_the_limit_of_force_that_carried_its_weight_before() -> None:
+    axis = virtual_bus_axis(bench_loop())
+    found = axis.inside()["0x6072:00"]
+    rest = np.zeros(round(0.1 / axis.sample_time))
+    still = Profile("hold", "", axis.sample_time, "N", rest, rest, rest)
+    assert axis.as_found().play(still).aborted is None
+    assert axis.inside()["0x6072:00"] == found
+    assert axis.play(still).aborted is None
+    assert axis.inside()["0x6072:00"] != found

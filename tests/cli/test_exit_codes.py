@@ -311,6 +311,18 @@ def commissioned(force: float) -> list[str]:
     return ["commission", "--virtual", "small.toml", "--yes"]
 
 
+def corrected(*words: str) -> list[str]:
+    return ["setpath", "circle", "--method", "force", *words]
+
+
+def learned() -> list[str]:
+    fd.workflow.run("circle", out="ran")
+    return corrected("--from-log", "ran/runs/today.parquet")
+
+
+NO_BOX = "mass=0,friction=0,stiffness=0,dead_time=0"
+# a machine with a hundredth of the friction gets a hundred times too much of it: no share is safe
+SMOOTH = "mass=0,friction=0.99,stiffness=0,dead_time=0"
 QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.DO_NOT_TUNE: lambda: log(lambda t, f: f + 70.0 * np.sin(19.0 * t)),
     Judgment.UNITS_IN_DOUBT: lambda: shaken(1.0, unit="mN"),
@@ -339,6 +351,9 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.LEAVE_CONTROL: lambda: tuned("margins-robust", "ball_screw"),
     Judgment.DO_NOT_USE_TUNING: lambda: tuned("kv-rule", Kv=100.0, Kp=1e5),
     Judgment.FEWER_ARE_GOOD: robust,
+    Judgment.CORRECTED: lambda: corrected("--box", NO_BOX),
+    Judgment.NOT_CORRECTED: lambda: corrected("--box", SMOOTH),
+    Judgment.LEARNED: learned,
     Judgment.RANKED: lambda: compared(2),
     Judgment.KEEP_GAINS: lambda: compared(2, today=True),
     Judgment.NONE_RANKED: lambda: compared(1),

@@ -305,6 +305,62 @@ def test_a_load_encoder_is_seen_and_the_gains_of_the_motors_loop_are_found(rate:
     )
 
 
+def test_a_law_whose_coarse_counts_move_the_axis_is_found_by_what_the_set_motion_tells() -> None:
+    """Counts of 20 um: a free law leaves half as much of the slow rows, in squares, as the law that ran."""
+    log = bent_log(count=2e-5)
+    signals = Signals(log["position_load"], log["setpoint"], log["force"], T)
+    other = law_other_readings.with_other_readings(signals, signals.free(None), blue=True)
+    assert other is not None
+    assert other.told is not None
+    assert not other.misses
+    best = other.best.fitted
+    # the counts command 1.5 % of the force in the slow rows
+    assert best["Kp"] == pytest.approx(6000.0, rel=0.02)
+    assert best["Kp Kv"] / best["Kp"] == pytest.approx(15.0, rel=0.02)
+    assert best.rate == pytest.approx(12.0, rel=0.02)
+    # by the set motion a law with other gains is refused
+    columns = law_structures.regressors(best, other.rows.signed(other.best.signals))[:, : best.values.size]
+    rest = other.rows.force - columns @ (1.05 * best.values)
+    spare = other.floor.unknowns - best.structure.parameters
+    assert np.sum(other.told.told(rest) ** 2) > 2.0 * (spare + 3.0 * math.sqrt(2.0 * spare))
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_counts_of_a_velocity_are_blue_at_its_samples(n: int) -> None:
+    """Half a count, white, differenced over n samples beside white noise of a third of it."""
+    rng = np.random.default_rng(4)
+    log = logged("Cascade", tuple(PI.items()))
+    signals = Signals.of(log)
+    noise = rng.standard_normal(log.force.size + n)
+    bare = replace(signals, force=signals.force + 0.3 * rng.standard_normal(log.force.size))
+    blue = replace(bare, force=bare.force + 20.0 * (noise[n:] - noise[:-n]))
+    for one, is_blue in ((bare, False), (blue, True)):
+        rows = LawRows.of(one, one.free(None))
+        floor = law_search.floor_of(rows, rows.reduced())
+        assert floor.blue is is_blue
+    assert floor.bluest == pytest.approx(-0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(("bluest", "blue"), [(-0.1, False), (-0.2, True)])
+def test_a_residual_is_blue_beyond_chance(bluest: float, blue: bool) -> None:
+    """Logs of the readings that the law had are above -0.06, those of other coarse counts at -0.2 to -0.6."""
+    assert law_search.Floor(1.0, 1e4, 0.3, bluest, 300.0, 40, 300).blue is blue
+
+
+def test_a_twist_is_linear_in_its_compliance_and_loss() -> None:
+    """The columns of a bent axis are sums of those of three: to the digits of the sums."""
+    basis = law_structures.Basis(T)
+    lag = law_structures.Lag(0.3, 0.5)
+    one = Structure(
+        CASCADE_FAMILY, True, 4, 1, fed="backward", friction=0, twist=Twist(3e-5, 4e-4), shifted=True, lag=lag
+    )
+    whole = law_structures.Reduced(np.eye(basis.size), np.zeros(basis.size))
+    task = law_structures.problem(one, basis, whole)
+    for made, terms in zip((task.A, task.B), one.terms(basis), strict=True):
+        wanted = np.stack([term.on for term in terms], axis=1)
+        assert np.max(np.abs(made - wanted)) < 1e-12 * np.max(np.abs(wanted))
+
+
 def test_counts_that_the_law_read_are_in_the_force_and_those_of_another_encoder_are_not() -> None:
     log = bent_log(count=5e-6)
     heard = []
@@ -323,12 +379,14 @@ def test_counts_that_the_law_read_are_in_the_force_and_those_of_another_encoder_
         (2000.0, 150.0, False, False),
         (1e5, 400.0, False, True),
         (1e5, 600.0, True, False),
+        (350.0, 600.0, False, False),
+        (500.0, 600.0, True, False),
     ],
 )
 def test_counts_are_missed_where_the_law_would_make_more_of_them_than_chance(
     expected: float, explained: float, heard: bool, missing: bool
 ) -> None:
-    counts = law_other_readings.Counts(expected, explained, 13, 6000)
+    counts = law_other_readings.Counts(expected, explained, 13, 6000, expected)
     assert (counts.heard, counts.missing) == (heard, missing)
 
 
@@ -338,7 +396,7 @@ def test_a_law_of_other_readings_leaves_no_more_than_chance(beyond: float, misse
     fitted = Fitted(Structure(CASCADE_FAMILY, True, 1, 0), np.array([3e5, 5e3, 9e3]), 20.0, 0.0)
     spare = 40 - fitted.structure.parameters
     left = math.exp((spare + beyond * math.sqrt(2.0 * spare)) / 300.0)
-    floor = law_search.Floor(1.0, 1e4, 0.3, 300.0, 40, 300)
+    floor = law_search.Floor(1.0, 1e4, 0.3, 0.0, 300.0, 40, 300)
     rows: Any = None
     best = Scored(replace(fitted, ssr=left), 0.0, rows)
     assert law_other_readings.OtherReadings(rows, rows, floor, 0.0, (best,)).misses is misses
@@ -453,16 +511,18 @@ def test_gains_that_are_less_than_their_errors_are_not_told_in_percent(
         ({"twist": 13.0}, 0.05, True),
         ({"twist": 7.0}, 0.05, False),
         ({"twist": 0.0, "missing": True}, 0.05, True),
-        ({"twist": 0.0, "memory": -0.2}, 0.05, True),
-        ({"twist": 0.0, "memory": -0.1}, 0.05, False),
-        ({"heard": True, "memory": -0.2}, 0.05, False),
+        ({"twist": 0.0, "blue": True}, 0.05, True),
+        ({"twist": 0.0}, 0.05, False),
+        ({"heard": True, "blue": True}, 0.05, False),
+        ({"told": True}, 0.05, False),
+        ({"told": True, "blue": True}, 0.05, True),
     ],
 )
 def test_a_law_of_other_readings_is_known_within_bounds(
     monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], error: float, known: bool
 ) -> None:
-    """`missing`: counts of the log are not in the force; `memory`: of what a free law leaves."""
-    given = {"misses": False, "twist": 100.0, "missing": False, "memory": 0.0, "heard": False} | changes
+    """`missing`: counts of the log are not in the force; `blue`: others are; `told`: by the set motion."""
+    given = {"misses": False, "twist": 100.0, "missing": False, "blue": False, "heard": False, "told": None} | changes
     fitted = Fitted(Structure(CASCADE_FAMILY, True, 1, 0, twist=Twist(1e-5)), np.array([3e5, 5e3, 9e3]), 20.0, 1.0)
     reading, wanted = Stand(missing=given["missing"], heard=given["heard"]), Stand(missing=False)
     other: Any = Stand(
@@ -470,10 +530,27 @@ def test_a_law_of_other_readings_is_known_within_bounds(
         misses=given["misses"],
         twist=lambda _: given["twist"],
         counts=(reading, wanted),
+        told=given["told"],
     )
     covariance = np.diag((error * np.append(fitted.values, fitted.rate)) ** 2)
     monkeypatch.setattr(law_other_readings, "covariance_of", lambda *_: covariance)
-    assert _known(other, given["memory"]) is known
+    floor: Any = Stand(blue=given["blue"])
+    assert _known(other, floor) is known
+
+
+@pytest.mark.parametrize(("together", "known"), [(True, True), (False, False)])
+def test_a_law_whose_loops_are_equally_fast_is_known_by_their_sum(
+    monkeypatch: pytest.MonkeyPatch, together: bool, known: bool
+) -> None:
+    """Kv and 1/Tn of 20 1/s, each 10 1/s off: their sum is known if one is more where the other is less."""
+    fitted = Fitted(Structure(CASCADE_FAMILY, True, 1, 0, forward="one"), np.array([1.8e5, 9e3]), 20.0, 1.0)
+    off = np.array([9e4, 0.0, -10.0 if together else 10.0])
+    covariance = np.outer(off, off) + np.diag([1e4, 1e4, 1e-2])
+    monkeypatch.setattr(law_other_readings, "covariance_of", lambda *_: covariance)
+    counts = (Stand(missing=True, heard=False), Stand(missing=False))
+    other: Any = Stand(best=Stand(fitted=fitted), misses=False, counts=counts, told=None)
+    floor: Any = Stand(blue=False)
+    assert _known(other, floor) is known
 
 
 @pytest.mark.parametrize(

@@ -16,14 +16,18 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.blocks.force.cogging import Cogging
+from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
+from feeddrive.commissioning.cogging import described, pulled, stated
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
 from feeddrive.files.machine import read_machine
+from feeddrive.files.read_log import read_log
 from feeddrive.language.block import Block
-from feeddrive.language.errors import NotCertifiedError, ParameterError
+from feeddrive.language.errors import DivergedError, NotCertifiedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
@@ -59,12 +63,15 @@ class Axis:
     coulomb: float = 40.0
     held: float = 0.0
     lag: float = 0.02
+    led: float = 1e-4  # s, under a control on trial
     blocked: int = 0  # small moves that end early
     cause: str = "following_error"  # for which they do
+    stands: bool = False  # a control on trial does not move it, as the monitor says
     buzz: float = 0.0  # N, of the force of a control from sample to sample
     increment: float = 1e-8
     rotary: bool = False
     played: list[tuple[Profile, BusLimits]] = field(default_factory=list)
+    guards: list[float] = field(default_factory=list)  # bounds of the following error of controls on trial, m
     where: str = "paper, axis 1"
     is_virtual: bool = False
     sample_time: float = T
@@ -74,6 +81,9 @@ class Axis:
         return replace(self, limits=limits)
 
     def scaled(self, factor: float, force_sign: int = 1) -> Axis:
+        return self
+
+    def as_found(self) -> Axis:
         return self
 
     def text(self) -> str:
@@ -86,7 +96,7 @@ class Axis:
     def play(self, profile: Profile, progress: Progress | None = None, control: Control | None = None) -> Played:
         self.played.append((profile, self.limits))
         speed = np.gradient(profile.set_position, T)
-        late = (1e-4 if control is not None else self.lag) * speed
+        late = (self.led if control is not None else self.lag) * speed
         force = self.held + self.coulomb * np.sign(speed) + self.mass * np.gradient(speed, T)
         if control is not None:
             force = force + 0.5 * self.buzz * (-1.0) ** np.arange(speed.size)
@@ -95,6 +105,10 @@ class Axis:
         spectrum[1:] /= -self.mass * omega[1:] ** 2
         shaken = np.fft.irfft(spectrum, speed.size) if np.any(profile.excitation) else 0.0
         log = self._log(profile.set_position, profile.set_position - late + shaken, force, profile.excitation)
+        if control is not None and control.guard is not None:
+            self.guards.append(float(control.guard.following_error_limit or 0.0))
+        if control is not None and self.stands:
+            return Played(log, "it stands", 0, None, (), "standstill")
         blocked = profile.name == "small move" and len(self.of(profile.name)) <= self.blocked
         return Played(log, "it stands" if blocked else None, 0, None, (), self.cause if blocked else "")
 
@@ -175,6 +189,17 @@ def test_the_small_move_begins_with_a_tenth_of_the_force_and_doubles_it_twice(tm
     assert forces[:3] == pytest.approx([100.0, 200.0, 400.0], rel=0.01)
 
 
+def test_an_axis_that_stands_still_gets_more_force_in_the_small_move_alone(tmp_path: Path) -> None:
+    axis = Axis(blocked=1, cause="standstill")
+    begun(tmp_path / "out", axis, until="Friction")
+    forces = [limits.force for _, limits in axis.of("small move")]
+    assert forces[:2] == pytest.approx([100.0, 200.0], rel=0.01)
+    # a new control that does not move the axis is not tried again with another one: its readings may be frozen
+    axis, result = tried(tmp_path / "trial", stands=True)
+    assert result.refusal == "the gentle trial ended early: it stands"
+    assert [profile.name for profile, _ in axis.played] == ["gentle trial"]
+
+
 @pytest.mark.parametrize("cause", ["person", "runaway", "jump", "bus", "drive", ""])
 def test_what_is_no_motion_that_asked_for_too_much_is_not_tried_again(tmp_path: Path, cause: str) -> None:
     """Nothing moves after a person's stop, nor after readings or a drive that cannot be trusted."""
@@ -238,7 +263,7 @@ def none(*_: Any, **__: Any) -> Any:
 
 
 def strokes(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, error: float = 1.0, **limits: float
+    monkeypatch: pytest.MonkeyPatch, folder: Path, error: float = 1.0, *, led: float = 1e-4, **limits: float
 ) -> tuple[Axis, Commissioned]:
     """Strokes from the facts that are stated, which give 120 kg with an error; nothing comes after them."""
     rigid = SimpleNamespace(estimates=())
@@ -246,7 +271,7 @@ def strokes(
     found = SimpleNamespace(result=SimpleNamespace(rigid=rigid, mass=mass, delay=delay), verdict="")
     monkeypatch.setattr(module, "identify", SimpleNamespace(run=lambda *_: found))
     monkeypatch.setattr(module, "design_excitation", none)
-    axis = Axis(limits=replace(LIMITS, **limits))
+    axis = Axis(limits=replace(LIMITS, **limits), led=led)
     return axis, begun(folder, axis, "start_law", until="Responses")
 
 
@@ -262,6 +287,28 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     fastest = (2.0 * 0.06 / 3.0) ** 0.5
     assert speed(series[-1]) == pytest.approx(fastest, rel=0.01)
     assert speed(series[0]) == pytest.approx(0.1 * fastest, rel=0.01)
+
+
+def test_a_force_along_the_travel_is_told_by_strokes_over_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The slower series are shorter ones; without such a force the last of them is enough."""
+    axis, result = strokes(monkeypatch, tmp_path / "out", led=0.01)
+    series = [profile for profile, _ in axis.of("strokes")]
+    assert np.max(series[-1].set_position) < 0.9 * 0.6 * 0.1
+    assert "along_force" not in result["friction_and_mass"].figures
+    found = Cogging(force=30.0, period=0.02, harmonics=tuple(Harmonic(order=n, share=1.0 / n) for n in (1, 2, 3)))
+    monkeypatch.setattr(module, "periodic_force", lambda *_: found)
+    axis, result = strokes(monkeypatch, tmp_path / "other", led=0.01)
+    more = [profile for profile, _ in axis.of("strokes")]
+    assert len(more) == len(series) + 1
+    assert np.max(more[-1].set_position) == pytest.approx(0.6 * 0.1)
+    assert speed(more[-1]) == pytest.approx(speed(series[-1]), rel=0.01)
+    assert repr(stated(result["friction_and_mass"].figures)) == repr(found)
+    log = read_log(tmp_path / "other" / "4_friction_and_mass" / "strokes.parquet")
+    assert np.max(np.abs(log["acting"] - log["commanded"])) == pytest.approx(
+        np.max(np.abs(pulled(found, log["reading_load"]))), rel=0.01
+    )
 
 
 def test_strokes_use_half_of_the_force_that_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,10 +375,10 @@ def standing(monkeypatch: pytest.MonkeyPatch, factor: Callable[[float], float]) 
     return asked
 
 
-def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None) -> list[Any]:
+def not_designed(monkeypatch: pytest.MonkeyPatch, folder: Path, axis: Axis | None = None, **facts: float) -> list[Any]:
     """The options of each excitation that is asked for, where there is none."""
     asked = standing(monkeypatch, lambda _: 0.0)
-    result = begun(folder, axis or Axis(), "excitation", until="Responses")
+    result = begun(folder, axis or Axis(), "excitation", until="Responses", **facts)
     assert "stands out of the noise" in result.refusal
     return asked
 
@@ -340,8 +387,8 @@ def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = not_designed(monkeypatch, tmp_path / "out")
-    # lines up to 0.45 of a rate of 1 kHz, and from a fiftieth of the 400 Hz up to which modes are looked for
-    assert asked[0].band == pytest.approx((8.0, 450.0))
+    # lines up to the 400 Hz up to which modes are looked for, and from a fiftieth of it
+    assert asked[0].band == pytest.approx((8.0, 400.0))
     assert {each.realisations for each in asked} == {8}
     # of 960 N above friction
     assert asked[0].amplitude == pytest.approx(0.5 * 960.0)
@@ -349,21 +396,57 @@ def test_an_excitation_has_eight_realisations_and_lines_over_a_factor_of_fifty(
 
 
 def test_a_fine_grid_counts_more_than_a_band_beyond_400_hz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At a rate of 4 kHz: 1,000 Hz first, each band 0.7 of the one before; below 400 Hz coarser grids come first."""
-    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3))
+    """At a rate of 4 kHz bands end at 1,000 Hz or lower; the coarsest grid comes before those that end below 200 Hz."""
+    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3), dead_time=0.0)
     tried = list(dict.fromkeys((each.resolution, round(each.band[1])) for each in asked))
-    assert tried[:9] == [(grid, top) for grid in (1.0, 2.0, 4.0) for top in (1000, 700, 490)]
-    assert tried[9:12] == [(grid, 343) for grid in (1.0, 2.0, 4.0)]
+    assert tried[:6] == [(grid, top) for grid in (1.0, 2.0) for top in (1000, 700, 490)]
+    assert tried[6:10] == [(grid, top) for top in (343, 240) for grid in (1.0, 2.0)]
+    assert tried[10:15] == [(4.0, top) for top in (1000, 700, 490, 343, 240)]
+    assert tried[15:18] == [(grid, 168) for grid in (1.0, 2.0, 4.0)]
 
 
-@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {450.0}), (4.5, {450.0, 315.0})])
+@pytest.mark.parametrize(
+    ("dead_time", "widest"),
+    [
+        # 0.4 over the dead time and a cycle of 0.25 ms
+        (0.25e-3, 800.0),
+        # at least as far as modes are looked for
+        (2e-3, 400.0),
+        # at most 1 kHz
+        (0.0, 1000.0),
+    ],
+)
+def test_a_dead_time_bounds_the_band_of_an_excitation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dead_time: float, widest: float
+) -> None:
+    asked = not_designed(monkeypatch, tmp_path / "out", Axis(sample_time=0.25e-3), dead_time=dead_time)
+    assert asked[0].band[1] == pytest.approx(widest)
+
+
+@pytest.mark.parametrize(("stands_out", "tops"), [(5.5, {400.0}), (4.5, {400.0, 280.0})])
 def test_the_highest_line_is_five_times_its_noise_or_the_band_ends_lower(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stands_out: float, tops: set[float]
 ) -> None:
-    asked = standing(monkeypatch, lambda top: stands_out if top > 400.0 else 6.0)
+    asked = standing(monkeypatch, lambda top: stands_out if top > 300.0 else 6.0)
     result = begun(tmp_path / "out", Axis(), "excitation", until="Responses", dead_time=0.0)
     assert result.refusal == "it would be written"
     assert {round(each.band[1], 6) for each in asked} == tops
+
+
+def test_an_axis_with_cogging_is_shaken_with_a_force_against_it_that_is_no_excitation(tmp_path: Path) -> None:
+    along = Cogging(force=30.0, period=0.02, harmonics=tuple(Harmonic(order=n, share=1.0 / n) for n in (1, 2, 3)))
+    axis = Axis()
+    chain = module.Chain(module.CommissionRequest(None, virtual="paper"), axis, tmp_path, Person(""))
+    chain.facts = FACTS | described(along)
+    path = np.concatenate([np.zeros(200), np.linspace(0.0, 0.047, 800), np.full(200, 0.047)])
+    shaken = 10.0 * np.sin(np.arange(path.size)) * np.hanning(path.size)
+    log = chain._excited(axis, Profile("excitation", "", T, "N", shaken, path, np.gradient(path, T)), None)
+    against = axis.played[0][0].excitation - shaken
+    np.testing.assert_allclose(against[100:-100], -pulled(along, path)[100:-100], atol=1e-9)
+    # the axis begins at rest, and ends where it would be pulled
+    assert abs(pulled(along, path)[-1]) > 10.0
+    assert against[0] == against[-1] == 0.0
+    np.testing.assert_array_equal(log["excitation"], shaken)
 
 
 # what is tried of a model, a tuning and a start law
@@ -428,6 +511,34 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
 
 
+def test_a_control_whose_trial_cannot_be_predicted_or_does_not_fit_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    (tmp_path / "out" / "10_export").mkdir()
+    good = SimpleNamespace(run=lambda *_: SimpleNamespace(judgment=SimpleNamespace(bad=False), verdict="good"))
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    for name in ("certify", "check", "export"):
+        monkeypatch.setattr(module, name, good)
+    planned, gains, ends = module.Chain._trial_motion, list[float](), [DivergedError("it grows"), None]
+
+    def trial_motion(self: Any, loop: Any) -> Any:
+        gains.append(float(loop.control.law.Kv))
+        end = ends[len(gains) - 1] if len(gains) <= len(ends) else planned(self, loop)
+        if end is None:
+            raise module.UnlikePredictedError("no trial fits")
+        if isinstance(end, Exception):
+            raise end
+        return end
+
+    monkeypatch.setattr(module.Chain, "_trial_motion", trial_motion)
+    result = begun(tmp_path / "out", Axis(limits=replace(LIMITS, following_error=0.02)), "tune", until="Trial")
+    # it is planned once for each control, and the third is tried
+    assert np.array(gains) / gains[0] == pytest.approx([1.0, 0.6, 0.36], rel=1e-4)
+    assert result["tune"].says.startswith("A safe start law, 36 % as fast")
+    assert "no trial fits" in result["tune"].says
+
+
 # the trial
 
 
@@ -448,6 +559,11 @@ def test_a_new_control_first_moves_a_fifth_as_far_and_as_fast(tmp_path: Path) ->
     gentle, alone = (profile for profile, _ in axis.played[:2])
     assert np.max(gentle.set_position) == pytest.approx(0.2 * np.max(alone.set_position))
     assert speed(gentle) == pytest.approx(0.2 * speed(alone), rel=0.01)
+    # the guard acts at three times what is predicted, also of the pulse, where the user allows 20 mm
+    logs = [read_log(tmp_path / "out" / "11_trial" / f"predicted_{name}.parquet") for name in ("alone", "pushed")]
+    most = max(float(np.max(np.abs(log["set_position"] - log["reading_load"]))) for log in logs)
+    assert axis.guards[:3] == pytest.approx(3 * [3.0 * most])
+    assert 3.0 * most < 0.02
     assert result.trial is not None
     # this axis follows a hundred times better than any start law
     assert not result.kept

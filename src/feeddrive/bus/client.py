@@ -133,11 +133,11 @@ _LOOSER = {
 }
 
 
-def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
+def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = False) -> list[str]:
     """Write the limits that the drive guards by itself, and read them back; return a remark for each that it lacks.
 
-    A limit that reads back tighter is a remark, too.  Raises BusError for one that reads back looser: the drive would
-    permit more than the drive file.
+    A limit that reads back tighter is a remark, too.  With `own_force` 0x6072 stays as it was found.  Raises BusError
+    for one that reads back looser: the drive would permit more than the drive file.
     """
     limits, scaling = drive.limits, drive.scaling
     wanted: dict[str, int] = {
@@ -153,6 +153,8 @@ def write_limits(transport: Transport, drive: BusDrive) -> list[str]:
     for name, metres in (("position_least", limits.position_least), ("position_most", limits.position_most)):
         if metres is not None:
             wanted[name] = scaling.increments(metres)
+    if own_force:
+        del wanted["max_torque"]
     remarks: list[str] = []
     for name, value in wanted.items():
         least, most = cia402.OBJECTS[name].bounds()
@@ -206,9 +208,12 @@ class DriveClient:
     All methods raise BusError, whose message names bus, interface, station and remedy.
     """
 
-    def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True) -> None:
-        """Set up the client. Without `paced` (virtual drives only), each answer starts the next cycle at once."""
-        self.transport, self.drive = transport, drive
+    def __init__(self, transport: Transport, drive: BusDrive, *, paced: bool = True, own_force: bool = False) -> None:
+        """Set up the client. Without `paced` (virtual drives only), each answer starts the next cycle at once.
+
+        With `own_force` the drive keeps the limit of force that it holds.
+        """
+        self.transport, self.drive, self._own_force = transport, drive, own_force
         self.scaling = drive.scaling
         self.pace = Pace(drive.cycle_time if paced else None)
         self.remarks: list[str] = []
@@ -300,7 +305,7 @@ class DriveClient:
         self.remarks += check_scaling(transport, self.scaling)
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
-        self.remarks += write_limits(transport, self.drive)
+        self.remarks += write_limits(transport, self.drive, own_force=self._own_force)
         there = {name for group in (*cia402.SENT, *cia402.TOLD) for name in group if has_object(transport, name)}
         target = _TARGETS.get(self.mode, "target_velocity")
         missing = [name for name in (*cia402.NEEDED, target) if name not in there]

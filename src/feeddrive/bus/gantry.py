@@ -255,6 +255,11 @@ class GantryMotion:
             quick_stop_deceleration=least("quick_stop_deceleration", weights.motion),
         )
 
+    def as_found(self) -> GantryMotion:
+        """Return the same motion whose drives keep the limits of force that they hold."""
+        gantry = self.gantry.with_sides(self.gantry.first.as_found(), self.gantry.second.as_found())
+        return replace(self, gantry=gantry)
+
     def limited(self, limits: BusLimits) -> GantryMotion:
         """Return the same motion under tighter limits."""
         made = list[BusAxis]()

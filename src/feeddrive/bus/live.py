@@ -105,6 +105,13 @@ class LiveAxis(Protocol):
         """Return the same axis whose lengths are `factor` times as large, with the force's sign times `force_sign`."""
         ...
 
+    def as_found(self) -> LiveAxis:
+        """Return the same axis whose drive keeps the limit of force that it holds, for a first time at rest.
+
+        By a wrong gear limits.force may be too small for a weight, which its own limit has carried before.
+        """
+        ...
+
     def text(self) -> str:
         """Return its drive file, with the corrections."""
         ...
@@ -157,6 +164,7 @@ class BusAxis:
         self._made, self._text = transport, "" if file.read_from is None else file.read_from.file.text
         self._virtual: bool | None = None
         self._encoders: int | None = None
+        self._own_force = False
         self._where = self._transport(file.drive).where
 
     @property
@@ -224,6 +232,12 @@ class BusAxis:
             if sign != scaling.force_sign:
                 edit.set(("scaling", "force_sign"), sign)
             made._text = edit.text
+        return made
+
+    def as_found(self) -> Self:
+        """Return the same axis whose drive keeps the limit of force that it holds (0x6072); see `LiveAxis`."""
+        made = self._with(self.file.drive)
+        made._own_force = True
         return made
 
     def text(self) -> str:
@@ -328,7 +342,7 @@ class BusAxis:
         """Return the client of the drive, on a `segment` if it shares one with other drives."""
         file = self.file
         made = self._made(drive) if self._made else transport_of(drive, file.interface, file.bitrate, segment)
-        return DriveClient(made, drive, paced=self._paced)
+        return DriveClient(made, drive, paced=self._paced, own_force=self._own_force)
 
     def inside(self) -> Mapping[str, str]:
         """Return the objects that a motion or a trial writes, by their address, as they are now. Raises BusError."""

@@ -132,6 +132,10 @@ class LinuxcncAxis:
             edit.set((name,), value, {"units_per_m": "1/m", "increment": "m", "force_per_output": "N"}[name], digits=9)
         return self._with(replace(file, **changed), edit.text)
 
+    def as_found(self) -> Self:
+        """Return the axis itself: LinuxCNC has no limit of force in the drive."""
+        return self
+
     def _with(self, file: LinuxcncFile, content: str) -> Self:
         """Return the axis with another file, on the same HAL."""
         made = copy(self)

@@ -20,7 +20,7 @@ name = "twice the gain"
 set = { "axis.x.control.law.Kv" = 80 }   # changes by path, in SI units; or a whole [law.control], [law.axis.y.control]
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -166,11 +166,16 @@ def read_job(path: JobLike, log: str | Path | None = None) -> Job:
 
 
 def job_of(
-    file: TomlFile, place: Path, log: str | Path | None = None, values: Mapping[Key, Any] = MappingProxyType({})
+    file: TomlFile,
+    place: Path,
+    log: str | Path | None = None,
+    values: Mapping[Key, Any] = MappingProxyType({}),
+    reserve: Sequence[float] = (),
 ) -> Job:
     """Return the job in a parsed TOML file; the files that it names are relative to `place`.
 
-    values  values by key that replace those of the machine file
+    values   values by key that replace those of the machine file
+    reserve  shares of the limits of velocity to snap that a part program keeps back
 
     Raises the same errors as `read_job`.
     """
@@ -183,7 +188,7 @@ def job_of(
     if log is not None and section.log is None:
         raise section.error("a log was given, but the job has no section [log] that assigns its columns")
     others = _others(section, machine, axis)
-    program, others = _program(section, place, machine, others, axis)
+    program, others = _program(section, place, machine, others, axis, reserve)
     coupled = others or program or machine.coupled(axis)
     together = machine.machine(*_cuts(section, program, machine)) if coupled else None
     if section.log is not None and together is not None:
@@ -275,7 +280,12 @@ def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -
 
 
 def _program(
-    section: JobSection, place: Path, machine: MachineFile, others: dict[str, Other], axis: str
+    section: JobSection,
+    place: Path,
+    machine: MachineFile,
+    others: dict[str, Other],
+    axis: str,
+    reserve: Sequence[float],
 ) -> tuple[PlannedProgram | None, dict[str, Other]]:
     """Return the planned program of a job, if any, and the other axes with the motions that the program gives them."""
     if section.program is None:
@@ -283,7 +293,7 @@ def _program(
     for name, other in others.items():
         if other.reference is not None and len(name) == 1:
             raise section.error(f"others.{name}.reference: the program gives the motions of all axes: leave it out")
-    program = planned_program(section.program, place, machine, section.process)
+    program = planned_program(section.program, place, machine, section.process, reserve)
     moving = {
         name: Other(reference=reference, load=others.get(name, Other()).load)
         for name, reference in program.references.items()

@@ -628,14 +628,25 @@ class PlannedProgram:
 
 
 def planned_program(
-    section: ProgramSection, place: Path, machine: MachineFile, process: ProcessSection | None = None
+    section: ProgramSection,
+    place: Path,
+    machine: MachineFile,
+    process: ProcessSection | None = None,
+    reserve: Sequence[float] = (),
 ) -> PlannedProgram:
     """Plan the program of a section within the limits of the machine, prove it, and return it with its cuts.
+
+    reserve  shares of the limits of velocity, acceleration, jerk and snap that are kept back; default: none
 
     Raises ParameterError or FileError for an invalid section or file, ProgramError at a line of the program,
     NotPlannedError if the program is too long or the proof of the plan fails.
     """
     if isinstance(section, RecordedSection):
+        if reserve:
+            raise section.error(
+                "recorded setpoints were planned elsewhere, and keep no reserve of the limits back for a change of the "
+                "path: add a force (--method force), or give the part program with file = ..."
+            )
         if process is not None:
             raise process.error("[process] goes with a part program, whose lines it speaks of, not with recorded = ...")
         return _recorded(section, place, machine)
@@ -649,6 +660,7 @@ def planned_program(
         limits = planned_limits(machine, own_limits)
     except FeeddriveError as error:
         raise section.error(f"{error}", kind=type(error)) from None
+    limits = limits.less(reserve) if reserve else limits
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []

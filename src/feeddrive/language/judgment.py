@@ -44,6 +44,9 @@ class Judgment(Enum):
         "fewer fresh machines are good than under today's control; no machine file was written",
         1,
     )
+    CORRECTED = "setpath", "The part is corrected", 0
+    NOT_CORRECTED = "setpath", "No share of the correction is safe on every machine of the box", 1
+    LEARNED = "setpath --from-log", "Learned from the log", 0
     RANKED = "compare", "has the least rope-snap error of all that are ranked", 0
     KEEP_GAINS = "compare", "Today's gains have the least rope-snap error of all that are ranked: keep them", 0
     NONE_RANKED = "compare", "No law that was tuned is ranked: nothing is recommended", 1

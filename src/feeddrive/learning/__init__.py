@@ -8,6 +8,13 @@ make_lazy(
         "iterative_feedforward": (
             "error_model Convergence Iteration begin_compensation compensated convergence next_iteration"
         ),
+        "loop_inverse": "LoopInverse loop_inverse",
+        "part_correction": (
+            "CorrectedProgram Correction Judge correct_by_plan correct_path_by_plan judged path_figures planned_rows"
+        ),
+        "part_log": "LearnedPart PartLog PartTrials iterate_parts learn_from_log",
+        "planned_friction": "direction_along friction_along",
+        "plant_box": "PlantBox",
         "repetitive": "RepetitiveDesign tune_repetitive",
         "set_path": "filtered_splines ChangedReference inverse_path zero_phase",
         "stops": "learn_stops",

@@ -12,10 +12,12 @@ travel_most_mm = 600
 velocity_rpm = 60                  # deg_per_s, rad_per_s ... are equivalent
 """
 
+from __future__ import annotations
+
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -91,6 +93,17 @@ class MachineLimits:
         """The limits of velocity to snap of each axis, m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4)."""
         rows = [(axis.velocity, axis.acceleration, axis.jerk, axis.snap) for axis in self.axes.values()]
         return np.array(rows, float)
+
+    def less(self, reserve: Sequence[float]) -> MachineLimits:
+        """Return the limits less a share of velocity, acceleration, jerk and snap, which is kept back."""
+        kept = [1.0 - share for share in reserve]
+
+        def lower(axis: AxisLimits) -> AxisLimits:
+            values = (axis.velocity, axis.acceleration, axis.jerk, axis.snap)
+            velocity, acceleration, jerk, snap = (share * value for share, value in zip(kept, values, strict=True))
+            return replace(axis, velocity=velocity, acceleration=acceleration, jerk=jerk, snap=snap)
+
+        return MachineLimits({letter: lower(axis) for letter, axis in self.axes.items()})
 
     @property
     def travel(self) -> dict[str, tuple[float, float] | None]:

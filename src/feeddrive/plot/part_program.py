@@ -21,6 +21,8 @@ from feeddrive.plot.style import POINTS, envelope
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from feeddrive.learning.part_correction import CorrectedProgram
+    from feeddrive.learning.part_log import LearnedPart
     from feeddrive.machining.contour import ContourError, Corner, Worst
     from feeddrive.machining.part_run import PartRun
 
@@ -494,3 +496,49 @@ def part_zoom_chart(parts: Mapping[str, PartRun], time: float) -> Chart:
 
 
 part_zoom = figure_of(part_zoom_chart)
+
+
+def corrected_chart(result: CorrectedProgram) -> Chart:
+    """Plot the deviation from the path without and with a correction, on the nominal and the worst machine."""
+    T = result.correction.sample_time
+    figures = {plant.name: plant for plant in result.plants}
+    panels = [
+        Panel(
+            f"{name}\n({unit_name('um')})",
+            tuple(
+                Curve(*_sizes(errors[key], T), label, number, chart.PLAIN)
+                for number, (key, label) in enumerate((("plain", "without"), ("corrected", "with the correction")))
+            ),
+            low=0.0,
+            caption=Text(
+                f"RMS {Quantity(figures[name].plain.rms, 'm')} without, {Quantity(figures[name].corrected.rms, 'm')} "
+                "with"
+            ),
+        )
+        for name, errors in result.errors.items()
+    ]
+    return Chart("time (s)", tuple(panels), height=2.6 * len(panels))
+
+
+corrected = figure_of(corrected_chart)
+
+
+def learned_chart(learned: LearnedPart) -> Chart:
+    """Plot the deviation from the path in the log of a part."""
+    rms = Quantity(learned.figures.rms, "m")
+    curve = Curve(*_sizes(learned.error, learned.correction.sample_time))
+    panel = Panel(f"deviation from the path\n({unit_name('um')})", (curve,), low=0.0, caption=Text(f"RMS {rms}"))
+    return Chart("time (s)", (panel,), height=3.0)
+
+
+learned = figure_of(learned_chart)
+
+
+def _sizes(error: np.ndarray, T: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return time and size of a deviation, um, as an envelope with a gap where no sample counts."""
+    n = error.size
+    long = max(1, -(-n // POINTS))
+    rows = np.append(np.abs(error), np.full(-n % long, np.nan)).reshape(-1, long)
+    counted = np.any(np.isfinite(rows), axis=1)
+    largest = np.max(np.where(np.isfinite(rows), rows, -np.inf), axis=1)
+    return np.arange(len(rows)) * long * T, 1e6 * np.where(counted, largest, np.nan)

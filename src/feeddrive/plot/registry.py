@@ -45,6 +45,8 @@ CHARTS = {
     "identification.response.modal_fit:ModalFit": "over_frequency:fitted_chart",
     "identification.response.plant_fit:PlantFit": "over_frequency:fitted_chart",
     "identification.friction_curve:SteadyRuns": "identification:steady_runs_chart",
+    "learning.part_correction:CorrectedProgram": "part_program:corrected_chart",
+    "learning.part_log:LearnedPart": "part_program:learned_chart",
     "loop.frequency_response:FRF": "over_frequency:bode_chart",
     "loop.gradient:Gradient": "curves:gradient_chart",
     "loop.linearize:StateSpace": "complex_plane:poles_chart",

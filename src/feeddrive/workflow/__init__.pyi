@@ -24,7 +24,6 @@ from feeddrive.workflow.friction import friction as friction
 from feeddrive.workflow.identify import identify as identify
 from feeddrive.workflow.learn import iterate as iterate
 from feeddrive.workflow.learn import prefilter as prefilter
-from feeddrive.workflow.learn import setpath as setpath
 from feeddrive.workflow.lobes import lobes as lobes
 from feeddrive.workflow.new import new as new
 from feeddrive.workflow.plan import plan as plan
@@ -36,6 +35,7 @@ from feeddrive.workflow.run_job import cosimulate as cosimulate
 from feeddrive.workflow.run_job import demo as demo
 from feeddrive.workflow.run_job import run as run
 from feeddrive.workflow.run_job import write_results as write_results
+from feeddrive.workflow.setpath import setpath as setpath
 from feeddrive.workflow.sweep import sweep as sweep
 from feeddrive.workflow.tour import tour as tour
 from feeddrive.workflow.tune import tune as tune

@@ -727,10 +727,14 @@ COMMANDS: dict[str, Listed] = {
         ("run.csv --out prefilter.toml",),
     ),
     "setpath": Listed(
-        "learn",
-        "Change a set path beforehand, by the linear model of the loop, so that the table follows the wanted one.",
+        "setpath",
+        "Correct a part program before it runs: friction by its plan, or by the log of the last part; judged on a box.",
         "Tune and compare",
-        ("linear_motor --method splines --out path.csv",),
+        (
+            "circle_diamond_square --law P-PI --out part",
+            "job.toml --from-log part.csv --last part --out next_part",
+            "linear_motor --method splines --out path.csv",
+        ),
     ),
     "iterate": Listed(
         "learn",

@@ -229,6 +229,9 @@ class GantryChain(Chain):
         )
         return Text(f"{told} {sides}"), facts
 
+    def _along(self, log: Log) -> None:
+        """Return None: each of the two motors has a force of its own along the travel, and the strokes tell the sum."""
+
     def _know_sides(self, facts: Mapping[str, float]) -> None:
         share = facts["share_first"]
         self.axis = replace(self.gantry, shares=(share, 1.0 - share)).common
@@ -324,18 +327,17 @@ class GantryChain(Chain):
         response = self._skew_response()
         return (skew_lines(response, self._fitted_beam(response), self._dead_time()),)
 
-    def tune(self) -> Told:
-        """Tune on the responses of both motions, and write the machine of both sides."""
-        told = super().tune()
+    def _not_tried(self) -> str:
+        """Write the machine of both sides, and return why its trial cannot be predicted."""
         loop = read_machine(self.place / "machine.toml").loop(AXIS)
         machine = self._whole(loop, self._beam(float(loop.axis.plant.rigid_mass())))
         if not stability(machine).stable:
-            raise RefusedError("tuning: the control is unstable on the model of both sides with their beam")
+            return "the control is unstable on the model of both sides with their beam"
         write_whole(
             self._controlled(),
             machine_toml(machine, self.axis.where, "feeddrive commission: a share of the tuned control on each side"),
         )
-        return told
+        return super()._not_tried()
 
     def _controlled(self) -> Path:
         return self._in("tune", "gantry.toml")
@@ -346,6 +348,10 @@ class GantryChain(Chain):
         return ExportRequest(self._controlled(), target=target, together=together, out=self.place)
 
     # the trial
+
+    def _guarded(self, control: Control, simulated: Mapping[str, Log]) -> Control:
+        """Return the control as it is: the guards of both sides see the skew as well."""
+        return control
 
     def _tried(self, motion: TrialMotion, axis: LiveAxis, control: Control | None = None) -> dict[str, Log]:
         logs = super()._tried(motion, axis, control)

@@ -21,6 +21,7 @@ from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.families import Filter
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.plant.rigid import Rigid
@@ -29,6 +30,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
+from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, pulled, stated
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
@@ -104,9 +106,10 @@ NARROWER = (1.0, 0.5, 0.25)  # of the band, for the model: higher modes are in t
 SHORT = 0.25  # of the travel, that the slowest strokes take
 SLOW, FASTER = 0.1, 3.0  # of the pace, with which strokes begin, and by which they may grow from one to the next
 FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from which on it counts
-# of the rate of the bus, and Hz: highest line of the excitation, where it stands out of the noise
-BAND, TOP = 0.45, 1000.0
-MODES = 400.0  # Hz up to which modes are looked for with the finest grid that stands out there, if that is not so
+# of the rate of the bus, of the inverse of the dead time with a cycle, and Hz: highest line of the excitation
+BAND, DELAYS, TOP = 0.45, 0.4, 1000.0
+MODES = 400.0  # Hz up to which modes are looked for, with the finest grid that stands out there
+LEAST = 200.0  # Hz up to which they are, before the coarsest grid is taken
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
 BEGINS = (0, 2, 4)  # candidate with which the first, second and third trial begins: the tuned one, slower, a start law
@@ -120,6 +123,10 @@ LINES = ((1.0, 4), (2.0, 4), (4.0, 4))  # Hz from line to line, and periods: lon
 SIZES, SMALLER = 12, 0.7  # of strokes, an excitation or a trial: how many are tried, each a share of the one before
 # causes of an early end for which a weaker motion or a slower control is tried; all others end the commissioning
 TOO_MUCH = ("following_error", "velocity", "acceleration", "force", "travel", "guard")
+STUCK = ("standstill",)  # in the small move alone: friction or a brake may hold against a tenth of the force
+# times what is predicted, and at least so many counts: following error at which the guard ends a trial
+ALARM, COUNTS = 3.0, 50.0
+FOLLOWS = 0.5  # of the travel of a trial, that the reading is predicted to make at least
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
 # times what is predicted, and share of limits.force, beyond which a force is an oscillation
 HARDLY, NERVOUS = 3.0, 0.01
@@ -237,6 +244,7 @@ class Chain:
         self.steps: list[Step] = []
         self.facts: dict[str, float] = {}
         self.trial: Trial | None = None
+        self.planned: tuple[motions.TrialMotion, dict[str, Log]] | None = None  # the trial of the tuned control
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
         self.kept = False
@@ -538,7 +546,17 @@ class Chain:
         two and four tenths.
         """
         still = motions.profile("hold", np.zeros(round(motions.REST / self.T)), self.T)
-        held = float(np.max(np.abs(self._play(self.axis, still).log["force"])))
+        try:
+            hold = self._play(self.axis.as_found(), still, step="small_move")
+        except UnlikePredictedError as unlike:
+            raise RefusedError(
+                Text(
+                    f"the drive cannot hold the axis within limits.force = {Quantity(self.limits.force, 'N'):3}: "
+                    f"{unlike.why}; look at lead, gear and rated torque in the drive file, or raise it if the machine "
+                    "allows it"
+                )
+            ) from None
+        held = float(np.max(np.abs(hold.log["force"])))
         why = ""
         for attempt in range(TRIES):
             share = SHARE * 2**attempt
@@ -547,7 +565,7 @@ class Chain:
                 return _Gentle(played.log, held, share)
             self._ended(played)
             why = Text(f"the {profile.name} ended early: {played.aborted}")
-            if played.cause not in TOO_MUCH:
+            if played.cause not in (*TOO_MUCH, *STUCK):
                 break
             self.progress.remark(Text(f"- under {Quantity(share, 'share'):3} of limits.force {why}"))
         raise RefusedError(why)
@@ -676,19 +694,30 @@ class Chain:
             )
         )
         played = self._strokes(loop.control, pace, travel)
-        self._kept(strokes=played.log)
-        facts, told = self._identified(machine)
+        along = self._along(played.log)
+        self._kept(strokes=played.log if along is None else acting(played.log, along, UNKNOWN_DELAY))
+        facts, told = self._identified(machine, "commanded" if along is None else "acting")
         if facts["mass_error"] > SURE * facts["mass"]:
             # the responses will tell it: until then the law for the rough mass has moved the axis safely
             facts |= {"mass": self.facts["rough_mass"], "mass_error": ROUGH * self.facts["rough_mass"]}
+        pull = ""
+        if along is not None:
+            facts |= described(along)
+            pull = Text(
+                f"; a force of {Quantity(float(along.force), 'N'):3} repeats every "
+                f"{Quantity(float(along.period), 'm'):3 mm} along the travel"
+            )
         return Text(
             f"mass {Quantity(facts['mass'], 'kg', facts['mass_error'])}, friction "
             f"{Quantity(facts['coulomb'], 'N'):3}, viscous {Quantity(facts['viscous'], 'N s/m'):3}, dead time "
-            f"{Quantity(facts['dead_time'], 's'):2}. {told}"
+            f"{Quantity(facts['dead_time'], 's'):2}{pull}. {told}"
         ), facts
 
-    def _identified(self, machine: MachineFile) -> tuple[dict[str, float], str]:
-        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model."""
+    def _identified(self, machine: MachineFile, force: str) -> tuple[dict[str, float], str]:
+        """Return mass, friction and dead time by the strokes, or with an infinite error those of the rough model.
+
+        force  the column of the strokes' force
+        """
         facts = {
             "mass": self.facts["rough_mass"],
             "mass_error": math.inf,
@@ -696,9 +725,9 @@ class Chain:
             "viscous": 0.0,
             "dead_time": UNKNOWN_DELAY,
         }
-        columns: dict[str, Any] = {"force": "commanded"}
+        columns: dict[str, Any] = {"force": force}
         if self.axis.rotary:
-            columns = {"angle": "reading_load", "set_angle": "set_position", "torque": "commanded", "rotary": True}
+            columns = {"angle": "reading_load", "set_angle": "set_position", "torque": force, "rotary": True}
         try:
             outcome = identify.run(
                 IdentifyRequest((self.place / "strokes.parquet",), machine=machine, axis=AXIS, **columns),
@@ -732,8 +761,12 @@ class Chain:
             # not all of it: what grows with the square of the speed is not told by a slow one
             grown = share * (FASTER if error == 0.0 else min(FASTER, 0.75 * USED * self.limits.following_error / error))
             if share >= 1.0 or grown < 1.3 * share:
-                return played
+                break
             share = min(1.0, grown)
+        if share < 1.0 and self._along(played.log) is not None:
+            # what acts along the travel is told by all of it
+            played = self._play(axis, motions.strokes(travel, slower, self.T), control)
+        return played
 
     def _strokes_pace(self, loop: Loop) -> Pace:
         """Return how fast the strokes may be for the following error that the start law is predicted to have."""
@@ -782,8 +815,9 @@ class Chain:
         """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
 
         A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
-        reading.  The band is as wide as the highest line stands out: a resonance above the crossover can make a loop
-        unstable, and the responses must go on until the loop gain is small.
+        reading.  A resonance above the crossover can make a loop unstable, and the responses must go on until the loop
+        gain is small.  The dead time bounds the crossover, and so the band; more of it would take amplitude from the
+        lines that count.
         """
         mass = float(loop.axis.plant.rigid_mass())
         noise = max(QUIET, math.hypot(self.facts["noise"], self.axis.increment / 3.5))
@@ -794,11 +828,14 @@ class Chain:
             moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
             return moved / (noise * math.sqrt(4.0 / samples))
 
-        tops = [min(TOP, BAND / self.T) * SMALLER**k for k in range(SIZES)]
-        wide = [top for top in tops if top >= MODES] or tops[:1]
-        # a mode with little damping lies between coarse lines: a fine grid counts more than a band beyond the modes
-        tried = [(lines, top) for lines in LINES for top in wide]
-        tried += [(lines, top) for top in tops[len(wide) :] for lines in LINES]
+        widest = min(TOP, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)), BAND / self.T)
+        tops = [widest * SMALLER**k for k in range(SIZES)]
+        # a mode with little damping lies between coarse lines, the more so the lower it is: a fine grid counts more
+        # than a band beyond the modes, and the coarsest one is that of axes with little travel
+        tried = [(lines, top) for lines in LINES[:-1] for top in tops if top >= MODES]
+        tried += [(lines, top) for top in tops if LEAST <= top < MODES for lines in LINES[:-1]]
+        tried += [(LINES[-1], top) for top in tops if top >= LEAST]
+        tried += [(lines, top) for top in tops if top < LEAST for lines in LINES]
         for (resolution, periods), top in tried:
             made = self._largest(loop, top, resolution, periods)
             if made is not None and stands_out(made) >= STANDS_OUT:
@@ -852,18 +889,37 @@ class Chain:
                 )
             )
         axis = self._under_control()
-        logs = [self._play(axis, profile, control, step="excitation").log for profile in profiles]
-        return self._estimated(logs), {}
+        return self._estimated([self._excited(axis, profile, control) for profile in profiles]), {}
+
+    def _excited(self, axis: LiveAxis, profile: Profile, control: Control) -> Log:
+        """Play an excitation, with the force against that along the travel, and return its log."""
+        along = stated(self.facts)
+        if along is None:
+            return self._play(axis, profile, control, step="excitation").log
+        # the start law is soft: left to it, this force would take most of the following error
+        against = pulled(along, self._stands() + profile.set_position)
+        # at rest friction holds the axis, and a force that begins or ends at once is a jump
+        still = round(motions.RAMP / self.T)
+        fade = np.minimum(1.0, np.arange(against.size) / still)
+        against = fade * fade[::-1] * against
+        played = self._play(axis, replace(profile, excitation=profile.excitation - against), control, step="excitation")
+        # no part of what the responses are correlated with
+        channels = {**played.log.channels, "excitation": profile.excitation[: len(played.log)]}
+        return replace(played.log, channels=channels)
 
     def _estimated(self, logs: Sequence[Log]) -> str:
         """Estimate the frequency responses of logs, and return a sentence on them."""
+        along = stated(self.facts)
+        if along is not None:
+            # in slow moves it would pass for noise
+            logs = [acting(log, along, self.facts["dead_time"]) for log in logs]
         self._kept(**{f"measured_{k}": log for k, log in enumerate(logs, start=1)})
         measured = tuple(self.place / f"measured_{k}.parquet" for k in range(1, len(logs) + 1))
         outputs = tuple(name for name in ("reading_motor", "reading_load") if name in logs[0].channels)
         outcome = frf.run(
             FrfRequest(
                 measured,
-                input="commanded",
+                input="commanded" if along is None else "acting",
                 output=outputs,
                 reference=("excitation",),
                 method="periodic",
@@ -919,8 +975,12 @@ class Chain:
         law: Any = model.control.law
         control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
         ran, facts = replace(model, control=control), self.facts
-        fit = fit_friction(ran, read_log(strokes), facts["coulomb"], facts["viscous"])
-        text = self._machine(replace(model, axis=fit.axis), "feeddrive commission: responses and strokes")
+        log = read_log(strokes)
+        ran = moved(self._pulled(ran), float(log["set_position"][0]))
+        fit = fit_friction(ran, log, facts["coulomb"], facts["viscous"])
+        # as in the responses, the force along the travel is not in it: it has no mean slope, by which loops are judged
+        axis = replace(fit.axis, forces=model.axis.forces)
+        text = self._machine(replace(model, axis=axis), "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
             f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
@@ -928,6 +988,15 @@ class Chain:
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
         return _Model(fit.left, unused, place, with_origins(text, inputs), says)
+
+    def _along(self, log: Log) -> Cogging | None:
+        """Return the force that repeats along the strokes, if there is a clear one."""
+        return periodic_force(log, UNKNOWN_DELAY)
+
+    def _pulled(self, loop: Loop) -> Loop:
+        """Return a loop with the force along the travel that was found, by the drive's own positions."""
+        along = stated(self.facts)
+        return loop if along is None else replace(loop, axis=replace(loop.axis, forces=(*loop.axis.forces, along)))
 
     def _responses(self) -> dict[str, FRF]:
         return read_frfs(self._in("responses", "responses/frf.csv"))
@@ -1002,12 +1071,33 @@ class Chain:
         for candidate in candidates[BEGINS[self.returns.get("tune", 0)] :]:
             try:
                 told, why = candidate()
+                why = why or self._not_tried()
             except FeeddriveError as error:
                 told, why = "", str(error)
             if not why:
                 return Text(f"{told}{f' Not the one before, as {whys[-1]}' if whys else ''}"), {}
             whys.append(why)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
+
+    def _not_tried(self) -> str:
+        """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
+        self.planned = None
+        try:
+            self.planned = self._trial_motion(self._real(self.place / "machine.toml"))
+        except UnlikePredictedError as unlike:
+            return unlike.why
+        except DivergedError as error:
+            return Text(f"the trial cannot be predicted: {error}")
+        return ""
+
+    def _real(self, machine: Path) -> Loop:
+        """Return the loop of a machine file with the force along the travel, from where the axis stands."""
+        loop = self._pulled(read_machine(machine).loop(AXIS))
+        return loop if stated(self.facts) is None else moved(loop, self._stands())
+
+    def _stands(self) -> float:
+        """Return where the axis stands, by the drive's position, m."""
+        return float(np.mean(self.axis.listen(motions.REST).log["reading_load"]))
 
     def _beside(self) -> tuple[FRF, ...]:
         """Return the responses of further motions under the same control, for which its limits hold as well."""
@@ -1091,14 +1181,9 @@ class Chain:
 
     def run_trial(self) -> tuple[str, Mapping[str, float]]:
         """Run the new control on the drive, and compare following error, stiffness and noise with their predictions."""
-        loop = read_machine(self._in("tune", "machine.toml")).loop(AXIS)
-        try:
-            return self._run_trial(loop)
-        except DivergedError as error:
-            raise UnlikePredictedError(Text(f"the trial cannot be predicted: {error}")) from None
-
-    def _run_trial(self, loop: Loop) -> Told:
-        motion, simulated = self._trial_motion(loop)
+        loop = self._real(self._in("tune", "machine.toml"))
+        # after an interruption it is planned again
+        motion, simulated = self.planned or self._trial_motion(loop)
         expected = self._figures(motion, simulated)
         far = float(np.ptp(motion.alone.set_position))
         self._ask(
@@ -1108,9 +1193,9 @@ class Chain:
                 f"{Quantity(expected.following_peak, 'm'):3} of following error."
             )
         )
-        axis = self._under_control()
-        self._try_gently(axis, loop, motion)
-        logs = self._tried(motion, axis, loop.control)
+        axis, control = self._under_control(), self._guarded(loop.control, simulated)
+        self._try_gently(axis, replace(loop, control=control), motion)
+        logs = self._tried(motion, axis, control)
         measured = self._figures(motion, logs)
         before = self._before(motion, float(loop.axis.plant.rigid_mass()), logs)
         self._kept(**logs, **{f"predicted_{name}": log for name, log in simulated.items()})
@@ -1122,6 +1207,18 @@ class Chain:
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
+
+    def _guarded(self, control: Control, simulated: Mapping[str, Log]) -> Control:
+        """Return the control with the bound of its guard near to what is predicted, and so while the axis is slow.
+
+        It then brakes on its ramp; in a runaway, which the monitor sees later, friction is all that brakes.
+        """
+        guard = control.guard
+        if guard is None:
+            return control
+        most = max(ALARM * max(_error(log.channels) for log in simulated.values()), COUNTS * self.axis.increment)
+        limit = min(self.limits.following_error, most)
+        return replace(control, guard=replace(guard, following_error_limit=limit))
 
     def _try_gently(self, axis: LiveAxis, loop: Loop, motion: motions.TrialMotion) -> None:
         """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
@@ -1165,7 +1262,9 @@ class Chain:
             travel = max(REACH * limits.travel * share, motions.least_travel(pace))
             motion = motions.trial(travel, pace, free, self.T)
             alone = self._predicted(loop, motion.alone)
-            if travel > REACH * limits.travel or not self._fits(alone):
+            # an axis that friction holds shows nothing of its control
+            follows = float(np.ptp(alone["reading_load"])) >= FOLLOWS * travel
+            if travel > REACH * limits.travel or not follows or not self._fits(alone):
                 continue
             for smaller in range(SIZES):
                 weaker = motion.weaker(free * SMALLER**smaller)

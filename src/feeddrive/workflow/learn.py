@@ -1,8 +1,10 @@
-"""`feeddrive iterate`, `prefilter` and `setpath`: feedforward, prefilters and set paths from logs or models."""
+"""`feeddrive iterate` and `prefilter`: feedforward and prefilters from logs or models."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,8 @@ from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceComp
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
-from feeddrive.files.atomic_io import write_whole
+from feeddrive.export.corrected_part import write_setpoints
+from feeddrive.files.atomic_io import write_whole, written_whole
 from feeddrive.files.drive import drive_with
 from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log, LogLike
@@ -23,17 +26,17 @@ from feeddrive.files.section import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Table
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.learning.iterative_feedforward import AT_REST, Iteration, begin_compensation, next_iteration
-from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero_phase
+from feeddrive.learning.part_correction import planned_rows
+from feeddrive.learning.part_log import PartTrials, iterate_parts
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
 from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
 from feeddrive.loop.loop import Loop
-from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.command import CHANNELS, OUT_FILE, UNIT, Outcome, Request, argument, called, command, option
+from feeddrive.workflow.command import CHANNELS, UNIT, Outcome, Request, argument, called, command, option
 from feeddrive.workflow.drive_logs import chosen
 
 # role of a column that an option of a request names -> that option
@@ -92,6 +95,9 @@ class IterateRequest(Request):
     prefilter: bool = option(
         "tune trajectory prefilters of all axes of a job instead of the feedforward", default=False
     )
+    offsets: bool = option(
+        "learn the force offsets of `setpath` from part to part of a job, in place of the feedforward", default=False
+    )
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
@@ -113,7 +119,7 @@ class IterateRequest(Request):
 
 
 @command(IterateRequest)
-def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials]:
+def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | MachineTrials | PartTrials]:
     """Learn the feedforward of mass, viscous and dry friction from the error of a logged trial, or of simulated trials.
 
     The outcome contains the parameters for the next trial and the section for the machine file.  If a job moves several
@@ -123,6 +129,8 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
     together = _together(request)
     if together is not None:
         return _all_axes(request, together, progress)
+    if request.offsets:
+        raise ParameterError("--offsets is for the axes of a job that run together: name it by --job, without --axis")
     if request.prefilter:
         raise ParameterError("--prefilter is for the axes of a job that run together: name it by --job, without --axis")
     loop, axis = _compensated_loop(request)
@@ -159,7 +167,7 @@ def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[
 def _simulated(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
     """Simulate learning trials on the machine."""
     remedy = "give the log itself, with --controller"
-    references = [_reference(job, remedy) for job in request.job] or [MOVE]
+    references = [job_reference(job, remedy) for job in request.job] or [MOVE]
     progress.step(f"{request.trials} trials")
     trials = iterate_trials(
         loop,
@@ -187,7 +195,7 @@ def _together(request: IterateRequest) -> Job | None:
     return job if len(job.others) > 0 and len(read_machine(request.machine).loops) > 1 else None
 
 
-def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Iteration | MachineTrials]:
+def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Any]:
     """Simulate learning trials of a job, from which all axes of the machine learn together."""
     if request.at_rest == "held":
         raise ParameterError("--at-rest held is for one axis; the axes of a job learn together with none: leave it out")
@@ -198,6 +206,8 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
     if missing:
         raise ParameterError(f"{called(request.job[0])}: gives axis {', '.join(missing)} of {file.file.name} no motion")
     references = {name: path for name, path in paths.items() if path is not None}
+    if request.offsets:
+        return _offsets(request, file, job, references, progress)
     if request.prefilter:
         trials = tune_prefilters(machine, references, request.trials, seed=request.seed, progress=progress)
     else:
@@ -229,6 +239,33 @@ def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[
             text for axis in trials.learned for text in _replaced(file.loops[axis], f"The section of axis {axis}")
         ]
     return Outcome(trials, [trials.table()], remarks, section=section, files=files)
+
+
+def _offsets(
+    request: IterateRequest, file: MachineFile, job: Job, references: Mapping[str, Reference], progress: Progress
+) -> Outcome[Any]:
+    """Simulate parts of a job that learn the force offsets of all axes from their logs."""
+    if request.prefilter or request.columns is not None:
+        raise ParameterError(
+            "--offsets learns a force over time and no parameters: leave out --prefilter and --columns"
+        )
+    machine = file.machine()
+    counted = None if job.program is None else job.program.counted
+    plan = planned_rows(references, float(machine.sample_time))
+    trials = iterate_parts(machine, plan, request.trials, counted=counted, seed=request.seed, progress=progress)
+    files: dict[str, Path] = {}
+    if request.out is not None:
+        progress.step("writing")
+        with written_whole(request.out) as text:
+            write_setpoints(text, trials.correction, None if job.program is None else job.program.line)
+        files["Written"] = request.out
+    remarks = [
+        *trials.remarks,
+        "The file holds set positions and force offsets of all axes, sample by sample; the control stays as it is.",
+        "These parts are simulated on the machine file; `feeddrive setpath JOB --from-log` learns from those of a "
+        "real one.",
+    ]
+    return Outcome(trials, [trials.table()], remarks, files=files)
 
 
 def _remarks(iteration: Iteration, request: IterateRequest) -> list[str]:
@@ -317,7 +354,7 @@ def prefilter(request: PrefilterRequest, progress: Progress) -> Outcome[Prefilte
     """
     loop, name = _controlled_loop(request.controller, request.axis)
     remedy = "leave out --job, or name the job that was run"
-    reference = None if request.job is None else _reference(request.job, remedy)
+    reference = None if request.job is None else job_reference(request.job, remedy)
     fit = _fit(request, _chosen(request.regressors), loop, reference, progress)
     text = to_toml(fit.prefilter, f"axis.{name}.control.prefilter")
     remarks = [
@@ -385,81 +422,6 @@ def _chosen(regressors: str) -> list[str]:
     return chosen
 
 
-METHODS = ("zero-phase", "splines")
-
-
-class SetpathRequest(Request):
-    """The axis, the motion, and the method that computes its set positions."""
-
-    source: MachineLike = argument("A machine file (TOML), or the name of a bundled machine")
-    axis: str | None = option("its axis, if it has several", default=None)
-    job: JobLike | None = option("the job whose reference is followed; default: 100 mm out and back", default=None)
-    method: str = option(
-        "zero-phase: inverse of the loop (Tomizuka);  splines: fitted answers of splines (Okwudire)",
-        default="zero-phase",
-        options=METHODS,
-    )
-    spacing: int = option("samples between the knots of the splines", default=20, least=3, most=10_000)
-    window: int | None = option("coefficients of the splines that are known ahead; default: all", default=None)
-    out: Path | None = option(OUT_FILE, short="-o", default=None)
-
-    def check(self) -> None:
-        """Raise ParameterError for a window with a method that does not use one."""
-        if self.method != "splines" and self.window is not None:
-            raise ParameterError(f"--window = {self.window} is for --method splines, not {self.method}: leave it out")
-
-
-@command(SetpathRequest)
-def setpath(request: SetpathRequest, progress: Progress) -> Outcome[ChangedReference]:
-    """Modify a set path offline, using the linear model of the loop, so that the table follows the desired path.
-
-    Both paths are simulated on the axis of the file, friction included.
-    """
-    progress.step("model of the loop")
-    loop = read_machine(request.source).loop(request.axis)
-    reference = MOVE if request.job is None else _reference(request.job, "name a job with a reference")
-    if request.method == "zero-phase":
-        changed = zero_phase(loop, reference)
-    else:
-        changed = filtered_splines(loop, reference, spacing=request.spacing, window=request.window)
-    progress.step("runs of both paths")
-    # simulated with the full axis, friction included: the linear model alone would flatter the changed path
-    rows = [
-        ["as it was", *_left(loop, reference, reference)],
-        ["changed", *_left(loop, changed.reference, changed.wanted)],
-    ]
-    title = f"{called(request.source)}, axis {loop.name}: distance of the table from the wanted path, {request.method}"
-    remarks = [
-        Text(
-            f"The changed path is up to {Quantity(changed.shift, 'm')} off the wanted one, and begins "
-            f"{Quantity(changed.lead, 's')} earlier than the motion: give every axis of a machine the same lead."
-        ),
-        "It holds for this load and these gains: after a change of either make it anew.",
-    ]
-    files: dict[str, Path] = {}
-    if request.out is not None:
-        progress.step("writing")
-        write_whole(request.out, _text(changed))
-        files["Written"] = request.out
-    table = Table(title, ["path", Column("largest", "m"), Column("RMS", "m")], rows)
-    return Outcome(changed, [table], remarks, files=files, rotary=loop.axis.rotary)
-
-
-def _left(loop: Loop, reference: Reference, wanted: Reference) -> list[float]:
-    """Return the maximum and the RMS deviation of the table from the desired path, m."""
-    run = simulate(loop, reference, record=["position_load"])
-    off = run["position_load"] - np.asarray(wanted.at(run.time).position)
-    return [float(np.max(np.abs(off))), float(np.sqrt(np.mean(off**2)))]
-
-
-def _text(changed: ChangedReference) -> str:
-    """Return the text of a CSV file: time, the set positions to play, and the desired positions of the table."""
-    T = float(changed.reference.sample_time)
-    rows = zip(changed.reference.position, changed.wanted.position, strict=True)
-    lines = [f"{k * T:.9g},{float(played)!r},{float(wanted)!r}" for k, (played, wanted) in enumerate(rows)]
-    return "\n".join(["time_s,set_position_m,wanted_position_m", *lines, ""])
-
-
 def _tracked(
     file: OpenedFile, request: IterateRequest | PrefilterRequest, progress: Progress
 ) -> tuple[Log, np.ndarray, np.ndarray]:
@@ -478,7 +440,7 @@ def _tracked(
     return log, log[set_position], log[position]
 
 
-def _reference(job: JobLike, remedy: str) -> Reference:
+def job_reference(job: JobLike, remedy: str) -> Reference:
     """Return the reference of a job. Raise ParameterError with a remedy for a job that has only a log."""
     reference = read_job(job).reference
     if reference is None:

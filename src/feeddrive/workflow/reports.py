@@ -21,6 +21,8 @@ REPORTS = {
     "identification.motion.pooled:IdentifiedLogs": "workflow.identify:pooled_report",
     "identification.response.plant_fit:AxisFits": "workflow.identify_responses:fit_report",
     "identification.response.modal_fit:ModalFit": "workflow.identify_responses:fit_report",
+    "learning.part_correction:CorrectedProgram": "workflow.setpath:corrected_report",
+    "learning.part_log:LearnedPart": "workflow.setpath:learned_report",
     "machining.lobes:Lobes": "workflow.lobes:lobes_report",
     "papers.claims:Experiment": "papers.claims:paper_report",
     "path.planned:Planned": "report.machining_report:plan_report",

@@ -19,7 +19,7 @@ from feeddrive.identification import regression
 from feeddrive.identification.motion import law_other_readings, law_search, law_structures
 from feeddrive.identification.motion.law_other_readings import OtherReadings
 from feeddrive.identification.motion.law_rows import LawRows, Signals
-from feeddrive.identification.motion.law_search import Scored, Search
+from feeddrive.identification.motion.law_search import Floor, Scored, Search
 from feeddrive.identification.motion.law_set_position import restored
 from feeddrive.identification.motion.law_structures import PID, Fitted, Lag, Structure
 from feeddrive.identification.motion.motion_log import MotionLog, count_of
@@ -244,7 +244,7 @@ def _judged(found: Search, limit: float | None) -> tuple[_Verdict, Search]:
     exact = law_search.ROUNDING**2 * found.floor.power
     other = _other(found, limit) if found.best.fitted.ssr > exact else None
     # no model and no low pass makes up for counts of other readings; a twist may be one of these
-    if not found.deep and (other is None or not _blue(other, found.floor.memory)):
+    if not found.deep and (other is None or not _blue(other, found.floor)):
         found = law_search.deeper(found, whole=other is not None)
     best, floor = found.best, found.floor
     if best.fitted.ssr <= exact:
@@ -281,38 +281,55 @@ def _other(found: Search, limit: float | None) -> OtherReadings | None:
     """Return the law for other readings than the log holds, or None if it is not known."""
     # the slow rows have their own smoothed directions
     signals = replace(found.rows.raw, smoothing=0.0)
-    other = law_other_readings.with_other_readings(signals, signals.free(limit))
-    return other if other is not None and _known(other, found.floor.memory) else None
+    other = law_other_readings.with_other_readings(signals, signals.free(limit), blue=found.floor.blue)
+    return other if other is not None and _known(other, found.floor) else None
 
 
-def _known(other: OtherReadings, memory: float) -> bool:
+def _known(other: OtherReadings, floor: Floor) -> bool:
     """Return True if a cascade in the slow rows is the law, which used other readings than those in the log.
 
     Other readings are revealed by their counts, which the force lacks, by those that the force has instead, which
-    become blue noise when differenced (`memory` of the free law), or by the twist between motor and load.
+    become blue noise when differenced (in what the free law, `floor`, leaves), or by the twist between motor and load.
     """
     best = other.best
     if other.misses:
         return False
-    errors = regression.errors(law_other_readings.covariance_of(other, best))
-    fitted, gains = best.fitted, best.structure.gains
-    sure = all(errors[gains.index(name)] < SURE * abs(fitted[name]) for name in ("Kp Kv", "Kp"))
     assert other.counts is not None
+    if not _sure(best.fitted, law_other_readings.covariance_of(other, best)):
+        return False
+    # by its set motion alone a log tells less of what is not in the law
+    if other.told is not None:
+        return _foreign(other, floor)
     # a law that follows the counts of the log has read them, and what looks like a twist is a filter
-    return sure and (_foreign(other, memory) or (not other.counts[0].heard and other.twist(TWIST) > TWIST))
+    return _foreign(other, floor) or (not other.counts[0].heard and other.twist(TWIST) > TWIST)
 
 
-def _foreign(other: OtherReadings, memory: float) -> bool:
+def _sure(fitted: Fitted, covariance: np.ndarray) -> bool:
+    """Return True if the gains of a cascade have errors of at most `SURE`: Kp and the stiffness, Kp (Kv + 1/Tn).
+
+    Where Kv and 1/Tn are nearly equal, a log tells their sum, not each.
+    """
+    slopes, sums = np.zeros((2, covariance.shape[0])), np.array([fitted["Kp"], fitted["Kp Kv"]])
+    for k, name in enumerate(("Kp", "Kp Kv")):
+        slopes[k, fitted.structure.gains.index(name)] = 1.0
+    if fitted.structure.curved:
+        sums[1] += fitted.rate * fitted["Kp"]
+        slopes[1, fitted.structure.gains.index("Kp")] = fitted.rate
+        slopes[1, fitted.values.size] = fitted["Kp"]
+    return bool(np.all(regression.errors(slopes @ covariance @ slopes.T) < SURE * np.abs(sums)))
+
+
+def _foreign(other: OtherReadings, floor: Floor) -> bool:
     """Return True if the counts of the log are not in the force, or those of another reading are."""
     assert other.counts is not None
     reading, wanted = other.counts
-    return wanted.missing or reading.missing or _blue(other, memory)
+    return wanted.missing or reading.missing or _blue(other, floor)
 
 
-def _blue(other: OtherReadings, memory: float) -> bool:
+def _blue(other: OtherReadings, floor: Floor) -> bool:
     """Return True if the force has counts of another reading than that of the log."""
     assert other.counts is not None
-    return memory < -WHITE and not other.counts[0].heard
+    return floor.blue and not other.counts[0].heard
 
 
 def _fit(log: MotionLog, found: Search, *, near: bool) -> ControlFit:
@@ -411,7 +428,9 @@ def _covariance_of(other: OtherReadings, one: Scored) -> np.ndarray:
         if fit.structure.curved == one.structure.curved
         and abs(math.log((fit.fitted.rate or 1.0) / (one.fitted.rate or 1.0))) < _APART
     ]
-    weights = np.exp(-0.5 * np.array([fit.criterion - one.criterion for fit in near]))
+    # the noise of the rows that instruments are weighted by is that of one fit: it makes too much of its criterion
+    odds = 0.0 if other.told is not None else 0.5
+    weights = np.exp(-odds * np.array([fit.criterion - one.criterion for fit in near]))
     weights /= np.sum(weights)
     names = [name for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains]
     places = [one.structure.gains.index(name) for name in names]

@@ -17,12 +17,13 @@ over all columns and the force leaves the equation as it is and takes the noise 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from feeddrive.identification.motion import law_search, law_structures
+from feeddrive.identification.motion.law_instruments import SetMotion
 from feeddrive.identification.motion.law_rows import STIFF, LawRows, Reduced, Signals, Twist, reduced
 from feeddrive.identification.motion.law_search import Floor, Scored, floor_of
 from feeddrive.identification.motion.law_structures import CASCADE, Fitted, Lag, Structure
@@ -57,10 +58,17 @@ _NOTHING = 1e-9  # of the largest column, up to which one holds nothing
 # of what counts leave of the fast force, in squares, that they explain if the law read them: motion that is left in
 # them and counts of another encoder explain up to 0.07 (of 52 logs of the load's encoder, 6 s at 1 and 2 kHz)
 _HEARD = 0.08
+# of what counts would command at most, that they explain if the law read them: motion that the coarse counts of
+# another encoder make explains 2 and more of it, counts that were read at most 1.05 (43 logs)
+_COMMANDED = 1.5
 _DEAF = 0.1  # of the command by counts: laws with a filter of the velocity have 0.012 of it, but are heard
 _SLIGHT = 0.01  # of the force, that counts at a turn may add to what friction feedforward looks like
 _WIDER = (80.0, 160.0)  # Hz: to which a twist is looked for that the slow rows do not show
 _CHANCE = 4.0  # standard deviations
+_WEIGHTED = 2  # searches by the set motion, each with the noise of the rows that the last one left
+# in squares, of what least squares leave, that a law found by the set motion leaves: right ones leave up to 2.1, as
+# least squares bend towards the inverse of the plant
+_MIXED = 4.0
 _REFUSED = 3.0  # standard deviations of a chi square: one right law in 200 is refused, and fewer wrong ones pass
 _STEP = 1e-3  # relative, by which the slope of an unknown is taken
 _STEPS = 12  # of a fine search
@@ -82,6 +90,8 @@ class OtherReadings:
     floor   what a free linear law leaves of them
     gain    criterion of the best fit without a twist between motor and load, less that of this one
     likely  this and other fits, best first
+    told    instruments of the set motion, if noise moves the axis and only what they tell is explained
+    biased  the likeliest fit of least squares then
     counts  what counts of the log's reading and set position are in the force
     """
 
@@ -91,6 +101,8 @@ class OtherReadings:
     gain: float
     likely: tuple[Scored, ...]
     counts: tuple[Counts, Counts] | None = None
+    told: SetMotion | None = None
+    biased: Scored | None = None
 
     @property
     def misses(self) -> bool:
@@ -109,13 +121,15 @@ class OtherReadings:
 
     def residual(self, one: Scored) -> np.ndarray:
         """Return what a law leaves of the force in the slow rows."""
-        columns = law_structures.regressors(one.fitted, self.rows.signed(one.signals))
-        return self.rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
+        return residual(self.rows, one)
 
     def ahead(self, one: Scored) -> float:
         """Return by how much less than a law of all rows the likeliest fit leaves of the slow ones, as a criterion."""
         rest = self.residual(one)
-        return self.floor.criterion(float(rest @ rest), one.structure.parameters) - self.best.criterion
+        left = float(rest @ rest)
+        if self.told is not None:
+            left = self.floor.ssr + float(np.sum(self.told.told(rest) ** 2))
+        return self.floor.criterion(left, one.structure.parameters) - self.best.criterion
 
     @property
     def best(self) -> Scored:
@@ -123,11 +137,14 @@ class OtherReadings:
         return self.likely[0]
 
 
-def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | None:
-    """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings."""
+def with_other_readings(signals: Signals, keep: np.ndarray, *, blue: bool = False) -> OtherReadings | None:
+    """Return the likeliest cascade in the slow rows of those in `keep`, or None if the law had the log's readings.
+
+    `blue`: True if the force has counts, which may be those of another encoder.
+    """
     fast = LawRows.of(signals, keep)
     exact = count_of(signals.wanted) <= SEEN * float(np.max(np.abs(np.diff(signals.wanted))))
-    if exact and counts_of(fast, "dx").heard:
+    if exact and not blue and counts_of(fast, "dx").heard:
         return None
     rows = fast.slow(_HIGHEST)
     if rows.force.size < law_search.LEAST_ROWS:
@@ -137,14 +154,56 @@ def with_other_readings(signals: Signals, keep: np.ndarray) -> OtherReadings | N
         return found and _with_counts(found, signals, keep)
     # a motor that rests is up to half a count from its reading, and the integral of the law sums that
     rows = LawRows.of(signals, keep & signals.between_rests()).slow(_HIGHEST)
-    if rows.force.size >= law_search.LEAST_ROWS:
-        found = _Slow(rows, fast).likeliest() or found
-    rest = found.residual(found.best)
+    if rows.force.size < law_search.LEAST_ROWS:
+        return _with_counts(found, signals, keep)
+    again = _Slow(rows, fast).likeliest()
+    if again is None:
+        return _with_counts(found, signals, keep)
+    found, rest = again, again.residual(again.best)
     far = np.abs(rest) > law_search.STRAY * median_spread(rest)
     # so it is at a turn
     if found.misses and 0 < np.sum(far) <= law_search.FEW * far.size:
         found = _Slow(found.rows.without(far), fast).likeliest(found.likely) or found
+    if found.misses or (blue and not _holds(found)):
+        found = _by_set_motion(rows, fast, found.best) or found
     return _with_counts(found, signals, keep)
+
+
+def _holds(found: OtherReadings) -> bool:
+    """Return True if what the likeliest fit leaves has nothing, but for chance, that the set motion tells."""
+    rest = found.residual(found.best)
+    told = SetMotion.of(found.rows, rest).weighted(rest)
+    floor = told.floor(found.rows.force, rest)
+    left = floor.ssr + float(np.sum(told.told(rest) ** 2))
+    return not floor.misses(replace(found.best, fitted=replace(found.best.fitted, ssr=left)), _REFUSED)
+
+
+def _by_set_motion(rows: LawRows, fast: LawRows, biased: Scored) -> OtherReadings | None:
+    """Return the likeliest cascade by what the set motion tells, or None; `biased`: that of least squares.
+
+    The widest cascade, whose residual holds no part of another law, tells how noisy each row is, then the likeliest.
+    """
+    rest = residual(rows, biased)
+    told = SetMotion.of(rows, rest)
+    first = _Slow(rows, fast, told)
+    starts = first.starts()
+    if not starts:
+        return None
+    likely, found = tuple(first.wide(starts)), None
+    for _ in range(_WEIGHTED):
+        found = _Slow(rows, fast, told.weighted(residual(rows, likely[0]))).likeliest(likely)
+        if found is None:
+            return None
+        likely = found.likely
+    assert found is not None
+    left = found.residual(found.best)
+    return replace(found, biased=biased) if float(left @ left) < _MIXED * float(rest @ rest) else None
+
+
+def residual(rows: LawRows, one: Scored) -> np.ndarray:
+    """Return what a fit leaves of the force in rows."""
+    columns = law_structures.regressors(one.fitted, rows.signed(one.signals))
+    return rows.force - columns[:, : one.fitted.values.size] @ one.fitted.values
 
 
 @dataclass(frozen=True)
@@ -155,17 +214,19 @@ class Counts:
     explained  what a free law of them explains of the force, likewise
     unknowns   number of its coefficients
     rows       number of rows
+    most       what they would command at most, by a velocity over one sample, likewise
     """
 
     expected: float
     explained: float
     unknowns: int
     rows: int
+    most: float = math.inf
 
     @property
     def heard(self) -> bool:
-        """True if the force follows them: motion that is left explains less."""
-        return self.explained > _HEARD * self.rows
+        """True if the force follows them: motion that is left explains less, or more than the law could command."""
+        return _HEARD * self.rows < self.explained < _COMMANDED * self.most
 
     @property
     def missing(self) -> bool:
@@ -174,33 +235,33 @@ class Counts:
         return not self.heard and self.explained + chance < _DEAF * self.expected
 
 
-def counts_of(rows: LawRows, signal: str, command: np.ndarray | None = None) -> Counts:
+def counts_of(rows: LawRows, signal: str, commands: Sequence[np.ndarray] = ()) -> Counts:
     """Return what the counts of a signal, dx of the reading or ds of the set position, are in the force.
 
     Differences of high order leave counts, which are white, and next to nothing of motion. What they leave of the force
-    is made white by the linear prediction of it.
+    is made white by the linear prediction of it. `commands`: those of a law by the signal alone, and at most.
     """
     from scipy.linalg import solve_toeplitz  # takes a second to import
     from scipy.signal import lfilter
 
     near = rows.places[_ORDER:] - rows.places[:-_ORDER] == _ORDER
     past = [k for k, name in enumerate(rows.basis.names) if name.startswith(signal) and int(name[2:]) >= 0]
-    command = np.zeros(rows.force.size) if command is None else command
-    columns = np.column_stack([rows.columns[:, past], rows.force, command])
+    columns = np.column_stack([rows.columns[:, past], *commands, rows.force])
     fast = np.diff(columns, _ORDER, axis=0)[near]
-    force = fast[:, -2]
+    force = fast[:, -1]
     memory = np.array([force[: force.size - k] @ force[k:] for k in range(_PREDICTED + 1)])
     if force.size < law_search.LEAST_ROWS or memory[0] == 0.0:
         return Counts(0.0, 0.0, len(past), force.size)
     memory[0] *= 1.0 + _NOTHING
     predicted = np.append(1.0, -solve_toeplitz(memory[:-1], memory[1:]))
     fast = np.asarray(lfilter(predicted, [1.0], fast, axis=0))[_PREDICTED:]
-    force, command, changes = fast[:, -2], fast[:, -1], fast[:, :-2]
+    force, made, changes = fast[:, -1], fast[:, len(past) : -1], fast[:, : len(past)]
     sizes = np.linalg.norm(changes, axis=0)
     changes = changes[:, sizes > _NOTHING * np.max(sizes, initial=0.0)]
     explained = float(np.sum((np.linalg.qr(changes)[0].T @ force) ** 2))
     noise = (float(force @ force) - explained) / (force.size - changes.shape[1])
-    return Counts(float(command @ command) / noise, explained / noise, changes.shape[1], force.size)
+    expected, most = np.sum(made**2, axis=0) / noise if commands else (0.0, math.inf)
+    return Counts(float(expected), explained / noise, changes.shape[1], force.size, float(most))
 
 
 def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> OtherReadings:
@@ -208,11 +269,11 @@ def _with_counts(found: OtherReadings, signals: Signals, keep: np.ndarray) -> Ot
     one, still = found.best, np.zeros(signals.x.size)
     kind = replace(one.structure, twist=STIFF, drag=False, friction=None, fed="", shifted=False)
     gains = np.array([one.fitted[name] for name in kind.gains])
-    bare = replace(one.fitted, structure=kind, values=gains)
+    laws = [replace(one.fitted, structure=replace(kind, n=n), values=gains) for n in (kind.n, 1)]
 
     def counts(signal: str, own: Signals) -> Counts:
         rows = LawRows.of(own, keep)
-        return counts_of(rows, signal, law_structures.regressors(bare, rows)[:, : gains.size] @ gains)
+        return counts_of(rows, signal, [law_structures.regressors(law, rows)[:, : gains.size] @ gains for law in laws])
 
     return replace(
         found, counts=(counts("dx", replace(signals, wanted=still)), counts("ds", replace(signals, x=still)))
@@ -239,9 +300,9 @@ def differs(rows: LawRows, one: Scored) -> float:
 class _Slow:
     """The problems of cascades in the slow rows."""
 
-    def __init__(self, rows: LawRows, fast: LawRows) -> None:
-        self.rows, self.fast = rows, fast
-        self.floor = floor_of(rows, rows.reduced())
+    def __init__(self, rows: LawRows, fast: LawRows, told: SetMotion | None = None) -> None:
+        self.rows, self.fast, self.told = rows, fast, told
+        self.floor = floor_of(rows, rows.reduced()) if told is None else told.floor(rows.force, rows.force)
         self.fastest = float(np.max(np.abs(np.diff(rows.raw.wanted)))) / rows.raw.T
         self._plain = dict[int | None, np.ndarray]()
         self._signs = dict[tuple[int | None, float], np.ndarray]()
@@ -263,7 +324,7 @@ class _Slow:
                 weights = [np.prod(np.delete(at, k) / (k - np.delete(np.arange(4.0), k))) for k in range(4)]
                 near = np.stack([self._columns(first + k, smoothing) for k in range(4)])
                 columns = np.einsum("k,kij->ij", np.array(weights), near)
-            self._parts[key] = reduced(columns, self.rows.force)
+            self._parts[key] = (self.told.reduced if self.told else reduced)(columns, self.rows.force)
         return self._parts[key]
 
     def _columns(self, node: int | None, smoothing: float) -> np.ndarray:
@@ -356,10 +417,10 @@ class _Slow:
 
         `known`: fits to more rows, which are fitted again; without them the whole range is searched.
         """
-        starts = list(known) or self._starts()
+        starts = list(known) or self.starts()
         if not starts:
             return None
-        wide = self._wide(starts)
+        wide = self.wide(starts)
         found = dict[tuple[Structure, int], Scored]()
         for like in wide[:_KEPT]:
             for one in self._narrowed(like):
@@ -386,23 +447,24 @@ class _Slow:
         if other.fitted.sensible and abs(math.log((other.fitted.rate or 1.0) / (fine[0].fitted.rate or 1.0))) > _TWO:
             fine = sorted([*fine, other], key=_criterion)
         best = fine[0].criterion
-        floor, linear = self.floor, floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
+        floor = self.floor
         bare = [one for one in fine if one.structure.friction is None]
         # counts at a turn look like friction feedforward
-        explained = bare and floor.misses(fine[0]) and not linear.misses(bare[0])
-        if explained and bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
-            fine, floor, best = bare, linear, bare[0].criterion
+        if self.told is None and bare and floor.misses(fine[0]):
+            linear = floor_of(self.rows, self.rows.reduced(), self.rows.basis.motion)
+            if not linear.misses(bare[0]) and bare[0].fitted.ssr - floor.ssr < _SLIGHT**2 * floor.power:
+                fine, floor, best = bare, linear, bare[0].criterion
         stiff = min((one.criterion for one in fine if one.structure.twist.compliance == 0.0), default=math.inf)
         likely = tuple(one for one in fine if one.criterion < best + _ODD)
-        return OtherReadings(self.rows, self.fast, floor, stiff - best, likely)
+        return OtherReadings(self.rows, self.fast, floor, stiff - best, likely, told=self.told)
 
-    def _starts(self) -> list[Scored]:
+    def starts(self) -> list[Scored]:
         """Return the best fits of the scan without and with a low pass."""
         scan = sorted(self.scan(), key=_criterion)
         alike = ([one for one in scan if (one.structure.lag is None) == plain][:_STARTS] for plain in (True, False))
         return [one for some in alike for one in some]
 
-    def _wide(self, starts: list[Scored]) -> list[Scored]:
+    def wide(self, starts: list[Scored]) -> list[Scored]:
         """Return fits of cascades with all parts at their own minima, best first."""
         wide = sorted(map(self.refined, map(_bent, starts)), key=_criterion)
         wide = [one for one in wide if one.criterion < wide[0].criterion + _FAR]
@@ -435,7 +497,7 @@ class _Slow:
         tried, tasks = list[Structure](), list[law_structures.Problem]()
         for n in _SAMPLES:
             for d in _DELAYS:
-                if abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
+                if self.told is None and abs(0.5 * (n - 1) + d - kind.late) > _AS_LATE:
                     continue
                 for twist in dict.fromkeys((STIFF, kind.twist)):
                     wide = _widest(n, d, kind.lag, 0.0)
@@ -551,5 +613,29 @@ def covariance_of(found: OtherReadings, one: Scored) -> np.ndarray:
         if name != "rate":
             other = columns(unknowns | {name: (1.0 + _STEP) * value})
             slopes.append((other - own)[:, :size] @ one.fitted.values / (_STEP * value))
-    rest = found.rows.force - own[:, :size] @ one.fitted.values
-    return law_search.covariance_of(np.column_stack([own, *slopes]), rest)
+    rest, every = found.rows.force - own[:, :size] @ one.fitted.values, np.column_stack([own, *slopes])
+    # by set motion: of instruments without weights, as the weights are of the same rows and make too little of it;
+    # counts at turns repeat with the set motion: they may bend the law as far as they bend least squares, evenly
+    if found.told is None or found.biased is None:
+        return law_search.covariance_of(every, rest)
+    off = difference(one.fitted, found.biased.fitted, every.shape[1])
+    every = found.told.columns @ (found.told.columns.T @ every)
+    return law_search.covariance_of(every, rest) + np.outer(off, off) / 3.0
+
+
+def difference(one: Fitted, other: Fitted, size: int) -> np.ndarray:
+    """Return by how much the gains and 1/Tn of another fit differ, shape (size,), 0 for what only one of them has.
+
+    Where Kv and 1/Tn have changed places in the other fit, they change them back.
+    """
+    off, rate, gain = np.zeros(size), other.rate, other["Kp Kv"]
+    places = {name: one.structure.gains.index(name) for name in ("Kp Kv", "Kp ff", "Kp") if name in one.structure.gains}
+    for name, place in places.items():
+        off[place] = (other[name] if name in other.structure.gains else other["Kp"]) - one[name]
+    if not (one.structure.curved and other.structure.curved):
+        return off
+    own = one["Kp Kv"] / one["Kp"]
+    if abs(math.log(rate / one.rate)) > abs(math.log(gain / other["Kp"] / one.rate)) and own != one.rate:
+        gain, rate = rate * other["Kp"], gain / other["Kp"]
+    off[places["Kp Kv"]], off[one.values.size] = gain - one["Kp Kv"], rate - one.rate
+    return off

@@ -29,6 +29,9 @@ _HOPELESS = 80.0  # of n ln(ssr), by which a pair of n and d must not be worse t
 _SIGNS_PLAY = 15.0  # of n ln(ssr), that the four columns of directions must explain before they are tried
 _KEPT = 4  # pairs of n and d that are fitted with every structure
 _CLEARLY = 0.5  # of the excess of a law over the free law, that is left without strays, if these hide the law
+# autocorrelation, below which a residual is blue noise of counts: those of the logs of the law's readings are above
+# -0.06, but for position loops that run every n-th sample (32 logs)
+BLUE = 0.15
 STRAY = 6.0  # standard deviations beyond which a row is left out: single samples at a limit, a spike of a difference
 FEW = 0.03  # of the rows that may be left out so
 _RATES = np.geomspace(0.005, 1.0, 14)  # r = T Kp / model_mass that are tried first
@@ -91,6 +94,7 @@ class Floor:
     ssr        residual sum of squares
     power      sum of squares of the force
     memory     first autocorrelation of the residual
+    bluest     least of its first autocorrelations: -1/2 at n samples by counts of a velocity over n samples
     effective  number of independent rows
     unknowns   number of coefficients
     rows       number of rows of the log
@@ -101,6 +105,7 @@ class Floor:
     ssr: float
     power: float
     memory: float
+    bluest: float
     effective: float
     unknowns: int
     rows: int
@@ -110,6 +115,11 @@ class Floor:
     def price(self) -> float:
         """The criterion of the free law."""
         return self.unknowns * math.log(self.effective)
+
+    @property
+    def blue(self) -> bool:
+        """True if the residual has counts of a velocity, which those of the log do not explain."""
+        return self.bluest < -BLUE
 
     @property
     def left(self) -> float:
@@ -151,7 +161,8 @@ def floor_of(rows: LawRows, part: Reduced, places: np.ndarray | None = None) -> 
     gains = _solution(Reduced(own, part.right))
     rest = rows.force - rows.columns[:, places] @ gains
     left = part.right - own @ gains
-    return Floor(float(left @ left), part.power, correlation(rest), independent(rest), places.size, rest.size)
+    bluest = min(correlation(rest, n) for n in range(1, MOST_SAMPLES + 1))
+    return Floor(float(left @ left), part.power, correlation(rest), bluest, independent(rest), places.size, rest.size)
 
 
 def by_set_position(rows: LawRows, found: Fitted) -> np.ndarray:
@@ -215,10 +226,10 @@ def _solution(part: Reduced) -> np.ndarray:
     return np.linalg.lstsq(part.factor / sizes, part.right, rcond=1e-13)[0] / sizes
 
 
-def correlation(rest: np.ndarray) -> float:
-    """Return the first autocorrelation of a residual."""
+def correlation(rest: np.ndarray, rows: int = 1) -> float:
+    """Return the autocorrelation of a residual, by default the first one."""
     power = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+    return float(rest[rows:] @ rest[:-rows]) / power if power > 0.0 else 0.0
 
 
 def nonlinear(rows: LawRows, found: Fitted, floor: Floor) -> float:
@@ -343,7 +354,7 @@ def search(choices: Sequence[Signals], limit: float | None) -> Search | None:
             one = first if trial is keep else _searched(signals, trial)
             if one is not None and not one.floor.wants_more(one.best):
                 one = _with_models(one) if _is_loose(one.best) else one
-                return _with_low_passes(one) if _hidden(one) else one
+                return _with_low_passes(one) if _hidden(one) and not one.floor.blue else one
             found += [] if one is None or one is first else [one]
     if not every:
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -228,15 +229,36 @@ class Problem(NamedTuple):
     y: np.ndarray
 
 
+_BENT, _LOSSY = Twist(1.0, 0.0), Twist(1.0, 1.0)  # with which all twists are told
+
+
+def _aged(lag: Lag | None) -> Lag | None:
+    return lag and Lag(0.0, lag.old)
+
+
+@lru_cache(maxsize=2048)
+def _on(structure: Structure, T: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coefficients of the regressors A and B on the basis columns, shape (basis, regressors) each."""
+    A, B = structure.terms(Basis(T))
+    return np.stack([term.on for term in A], axis=1), np.stack([term.on for term in B], axis=1)
+
+
 def problem(structure: Structure, basis: Basis, part: Reduced) -> Problem:
     """Return the reduced problem of a structure.
 
     Columns of `part` behind the basis belong to a model or a drag, or are the columns of the reading after a low pass.
     """
-    A, B = structure.terms(basis)
     on_a, on_b = np.zeros((2, part.factor.shape[1], len(structure.gains)))
-    for k, (a, b) in enumerate(zip(A, B, strict=True)):
-        on_a[: basis.size, k], on_b[: basis.size, k] = a.on, b.on
+    h, plain = structure.twist, replace(structure, model=None, lag=_aged(structure.lag), eased=None, twist=STIFF)
+    own = slice(0, len(structure.gains) - structure.drag)
+    parts = [(1.0, STIFF)]
+    # the columns are linear in h and h d/k
+    if h.compliance:
+        parts = [(1.0 - h.compliance, STIFF), (h.compliance * (1.0 - h.loss), _BENT), (h.compliance * h.loss, _LOSSY)]
+    for weight, twist in parts:
+        A, B = _on(replace(plain, twist=twist), basis.T)
+        on_a[: basis.size, own] += weight * A
+        on_b[: basis.size, own] += weight * B
     if structure.drag:
         on_a[: basis.size, -1], on_b[-1, -1] = basis.one(f"sign{structure.d}").on, 1.0
     if structure.eased is not None:

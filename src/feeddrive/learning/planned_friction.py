@@ -1,0 +1,100 @@
+"""Dry friction along a planned motion: the force that the drive must overcome, known before the part runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from feeddrive.blocks.families import Friction
+
+RAMP = 0.02
+"""The time over which the friction force changes after a stop and before a start, s."""
+KEPT = 0.5
+"""The share of the friction force that is kept in a rest.
+
+A body at rest is held by any force up to breakaway.  To keep the whole force winds the integrator of the loop up in the
+rest, which costs at the next start where the friction is less than modeled; to keep none costs where it is more.
+"""
+# a plan at rest has a velocity of exactly 0 or, after smoothing, of rounding: far below any feed
+_STILL = 1e-9  # m/s
+# `steady` of a set-valued law is 0 at exactly 0: the level towards standstill is its limit from either side
+_CREEP = 1e-12  # m/s
+
+
+def direction_along(velocity: np.ndarray, sample_time: float) -> np.ndarray:
+    """Return the mean direction s of the dry friction over each sample interval, -1 to 1, shape (n,).
+
+        moving           s = sgn v; an interval with a reversal has the mean of both directions, by the zero crossing of
+                         v, which is taken as linear
+        a rest           from a stop in direction a to a start in direction b: s falls from a to a/2 within 20 ms, and
+                         changes to b in the last 20 ms, complete at the first moving sample
+        a shorter rest   than 20 ms: s changes from a to b over its whole length
+        first and last   motion: from 0 and to 0 in the same way, in the rest before the motion and after it
+
+    All changes follow 10 t³ - 15 t⁴ + 6 t⁵.
+
+    velocity     planned velocity at kT, m/s, shape (n,)
+    sample_time  T, s
+    """
+    v = np.where(np.abs(velocity) > _STILL, velocity, 0.0)
+    n = v.size
+    sign = np.sign(v)
+    moving = np.flatnonzero(sign)
+    if moving.size == 0:
+        return np.zeros(n)
+    s = sign.copy()
+    # the interval in which the motion reverses without a rest
+    ahead = np.append(v[1:], v[-1])
+    turns = v * ahead < 0.0
+    before = np.abs(v[turns]) / (np.abs(v[turns]) + np.abs(ahead[turns]))
+    s[turns] = sign[turns] * (2.0 * before - 1.0)
+    ramp = max(1, round(RAMP / sample_time))
+    # rests: runs of samples with velocity 0, between the moving samples `last` and `after` (-1 and n: none)
+    edges = np.concatenate([[-1], moving, [n]])
+    for place in np.flatnonzero(np.diff(edges) > 1):
+        last, after = int(edges[place]), int(edges[place + 1])
+        begin = 0.0 if last < 0 else sign[last]
+        end = 0.0 if after >= n else sign[after]
+        if after - last == 2 and last >= 0 and after < n:
+            # a zero crossing that falls on a sample is no rest: the interval already moves the new way
+            s[last + 1] = end
+            continue
+        rest = after - last - 1
+        k = np.arange(1, rest + 1)
+        width = min(ramp, rest)
+        if after >= n:
+            # the end of the program: no start follows
+            s[last + 1 :] = begin * (1.0 - _step(k / width))
+            continue
+        starting = _step((k - (rest - width)) / width)
+        held = begin if rest < ramp else begin * (1.0 - (1.0 - KEPT) * _step(k / width))
+        s[last + 1 : after] = held * (1.0 - starting) + end * starting
+    return s
+
+
+def _step(t: np.ndarray) -> np.ndarray:
+    """Return a step from 0 at t <= 0 to 1 at t >= 1 without a jump of its first two derivatives."""
+    t = np.clip(t, 0.0, 1.0)
+    return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+
+
+def friction_along(friction: Friction, velocity: np.ndarray, sample_time: float) -> np.ndarray:
+    """Return the force (N) that overcomes the dry friction in each sample interval of a motion, shape (n,).
+
+        f(k) = s(k) level(v(k + 1/2)),   level(v) = |steady(v) - linear · v|
+
+    velocity     planned velocity at kT, m/s, shape (n,)
+    sample_time  T, s
+
+    The viscous part is left out: the linear model of the loop holds it.
+    """
+    s = direction_along(velocity, sample_time)
+    middle = np.abs(0.5 * (velocity + np.append(velocity[1:], velocity[-1])))
+    speed = np.maximum(middle, _CREEP)
+    force = np.zeros(s.size)
+    for sign in (1.0, -1.0):
+        there = s * sign > 0.0
+        along: Any = sign * speed[there]
+        force[there] = s[there] * np.abs(np.asarray(friction.steady(along)) - friction.linear() * along)
+    return force
