@@ -665,6 +665,7 @@ def test_noise_counts_as_curvature_with_a_fifth_of_its_size() -> None:
 
 
 def told(higher: bool = True, **attributes: Any) -> Any:
+    attributes = {"box": None, "box_before": None} | attributes
     goal = SimpleNamespace(higher=higher, goal=SimpleNamespace(what="dynamic stiffness"))
     return SimpleNamespace(goal=goal, **attributes)
 

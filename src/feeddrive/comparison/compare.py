@@ -9,7 +9,17 @@ from typing import Any
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.families import Law, Reference
-from feeddrive.evaluation.competitor import OUTSIDE, REFUSED, UNFIT, UNSETTLED, AtWork, Competitor, Place, Plant
+from feeddrive.evaluation.competitor import (
+    OUTSIDE,
+    REFUSED,
+    UNDECIDED,
+    UNFIT,
+    UNSETTLED,
+    AtWork,
+    Competitor,
+    Place,
+    Plant,
+)
 from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.lineup import Lineup, Trial, judged
@@ -24,10 +34,12 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.judgment import Advice, Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.table import Column, Result, Table, chart_of, frame_of
+from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, joined, marked
+from feeddrive.loop.box import Box
 from feeddrive.plot.chart import Chart
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
+from feeddrive.tuning.filters import with_notch_and_low_pass
 from feeddrive.tuning.tune import two_digits
 
 TODAY = "today's gains"
@@ -47,6 +59,7 @@ _HEADS = {
     UNFIT: "Without figures, unstable or out of bounds",
     UNSETTLED: "Not settled, so not ranked (more --starts may find better gains)",
     OUTSIDE: "Outside of the rule, so not ranked",
+    UNDECIDED: "Undecided whether the rule holds over the box, so not ranked",
 }
 """The heads of the lists of laws that are not ranked, by the kind of reason."""
 # share of the force limit above which force noise gets a remark: it is heard, and heats the motor at standstill
@@ -110,12 +123,15 @@ class Comparison(Result):
 
     def table(self) -> Table:
         """Return a table of robustness and the deciding figures per law; * marks those that are not ranked."""
-        rows = [
-            [f"{law.name}{' *' if law.unplaced else ''}", *(law.figures.get(figure.key) for figure in _SHOWN.values())]
-            for law in self.competitors
-        ]
+        rows: list[list[Cell]] = []
+        for law in self.competitors:
+            name = f"{law.name}{' *' if law.unplaced else ''}"
+            rows.append([name, *(law.figures.get(figure.key) for figure in _SHOWN.values())])
+            if law.box is not None:
+                rows.append(["  at worst", *(law.worst.get(figure.key) for figure in _SHOWN.values())])
         columns = [replace(figure.column(head), form="2") for head, figure in _SHOWN.items()]
-        return Table(f"{self.title}; * not ranked", [Column("law"), *columns], rows)
+        over = ", at worst: over the box" if any(law.box is not None for law in self.competitors) else ""
+        return Table(f"{self.title}; * not ranked{over}", [Column("law"), *columns], rows)
 
     def ranking(self) -> Table:
         """Return a table of the rank of each law by each criterion."""
@@ -136,7 +152,8 @@ def _chart(comparison: Comparison) -> Chart:
     """Plot stiffness versus tracking error, one dot per law."""
     from feeddrive.plot.laws import tradeoff_chart
 
-    return tradeoff_chart([(law.name, law.figures, law.unplaced) for law in comparison.competitors])
+    laws = comparison.competitors
+    return tradeoff_chart([(law.name, law.figures, law.unplaced) for law in laws], [law.worst for law in laws])
 
 
 @frame_of.register
@@ -157,6 +174,8 @@ def compare_laws(
     sensitivity_peak: float = 2.0,
     delay_margin_samples: float = 2.0,
     noise_ratio: float = 1.05,
+    box: Box | None = None,
+    filters: str | None = None,
     seed: int = 0,
     starts: int = 2,
     engine: Engine | None = None,
@@ -170,7 +189,12 @@ def compare_laws(
                        of the machine (`Duty`)
     sensitivity_peak, delay_margin_samples, noise_ratio   the rule of equal robustness; the last one limits the gain
                        from reading noise to force, relative to that of the tuned P-PI
-    seed               seed of the encoder noise, the same for all laws
+    box                tolerances of the plant: the rule holds over this box, and every figure is also computed at its
+                       worst plant; a law is not ranked if the rule is exceeded, or undecided, at a plant of the box
+    filters            kept: the filters of the machine file, unchanged;  free: every law tunes them, and a notch and a
+                       low-pass are added where there is none, so that no law knows a resonance that another does not;
+                       default: free with a box, kept without one
+    seed               seed of the encoder noise, the same for all laws, and of the searches
     starts             number of searches per law; with a single search no law is ranked, since no second search
                        confirms the result
     engine             engine that tunes and evaluates the laws and stores finished cases; default: in this process
@@ -188,18 +212,31 @@ def compare_laws(
     loop = machine.loop(axis)
     name = axis if axis is not None else next(iter(machine.loops))
     duty = duty_of(loop, reference, force)
-    lineup = Lineup.of(loop, [law for law in laws or () if not isinstance(law, str)])
+    filters = filters or ("kept" if box is None else "free")
+    if filters not in ("kept", "free"):
+        raise ParameterError(f"filters = {filters!r} must be kept or free: all laws of a comparison have the same ones")
+    begun = loop if filters == "kept" else with_notch_and_low_pass(loop)
+    lineup = Lineup.of(begun, [law for law in laws or () if not isinstance(law, str)])
     if laws is not None:
         lineup = lineup.only(lineup.names(laws))
     if not noise_ratio >= 1.0:
         raise ParameterError(f"noise_ratio = {number(noise_ratio, 6)} must be >= 1: P-PI itself has 1")
-    rule = Rule(sensitivity_peak, delay_margin_samples, noise_ratio, duty.sliding(loop), starts)
+    rule = Rule(
+        sensitivity_peak,
+        delay_margin_samples,
+        noise_ratio,
+        duty.sliding(loop),
+        starts,
+        box=box,
+        filters=filters,
+        seed=seed,
+    )
     # an error of the present control ends the comparison here, before searches that take minutes
     stability(loop, velocity=rule.velocity)
     searched = lineup.searched
     bar = Bar(progress or Progress(), Tuning.stages * len(searched) + len(lineup.possible) + len(lineup.refused) + 1)
     tunings, rule = tuned_all(searched, rule, engine, bar)
-    plant = Plant("", loop, duty, rule, (Place(name, loop.axis, loop.axis),), (seed,), seed)
+    plant = Plant("", begun, duty, rule, (Place(name, loop.axis, loop.axis),), (seed,), seed)
     # the present gains come first and unchanged: all other rows are compared with them
     today = Trial(AtWork(Candidate(TODAY, loop, "as in the machine file"), plant))
     rows = judged([today, *lineup.trials(tunings, plant)], engine, bar)

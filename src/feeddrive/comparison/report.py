@@ -66,7 +66,8 @@ def contents(comparison: Comparison) -> LawsContents:
             "tradeoff",
             "Stiffness against tracking, at equal robustness",
             "A dot for each law, better is left and up. Hollow: today's gains where they are outside of the rule, "
-            "and laws that have not settled.",
+            "and laws that have not settled. A line leads to the figures at the worst plant of the box, if there is "
+            "one.",
             "Stiffness at 10 Hz and at 100 Hz over the RMS tracking error, one dot a law.",
             comparison.chart,
         ),
@@ -105,31 +106,46 @@ def _ranked(comparison: Comparison, criteria: tuple[Figure, ...]) -> Marked:
         places = comparison.places(criterion)
         for row, law, place in zip(rows, comparison.competitors, places, strict=True):
             value, remark = law.figures.get(criterion.key), law.kind or place
-            row.append(None if value is None else Text(f"{criterion.bare(value)} ({remark})"))
+            worst = law.worst.get(criterion.key)
+            beside = "" if worst is None else f", {criterion.bare(worst)}"
+            row.append(None if value is None else Text(f"{criterion.bare(value)}{beside} ({remark})"))
         best.append(places.index(1) if places.count(1) == 1 else None)
     columns = ["law", *(criterion.column() for criterion in criteria)]
-    return Marked(Table("Figures, and in brackets the place of the law by this criterion.", columns, rows), best)
+    over = "" if comparison.competitors[0].box is None else "at the model, then at the worst plant of the box, "
+    return Marked(Table(f"Figures, {over}and in brackets the place of the law by this criterion.", columns, rows), best)
 
 
 def _tuning(comparison: Comparison) -> Marked:
     """Tabulate robustness, the active constraints of the tuning, and its proof."""
     rows: list[list[Cell]] = []
+    boxed = next((law.box for law in comparison.competitors if law.box is not None), None)
     for law in comparison.competitors:
         values = (law.figures.get(figure.key) for figure in _ROBUSTNESS)
-        cells = [law.name, *("∞" if value is not None and math.isinf(value) else value for value in values)]
+        cells: list[Cell] = [law.name, *("∞" if value is not None and math.isinf(value) else value for value in values)]
+        over: list[Cell] = [] if boxed is None else _over_box(law)
         if law.kind == UNFIT:
-            rows.append([law.name, *[None] * len(_ROBUSTNESS), law.reason, None, None])
+            rows.append([law.name, *[None] * len(_ROBUSTNESS), *over, law.reason, None, None, None])
         elif law.tuned is None:
-            rows.append([*cells, law.held_by, None, None])
+            rows.append([*cells, *over, law.held_by, None, None, None])
         else:
             proof = Text(f"not proven: {law.unproven}") if law.unproven else "holds"
-            rows.append([*cells, law.held_by, law.tuned.evaluations, proof])
-    columns = ["law", *(figure.column() for figure in _ROBUSTNESS), "held back by", "loops judged", "proof"]
+            agreed = "{} of {}".format(*law.tuned.agreed)
+            rows.append([*cells, *over, law.held_by, law.tuned.evaluations, agreed, proof])
+    beside = [] if boxed is None else [SENSITIVITY_PEAK.column("Ms at worst"), "over the box", "worst plant"]
+    columns = ["law", *(figure.column() for figure in _ROBUSTNESS), *beside, "held back by", "loops judged"]
+    columns += ["searches within 5 %", "proof"]
     title = Text(
         f"Robustness: {comparison.rule}. Proof: poles, limits on other frequency lines, and the rope-snap error by a "
         "run of the loop with its friction, counts and limits, all computed independently of the search."
     )
     return Marked(Table(title, columns, rows))
+
+
+def _over_box(law: Competitor) -> list[Cell]:
+    """Return Ms at the worst plant of the box, the verdict, and that plant."""
+    if law.box is None:
+        return [None, None, None]
+    return [law.worst.get(SENSITIVITY_PEAK.key), law.box.verdict, law.box.plant]
 
 
 def _tunables(comparison: Comparison) -> list[Marked]:
@@ -215,6 +231,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
         "axis": comparison.axis,
         "rule": comparison.rule,
         "seed": comparison.seed,
+        "box": next((law.box.text for law in comparison.competitors if law.box is not None), None),
         "force_N": comparison.duty.force,
         "settled_within_m": comparison.duty.near,
         "velocity_of_the_linear_model_m_per_s": comparison.velocity,

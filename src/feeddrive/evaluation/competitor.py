@@ -1,5 +1,6 @@
 """One control law on one plant: the axis with its duty, the case that evaluates the law, and the resulting row."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -10,6 +11,7 @@ from feeddrive.analysis.stability import stability
 from feeddrive.evaluation.case import Case
 from feeddrive.evaluation.duty import Duty, DutyRuns
 from feeddrive.evaluation.robustness import Design, Rule
+from feeddrive.figures import of_loops
 from feeddrive.figures.ranking import ROBUST, Values, effort_of, linear, robust_peak, worst
 from feeddrive.files.run_files import plain
 from feeddrive.language.errors import FeeddriveError
@@ -21,9 +23,21 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import Candidate
 from feeddrive.tuning.recipes import RECIPES
 from feeddrive.tuning.tune import Tuned
+from feeddrive.tuning.worst import OverBox, box_plants, over_box
 
 REFUSED, UNFIT, STALE = "refused", "unfit", "stale"
 UNSETTLED, UNSEARCHED, OUTSIDE = "not settled", "not searched", "outside of the rule"
+UNDECIDED = "undecided"
+
+
+_OVER_BOX = (
+    of_loops.SENSITIVITY_PEAK,
+    of_loops.DELAY_MARGIN,
+    of_loops.ROPE_SNAP,
+    *of_loops.STIFFNESS_AT,
+    of_loops.STIFFNESS_LEAST,
+)
+"""The figures of the linear model that are shown at the worst plant of a box, too."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +91,9 @@ class Plant:
 class Competitor:
     """A law on one axis: its loop, its figures in SI units, the reason why it is not ranked, and its runs.
 
+    box       the law over the box of the rule; None if there is no box
+    worst     its figures at the worst plant of the box: linear ones over the box, those of runs at the plants with the
+              largest Ms and with the least stiffness at 10 Hz
     unplaced  empty for a ranked law, otherwise the kind and the reason. "unfit": the loop is unstable or the motion
               left its bounds; "outside of the rule": the bounds that the law exceeds, as the existing gains may
     tuned     result of its search, or its stored design; None for a law that was not tuned and for a recipe
@@ -95,6 +112,8 @@ class Competitor:
     recipe: bool = False
     runs: DutyRuns | None = None
     model: LoopModel | None = None
+    box: OverBox | None = None
+    worst: Values = field(default_factory=dict[str, float | None])
 
     @property
     def kind(self) -> str:
@@ -127,6 +146,10 @@ class Competitor:
             row["tunables"] = {f"{control}.{name}": value for name, value in tuned.tunables.items()}
             row["held"] = [bound if isinstance(bound, str) else bound.sentence() for bound in tuned.held]
             row |= {"spread": tuned.spread, "loops_judged": tuned.evaluations}
+            row["searches"] = {"within_5_percent": tuned.agreed[0], "all": tuned.agreed[1]}
+        if self.box is not None:
+            row["box"] = self.box.record()
+            row["worst"] = {key: plain(value) for key, value in self.worst.items()}
         if isinstance(tuned, Tuned):
             row["proof"] = {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof}
         return row | {"figures": {key: plain(value) for key, value in self.figures.items()}}
@@ -204,9 +227,48 @@ class AtWork(Case[Competitor]):
         # judged by the worst figures, so that no position or seed may exceed a bound
         exceeded = rule.broken(figures)
         unplaced = Text(f"{OUTSIDE}: {exceeded}") if exceeded else ""
+        box = self._over_box(law.loop) if law.loop.control.law.period() <= MOST else None
+        if box is not None and box.holds is not True:
+            kind = UNDECIDED if box.holds is None and not exceeded else OUTSIDE
+            over = Text(f"over the box {box.sentence(rule.limits())}")
+            unplaced = Text(f"{kind}: {joined(', ', [*([exceeded] if exceeded else []), over])}")
+        worst_figures = {} if box is None else self._worst_over(box, rows[0])
         # the longest remark is that of a run in which the guard tripped, if any
         remark = max((row.remark for row in rows), key=len)
-        return replace(rows[0], figures=figures, remark=remark, unplaced=unplaced)
+        return replace(rows[0], figures=figures, remark=remark, unplaced=unplaced, box=box, worst=worst_figures)
+
+    def _over_box(self, loop: Loop) -> OverBox | None:
+        """Return the law over the box of the rule; None if the rule has no box."""
+        rule = self.plant.rule
+        if rule.box is None:
+            return None
+        boxes = [
+            box_plants(rule.box, replace(loop, axis=place.model), place.name, rule.velocity)
+            for place in self.plant.places
+        ]
+        return over_box(loop.control, boxes, rule.limits(), shown=_OVER_BOX)[0]
+
+    def _worst_over(self, box: OverBox, law: Competitor) -> Values:
+        """Return the figures at the worst plant of the box; absent ones are None, as where the loop is unstable.
+
+        Only the plants with the largest Ms and the least stiffness at 10 Hz are run: a run costs as much as all the
+        linear models.
+        """
+        spreads = [box.spread(figure) for figure in (of_loops.SENSITIVITY_PEAK, of_loops.STIFFNESS_AT[0])]
+        plants = [spread.at for spread in spreads if spread is not None and spread.at is not None]
+        over: dict[str, float | None] = {s.figure.key: s.worst for s in box.spreads}
+        # a run at an unstable plant shows when it was stopped, not how bad it is
+        if not math.isfinite(box.used):
+            return over
+        runs: list[Values] = [] if law.runs is None else [law.runs.figures]
+        for plant, seed in product(plants, self.plant.seeds[:1]):
+            axis = replace(law.loop.axis, plant=plant.axis.plant, actuator=plant.axis.actuator)
+            try:
+                runs.append(self.plant.duty.runs(replace(law.loop, axis=axis), seed, law.name).figures)
+            except FeeddriveError:
+                # unstable or out of its bounds: it has no figures of runs at its worst plant
+                runs.append({})
+        return {**(worst(runs) if runs else {}), **over}
 
     def _at(self, law: Competitor, loop: Loop, model: Loop, seed: int) -> Competitor:
         """Return a law with its figures at one position, with the noise of one seed."""

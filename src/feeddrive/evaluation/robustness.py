@@ -27,6 +27,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
 from feeddrive.language.units import rounded
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
@@ -51,6 +52,9 @@ class Rule:
     repeats       number of complete tunings per law, each with its own random starts; with several, a law has settled
                   only if all of them end within 5 % of the best
     also          the axis at further positions or loads: the bounds apply there too, and the worst objective counts
+    box           tolerances of every plant: the bounds hold over this box; the objective is that of the models
+    filters       filters of the control in a tuning: kept, or free
+    seed          seed of the first tuning of every law; the next ones have the numbers after it
     """
 
     sensitivity_peak: float
@@ -61,6 +65,9 @@ class Rule:
     noise: float | None = None
     repeats: int = 1
     also: tuple[Axis, ...] = ()
+    box: Box | None = None
+    filters: str = "kept"
+    seed: int = 0
 
     @property
     def sentence(self) -> str:
@@ -76,7 +83,16 @@ class Rule:
             f"{number(self.sensitivity_peak, 6)}, a delay margin of at least {number(self.delay_margin_samples, 6)} "
             f"samples, {noise}and all eigenvalues inside the unit circle, the loop cut at the actuator; all laws are "
             "told the same mass, viscous friction and delay"
+            f"{self._of_filters}{self._over}"
         )
+
+    @property
+    def _of_filters(self) -> str:
+        return "; every law tunes the same filters, a notch and a low-pass among them" if self.filters == "free" else ""
+
+    @property
+    def _over(self) -> str:
+        return "" if self.box is None else Text(f"; all bounds hold over the box: {self.box.sentence}")
 
     def limits(self) -> Limits:
         """Return the limits of one tuning; force noise is computed even where it is not limited."""
@@ -108,9 +124,14 @@ class Rule:
     def with_noise_of(self, plain: Tuned | Refusal) -> Self:
         """Return the rule for the other laws, with the noise limit taken from the tuned P-PI."""
         # without a tuned P-PI there is no noise to compare with: the other laws are then tuned without this limit
-        if not isinstance(plain, Tuned) or plain.after[0].force_noise is None:
+        noise = plain.after[0].force_noise if isinstance(plain, Tuned) else None
+        if not isinstance(plain, Tuned) or noise is None:
             return self
-        return replace(self, noise=self.noise_ratio * plain.after[0].force_noise / NANO)
+        over = None if plain.box is None else plain.box.spread(FORCE_NOISE)
+        # at its worst plant: a bound at the model would be broken over the box by P-PI itself
+        if over is not None and over.worst is not None:
+            noise = max(noise, over.worst)
+        return replace(self, noise=self.noise_ratio * noise / NANO)
 
 
 @dataclass(frozen=True)
@@ -122,6 +143,7 @@ class Design:
     refused    the reason if no design was found; otherwise empty
     figures    figures by key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
+    agreed     number of searches that ended within 5 % of the best one of their tuning, and of all
     held       the active constraints, as sentences; `bounds` contains them as values
     """
 
@@ -141,6 +163,7 @@ class Design:
     started: Mapping[str, float] = field(default_factory=dict[str, float])
     bounds: tuple[HeldBack, ...] = ()
     advice: tuple[str, ...] = ()
+    agreed: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(cls, law: str, outcome: Tuned | Refusal, rule: Rule) -> Self:
@@ -160,6 +183,7 @@ class Design:
             started=outcome.started,
             bounds=outcome.held,
             advice=outcome.advice,
+            agreed=outcome.agreed,
         )
 
     def record(self) -> dict[str, Any]:
@@ -181,6 +205,7 @@ class Design:
         values["tunables"] = {name: float.fromhex(value) for name, value in record["tunables"].items()}
         values["bounds"] = tuple(HeldBack(**bound) for bound in record.get("bounds", ()))
         values |= {name: tuple(record.get(name, ())) for name in ("held", "advice")}
+        values["agreed"] = tuple(record.get("agreed", (0, 0)))
         return cls(**values)
 
     def control(self, candidate: Candidate) -> Control:
@@ -256,7 +281,7 @@ class Tuning(Case["Tuned | Refusal"]):
         progress.step("as it was kept")
         control, limits = design.control(self.candidate), self.rule.limits()
         return replace(
-            assess(control, self.points, rule="kept", limits=limits, velocity=self.rule.velocity),
+            assess(control, self.points, rule="kept", limits=limits, velocity=self.rule.velocity, box=self.rule.box),
             tunables=dict(design.tunables),
             started=dict(design.started),
             held=design.bounds,
@@ -264,6 +289,7 @@ class Tuning(Case["Tuned | Refusal"]):
             evaluations=design.evaluations,
             spread=design.spread,
             unsettled=design.unsettled,
+            agreed=design.agreed,
             recipe="",
         )
 
@@ -275,14 +301,15 @@ class Tuning(Case["Tuned | Refusal"]):
         rule = self.rule
         tunings: list[Tuned] = []
         errors: list[FeeddriveError] = []
-        for seed in range(rule.repeats):
+        for seed in range(rule.seed, rule.seed + rule.repeats):
             try:
                 tunings.append(
                     tune_control(
                         self.candidate.loop,
                         self.points,
                         limits=rule.limits(),
-                        filters="kept",
+                        filters=rule.filters,
+                        box=rule.box,
                         starts=rule.starts,
                         seed=seed,
                         velocity=rule.velocity,
@@ -306,6 +333,7 @@ class Tuning(Case["Tuned | Refusal"]):
             tunings[int(np.argmin(goals))],
             spread=spread,
             evaluations=sum(tuned.evaluations for tuned in tunings),
+            agreed=(sum(tuned.agreed[0] for tuned in tunings), sum(tuned.agreed[1] for tuned in tunings)),
             unsettled=unsettled,
         )
 

@@ -6,6 +6,7 @@ make_lazy(
     __name__,
     {
         "axis": "Axis",
+        "box": "Box",
         "control": "Control",
         "frequency_response": "FRF",
         "gradient": "Gradient gradient",

@@ -3,6 +3,7 @@
 # written by `make stubs`
 
 from feeddrive.loop.axis import Axis as Axis
+from feeddrive.loop.box import Box as Box
 from feeddrive.loop.control import Control as Control
 from feeddrive.loop.frequency_response import FRF as FRF
 from feeddrive.loop.gradient import Gradient as Gradient

@@ -18,6 +18,7 @@ from feeddrive.plot.chart import (
     LOG,
     MARKERS,
     NEUTRAL,
+    THIN,
     Abscissa,
     Box,
     Chart,
@@ -33,7 +34,10 @@ X, HEIGHTS = TRACKING_RMS, STIFFNESS_AT
 _MOST = 8.0  # ratio at which the color saturates
 
 
-def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) -> Chart:
+def tradeoff_chart(
+    rows: Sequence[tuple[str, Mapping[str, float | None], str]],
+    worst: Sequence[Mapping[str, float | None]] = (),
+) -> Chart:
     """Plot stiffness at 10 and 100 Hz versus the RMS tracking error, one dot per law; the better laws are at the upper
     left.
 
@@ -41,6 +45,7 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
 
     rows  name of a law, its figures in SI units by criterion key, and the reason why it is not ranked (drawn as a
           hollow dot)
+    worst  for each row its figures at the worst plant of a box, to which a line leads; empty without a box
     """
     bases = {base: i - 1 for i, base in enumerate(dict.fromkeys(_base(name) for name, _, _ in rows))}
     panels = list[Panel]()
@@ -59,10 +64,22 @@ def tradeoff_chart(rows: Sequence[tuple[str, Mapping[str, float | None], str]]) 
             # Neither 0 nor infinity has a place on a logarithmic scale.
             if (x := figures.get(X.key)) and (y := figures.get(of_y.key)) and np.isfinite([x, y]).all()
         )
-        low, high = _around([mark.y for mark in marks], 0.14)
+        ways = tuple(
+            Curve(
+                np.array([X.scale * x, X.scale * to_x]),
+                np.array([of_y.scale * y, of_y.scale * to_y]),
+                number=bases[_base(name)],
+                look=THIN,
+            )
+            for (name, figures, _), over in zip(rows, worst, strict=False)
+            if (x := figures.get(X.key)) and (y := figures.get(of_y.key))
+            if (to_x := over.get(X.key)) and (to_y := over.get(of_y.key)) and np.isfinite([x, y, to_x, to_y]).all()
+        )
+        low, high = _around([*(mark.y for mark in marks), *(float(way.y[1]) for way in ways)], 0.14)
         label = Text(f"{of_y.title}\n({unit_name(of_y.unit)})")
-        panels.append(Panel(label, marks=marks, scale=LOG, low=low, high=high))
-    left, right = _around([mark.x for panel in panels for mark in panel.marks], 0.16)
+        panels.append(Panel(label, ways, marks=marks, scale=LOG, low=low, high=high))
+    places = [mark.x for panel in panels for mark in panel.marks]
+    left, right = _around([*places, *(float(way.x[1]) for panel in panels for way in panel.curves)], 0.16)
     label = Text(f"{X.title} ({unit_name(X.unit)}); filled: ranked at equal robustness")
     return Chart(label, tuple(panels), LOG, left, right, height=8.4)
 

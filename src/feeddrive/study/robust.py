@@ -36,6 +36,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number, span, unit_name
 from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
+from feeddrive.loop.box import Box as Tolerances
 from feeddrive.loop.control import Control
 from feeddrive.loop.runner import cores
 from feeddrive.plot import style
@@ -397,6 +398,7 @@ def tune_robust(
     fresh: int | None = None,
     starts: int = 2,
     seed: int = 0,
+    box: Tolerances | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Robust:
@@ -408,6 +410,7 @@ def tune_robust(
     share     the fraction of the sampled machines to which limits and goal apply; the worst ones are excluded
     samples   the number of machines available to the tuner (default: the study's count, at most 1000)
     fresh     the number of newly drawn machines for verification (default: as many as sampled, at least 200)
+    box       tolerances of the plant of the study's job: the limits hold over this box too, beside all machines
     workers   the number of processes for verification (default: all cores)
 
     All other arguments are as in `tune_control`.  Raises UnstableError, with the machine names, if no controller
@@ -425,6 +428,7 @@ def tune_robust(
         fresh=fresh,
         starts=starts,
         seed=seed,
+        box=box,
         workers=workers,
         progress=progress,
     )
@@ -447,6 +451,7 @@ class RobustTuner:
         fresh: int | None = None,
         starts: int = 2,
         seed: int = 0,
+        box: Tolerances | None = None,
         workers: int | None = None,
         progress: Progress | None = None,
     ) -> None:
@@ -460,7 +465,7 @@ class RobustTuner:
         self.loop = next(self.study.bases()).loop
         self.limits = limits_of(self.study, limits or Limits())
         self.goal, self.filters, self.band, self.share = goal, filters, band, share
-        self.starts, self.seed = starts, seed
+        self.starts, self.seed, self.box = starts, seed, box
         self.sample = scenarios(self.study, samples or min(self.study.count, 1000), self.progress)
         self.fresh = fresh or max(200, len(self.sample.points))
 
@@ -563,6 +568,8 @@ class _Search:
                 seed=of.seed,
                 velocity=of.sample.velocity,
                 today=of.loop.control,
+                box=of.box,
+                around=[of.loop],
                 progress=of.progress,
             )
         except UnstableError as error:

@@ -11,5 +11,6 @@ make_lazy(
         "recipes": "Recipe half_antiresonance kv_rule makers_rule margin_goals symmetric_optimum",
         "scaling": "DelayMap delay_map",
         "tune": "Tuned assess tune_control",
+        "worst": "OverBox",
     },
 )

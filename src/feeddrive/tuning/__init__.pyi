@@ -19,3 +19,4 @@ from feeddrive.tuning.scaling import delay_map as delay_map
 from feeddrive.tuning.tune import Tuned as Tuned
 from feeddrive.tuning.tune import assess as assess
 from feeddrive.tuning.tune import tune_control as tune_control
+from feeddrive.tuning.worst import OverBox as OverBox

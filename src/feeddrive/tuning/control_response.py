@@ -247,6 +247,15 @@ class ControlResponse:
         with np.errstate(all="ignore"):
             return control.start(control.prepare(self.T), setpoint, before, before, np.float64(self.velocity))
 
+    def is_admissible(self, values: Sequence[float] | np.ndarray) -> bool:
+        """Return True if the blocks of the controller accept the sample time with these values of the tunables."""
+        changed = dict(zip(self.tunables, map(float, values), strict=True))
+        try:
+            tree.check_sampled(tree.vary(self.control, changed), self.T)
+        except ParameterError:
+            return False
+        return True
+
     def images(self, axis: Axis | None, frequency: np.ndarray) -> np.ndarray | None:
         """Return the axis response at the images f + k/(NT) of the lines f in Hz, shape (2, lines, N - 1).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
-from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
+from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined
@@ -149,6 +149,7 @@ def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
     )
 
 
+_THINNED = 4  # of the lines near a limit at a plant of a box, one of so many is kept
 NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
@@ -174,20 +175,36 @@ class Bound(NamedTuple):
         return NOTCH if self.figure is None else self.figure.title
 
 
-def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
+def bounds_of(i: int, loop: SlopedLoop, limits: Limits, *, critical: bool = False) -> list[Bound]:
     """Return the bounds of point `i` that are violated or close to violation.
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
+
+    critical  True for the lines beside a minimum of the slack alone, and every fourth line between
     """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
-        for place in figure.limit.places(loop, bound, limits.reading_noise):
+        places = list(figure.limit.places(loop, bound, limits.reading_noise))
+        for place in _critical(places) if critical else places:
             frequency, slack, slope, deviation, line = place
             key = (figure.key, i, line)
             order = (figure.limit.order, line)
             bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
     return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
+
+
+def _critical(places: Sequence[Place]) -> list[Place]:
+    """Return the places beside a local minimum of the slack, and every fourth one of the others."""
+    slack = np.array([place.slack for place in places])
+    if slack.size < 3 * _THINNED:
+        return list(places)
+    low = np.flatnonzero((slack[1:-1] <= slack[:-2]) & (slack[1:-1] <= slack[2:])) + 1
+    kept = np.zeros(slack.size, bool)
+    kept[::_THINNED] = True
+    for beside in (-1, 0, 1):
+        kept[low + beside] = True
+    return [place for place, keep in zip(places, kept, strict=True) if keep]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
@@ -227,8 +244,8 @@ class Evaluation:
     """The evaluation of a controller: stability, goal at each point (lower is better) with derivatives, and bounds."""
 
     stable: bool
-    goal: np.ndarray  # (points,)
-    slope: np.ndarray  # (points, tunables)
+    goal: np.ndarray  # (points with a goal,)
+    slope: np.ndarray  # (points with a goal, tunables)
     curvature: np.ndarray  # (tunables, tunables)
     bounds: tuple[Bound, ...]
 
@@ -254,7 +271,7 @@ class Evaluation:
 class Criteria:
     """The evaluation of goal and limits of a controller at all operating points.
 
-    goal  a figure with a `Goal`
+    goal  a figure with a `Goal`, which counts at all points but those with bounds only
     near  True to use only the nearest images of a multirate controller, as in all searches but the last
     """
 
@@ -274,13 +291,15 @@ class Criteria:
         self._declared = goal.goal
         self._known: dict[bytes, Evaluation] = {}
         self._latest: tuple[bytes, list[Answer]] | None = None
-        self._below = [Below(point) for point in points]
-        every = [part.frequency for pair in zip(self._below, points, strict=True) for part in pair]
+        # what is below the first line counts for the goal alone
+        self._below = [None if point.bounds_only else Below(point) for point in points]
+        below = [np.zeros(0) if part is None else part.frequency for part in self._below]
+        every = [part for pair in zip(below, (point.frequency for point in points), strict=True) for part in pair]
         self._lines, places = np.unique(np.concatenate(every), return_inverse=True)
         self._places = np.split(places, np.cumsum([part.size for part in every])[:-1])
         self._images = [
-            _none_below(control.images(point.by_force_at, point.frequency), below.frequency.size)
-            for point, below in zip(points, self._below, strict=True)
+            _none_below(control.images(point.by_force_at, point.frequency), lines.size)
+            for point, lines in zip(points, below, strict=True)
         ]
 
     @property
@@ -306,7 +325,7 @@ class Criteria:
         answers: list[Answer] = []
         for point, images, below in zip(self.points, self._images, self._below, strict=True):
             # the lines of the point come first, those below it after them: one period for both
-            lines = np.concatenate([point.frequency, below.frequency])
+            lines = point.frequency if below is None else np.concatenate([point.frequency, below.frequency])
             alike, count = one_encoder(point), point.frequency.size
             whole = self.control.at(values, lines, images, near=self.near, slopes=not look, alike=alike)
             whole = _to_logarithms(whole, np.zeros(0) if look else values)
@@ -316,7 +335,7 @@ class Criteria:
                 whole._replace(value=whole.value[:, part], slope=whole.slope[:, part], rest=rest[part])
                 for part in (slice(count), slice(count, None))
             )
-            answers.append(answer(point, first, below.recovery(last)))
+            answers.append(answer(point, first, None if below is None else below.recovery(last)))
         return answers
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
@@ -325,7 +344,7 @@ class Criteria:
             whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
         ]
         return [
-            answer(point, fast, below.recovery(slow))
+            answer(point, fast, None if below is None else below.recovery(slow))
             for point, below, slow, fast in zip(self.points, self._below, parts[::2], parts[1::2], strict=True)
         ]
 
@@ -357,7 +376,8 @@ class Criteria:
                     answers = self._of_two_rates(np.exp(place), look=True)
                 else:
                     answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
-                yield self.judged(place, answers)
+                # many points are unstable: their goals and bounds are not needed
+                yield None if any(unstable(loop) for loop in answers) else self._of_stable(place, answers)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 # a scattered point may overflow or leave the bounds of a block: it only drops out of the population
                 yield None
@@ -366,20 +386,28 @@ class Criteria:
         """Return the evaluation for logarithms x of the tunables; results are cached."""
         key = np.asarray(x, float).tobytes()
         if key not in self._known:
-            self._known[key] = self.judged(x, self.answers(x))
+            evaluation = self.judged(x, self.answers(x))
+            # a control whose blocks refuse the sample time, such as a too fast observer, cannot run
+            if evaluation.stable and not self.control.is_admissible(np.exp(x)):
+                evaluation = replace(evaluation, stable=False)
+            self._known[key] = evaluation
         return self._known[key]
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Evaluate goal and bounds for the given closed loops."""
-        stable = not any(unstable(loop) for loop in answers)
-        goals = [self._goal(loop) for loop in answers]
+        evaluation = self._of_stable(x, answers)
+        return replace(evaluation, stable=False) if any(unstable(loop) for loop in answers) else evaluation
+
+    def _of_stable(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
+        """Evaluate goal and bounds for closed loops that are known to be stable."""
+        goals = [self._goal(loop) for loop in answers if not loop.point.bounds_only]
         bounds: list[Bound] = []
         for i, loop in enumerate(answers):
-            bounds += bounds_of(i, loop, self.limits)
+            bounds += bounds_of(i, loop, self.limits, critical=loop.point.bounds_only)
         bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Evaluation(
-            stable,
+            True,
             np.array([value for value, _, _ in goals]),
             np.array([slope for _, slope, _ in goals]),
             goals[worst][2],

@@ -14,6 +14,7 @@ import numpy as np
 from feeddrive.analysis.margins import Margins
 from feeddrive.blocks.catalogue import find, members
 from feeddrive.blocks.families import Filter
+from feeddrive.blocks.filter.low_pass import LowPass
 from feeddrive.blocks.filter.low_pass2 import LowPass2
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.filter.second_order import SecondOrder
@@ -25,10 +26,14 @@ from feeddrive.language.recent import Recent
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import linearize
+from feeddrive.loop.loop import Loop
 
 B = TypeVar("B", bound=Block)
 # The filters are warped by tan(π f T), which grows without bound at half the sample rate.
 HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
+_OPEN = 0.4  # of the sample rate: frequency of a low-pass that is added before a search
+_OF_DELAY = 0.1  # of |z|: poles nearer to 0 are those of a delay
 HIGHEST = 0.49  # of the sample rate: upper limit of a dragged frequency
 _RISE = 3.0  # dB by which a resonance must rise above the loop gain below it
 _AROUND = 1.1  # half width of a resonance, as a factor of its frequency
@@ -216,6 +221,25 @@ def with_filters(control: Control, removed: Sequence[int], added: Sequence[Filte
             raise ParameterError(f"there is no filters.{place} to remove; the filters are: {there}")
     kept = [filter_ for i, filter_ in enumerate(control.filters) if i not in removed]
     return dataclasses.replace(control, filters=(*kept, *added))
+
+
+def with_notch_and_low_pass(loop: Loop) -> Loop:
+    """Return a loop whose control has at least a notch and a low-pass, those added nearly without effect.
+
+    The notch is at the lowest resonance of the axis, if it has one.  A search that tunes the filters can then use both
+    with every law.
+    """
+    T, filters = float(loop.sample_time), list(loop.control.filters)
+    if not any(isinstance(block, Notch) for block in filters):
+        model = linearize(loop, ["cut"], ["reading_load"])
+        # poles near 0 are delays
+        s = np.log(np.array([z for z in model.poles() if z.imag > 0.0 and abs(z) > _OF_DELAY])) / T
+        resonances = np.abs(s) / (2.0 * np.pi)
+        if resonances.size and np.min(resonances) < HIGHEST_FILTER / T:
+            filters.append(Notch(frequency=float(np.min(resonances)), damping_zero=0.35, damping_pole=0.4))
+    if not any(isinstance(block, LowPass | LowPass2) for block in filters):
+        filters.append(LowPass2(frequency=_OPEN / T, damping=0.7))
+    return replace(loop, control=replace(loop.control, filters=tuple(filters)))
 
 
 def difference(before: Control, after: Control) -> Difference | None:

@@ -11,7 +11,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
-from feeddrive.loop.frequency_response import AVERAGES, FRF
+from feeddrive.loop.frequency_response import AVERAGES, FRF, transfers
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.control_response import READINGS, Axis, ControlResponse, Response
@@ -144,6 +144,7 @@ def _real_polynomial(f: np.ndarray, r: np.ndarray, spread: np.ndarray) -> tuple[
 _LOWEST = 3e-5  # of Nyquist: lowest line of a model
 _PER_DECADE = 250
 _BESIDE = np.linspace(-4.0, 4.0, 65)  # half widths of a resonance at which lines are added
+_EVERY = 3  # of the lines of a model, for many plants
 _STEP, _BEND = 0.035, 0.12  # of ln f, and of the response: largest difference of two lines of a search
 _FINEST = 0.003  # of ln f: lines of a measurement with variance keep this distance after smoothing
 _CLOSEST = 3e-4  # the same for lines without variance; it thins only measurements with very many lines
@@ -169,6 +170,7 @@ class OperatingPoint:
     loop, model  the loop of a model, and the state-space model of its axis
     known_as     a loop whose axis agrees with the measurement (`with_table_force`), for simulating the tuned controller
     by_force_at  function that returns by_force at any frequency, for the images of a multirate controller
+    bounds_only  True for a plant of a box, at which the limits apply but not the goal
     """
 
     name: str
@@ -186,6 +188,7 @@ class OperatingPoint:
     known_as: Loop | None = None
     by_force_at: Axis | None = None
     coherence: np.ndarray | None = None
+    bounds_only: bool = False
 
     def chosen(self, keep: np.ndarray) -> Self:
         """Return the operating point restricted to the lines with the given indices."""
@@ -201,8 +204,11 @@ class OperatingPoint:
             coherence=None if self.coherence is None else self.coherence[keep],
         )
 
-    def sparse(self) -> np.ndarray:
-        """Return the indices of the lines for a search: dense where the response changes rapidly, else sparse."""
+    def sparse(self, fewer: float = 1.0) -> np.ndarray:
+        """Return the indices of the lines for a search: dense where the response changes rapidly, else sparse.
+
+        fewer  factor by which there are fewer of them
+        """
         x = np.log(self.frequency)
         shape = np.log(np.abs(self.by_force[1]) * self.frequency**2) + 1j * np.unwrap(np.angle(self.by_force[1]))
         # the remaining noise must not count as curvature
@@ -211,7 +217,7 @@ class OperatingPoint:
             shape = np.convolve(padded, np.full(_WIDTH, 1.0 / _WIDTH), mode="valid")
         steps = np.abs(np.diff(x)) / _STEP + np.abs(np.diff(shape)) / _BEND
         walked = np.concatenate([[0.0], np.cumsum(steps)])
-        keep = np.searchsorted(walked, np.arange(0.0, walked[-1] + 1.0)).clip(0, x.size - 1)
+        keep = np.searchsorted(walked, np.arange(0.0, walked[-1] + 1.0, fewer)).clip(0, x.size - 1)
         return np.union1d(keep, [0, x.size - 1])
 
 
@@ -240,29 +246,41 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     return FRF(f[below], gain[below], "velocity command", "velocity command", "", step)
 
 
-def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05) -> OperatingPoint:
+def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05, coarse: bool = False) -> OperatingPoint:
     """Return the operating point of the axis of a loop, linearized while it slides at `velocity` (m/s).
 
     The responses include dead time, current loop and encoders.
+
+    coarse  True for a third of the lines, as to find the worst of many plants
     """
     model = linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
     )
     T = float(loop.sample_time)
     nyquist = 0.5 / T
-    spread = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), round(-np.log10(_LOWEST) * _PER_DECADE))
+    every = _EVERY if coarse else 1
+    count = round(-np.log10(_LOWEST) * _PER_DECADE) // every
+    spread = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), count)
     poles = model.poles()
     # poles near 0, such as those of the dead time, decay within a sample and make no peak
     poles = poles[(np.abs(poles) > 0.1) & (np.imag(poles) > 0.0)]
     s = np.log(poles) / T
-    near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE).ravel() / (2.0 * np.pi)
+    near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE[::every]).ravel() / (2.0 * np.pi)
     lines = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < spread[-1])]]))
     lines = lines[np.append(True, np.diff(lines) > 2e-4 * lines[1:])]
-    responses = {
-        (output, source): model.response(lines, output=output, input=source).response
-        for output in model.outputs
-        for source in model.inputs
-    }
+    if coarse:
+        values = transfers(model.A, model.B, model.C, model.D, np.exp(2j * np.pi * lines * T))
+        responses = {
+            (output, source): values[row, column]
+            for row, output in enumerate(model.outputs)
+            for column, source in enumerate(model.inputs)
+        }
+    else:
+        responses = {
+            (output, source): model.response(lines, output=output, input=source).response
+            for output in model.outputs
+            for source in model.inputs
+        }
 
     def by_force_at(frequency: np.ndarray) -> np.ndarray:
         # the images of different lines coincide: each frequency is computed once

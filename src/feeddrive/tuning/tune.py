@@ -21,12 +21,13 @@ from feeddrive.figures.catalogue import goals
 from feeddrive.figures.figure import Figure, Goal, Limit
 from feeddrive.figures.of_loops import FORCE_NOISE, SENSITIVITY_PEAK
 from feeddrive.language import tree
-from feeddrive.language.errors import NotIdentifiableError, ParameterError, UnstableError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number, span
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.language.units import rounded
+from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -46,6 +47,7 @@ from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
 from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
+from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, box_plants, over_box
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -154,6 +156,11 @@ def scattered(
     return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
 
 
+_AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
+_ROUNDS = 12  # rounds in which plants of a box join
+_JOIN = 2  # plants that join in a round
+_PLENTY = 0.03  # of a logarithm: plants of a box at which every limit has more slack are left out of a search
+_SPARSER = 3.0  # times fewer lines of a plant of a box than of a point with a goal
 _LADDER = np.log(2.0) * np.arange(2.0, -11.5, -0.5)  # factors 4 ... 1/2048
 _NEAR = 0.3  # largest violation of a bound with which a start is good enough
 _PAYS = 0.02  # of the goal: least gain for which a notch is kept
@@ -186,6 +193,7 @@ class Best(NamedTuple):
     spread     relative difference of the goal between the worst and the best search
     unsettled  reason why the result is not confirmed; empty if it is
     box        lower and upper ends of the search ranges, as logarithms
+    agreed     number of searches that ended within 5 % of the best one, itself included, and of all searches
     """
 
     control: Control
@@ -197,12 +205,14 @@ class Best(NamedTuple):
     spread: float
     unsettled: str
     box: tuple[np.ndarray, np.ndarray]
+    agreed: tuple[int, int] = (0, 0)
 
 
 class Tuner:
     """A tuning task: points, goal and limits, which are the same for every set of tunables that is tried."""
 
     _whole: tuple[Control, tuple[str, ...], Criteria] | None = None
+    boxes: Sequence[BoxPlants] = ()
 
     def __init__(
         self,
@@ -215,8 +225,18 @@ class Tuner:
         seed: int,
         velocity: float,
         progress: Progress,
+        box: Box | None = None,
+        around: Sequence[Loop] | None = None,
     ) -> None:
         self.points, self.goal, self.limits, self.band = points, goal, limits, band
+        # plants of the box join the points one by one, as soon as they exceed a limit
+        self.stated, self.joined = points, list[tuple[int, Corner]]()
+        # around a measured point lie the plants of a model that agrees with it
+        models = ((point.name, point.loop or point.known_as) for point in points)
+        loops = [(name, loop) for name, loop in models if loop is not None]
+        if around is not None:
+            loops = [(loop.name if len(around) > 1 else "model", loop) for loop in around]
+        self.boxes = [] if box is None else [box_plants(box, loop, name, velocity) for name, loop in loops]
         self.confidence, self.starts, self.velocity = confidence, starts, velocity
         self.random = np.random.default_rng(seed)
         # lines that a search turns out to need are added here and stay for the following searches
@@ -243,6 +263,106 @@ class Tuner:
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
         return Criteria(points, response, self.goal, self.limits, self.band)
 
+    def _join(self, plants: Sequence[Examined]) -> None:
+        """Add plants of the box to the points at which the limits apply."""
+        for plant in plants:
+            point = plant.plants.point(plant.corner)
+            self.points += (point,)
+            self.kept.append(point.sparse(_SPARSER))
+            self.joined.append((self.boxes.index(plant.plants), plant.corner))
+        # the criteria on all lines belong to the points before
+        self._whole = None
+
+    def _prune(self, criteria: Criteria, x: np.ndarray) -> None:
+        """Remove the plants of the box at which no limit is nearly used at x."""
+        try:
+            slacks = {bound.point: bound.slack for bound in sorted(criteria(x).bounds, key=lambda b: -b.slack)}
+        except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
+            return
+        first = len(self.stated)
+        used = [*range(first), *(i for i in range(first, len(self.points)) if slacks.get(i, np.inf) < _PLENTY)]
+        self.points, self.kept = tuple(self.points[i] for i in used), [self.kept[i] for i in used]
+        self.joined = [self.joined[i - first] for i in used if i >= first]
+        self._whole = None
+
+    def _joining(self, plants: Iterable[Examined]) -> list[Examined]:
+        """Return the plants that are to join: of those that exceed a limit the worst ones, the worst first."""
+        exceeding = sorted((plant for plant in plants if plant.used > 1.0), key=lambda plant: -plant.used)
+        new = [p for p in exceeding if (self.boxes.index(p.plants), p.corner) not in self.joined]
+        return new[:_JOIN]
+
+    def _over_corners(
+        self,
+        search: Search,
+        control: Control,
+        names: tuple[str, ...],
+        x: np.ndarray,
+        *,
+        rough: bool = False,
+        prune: bool = False,
+    ) -> np.ndarray:
+        """Search from x until no corner of the box exceeds a limit; the worst corners join after each search.
+
+        prune  True to remove those at which all limits have plenty of room in the end: every plant costs time in the
+               searches to come, and it joins again where it exceeds a limit
+
+        Returns the start of the next search, at which the loop is stable at all points.
+        """
+        if not self.boxes:
+            return x
+        for _ in range(_ROUNDS):
+            self.progress.step("worst plants of the box")
+            if search.judge(x) is None:
+                x = self._begin(search, x, speeds(control, names))
+            end = search.descend(x)
+            x = end.x
+            # more plants do not help where the limits contradict each other at those that have joined
+            if self.joined and search.broken(end.judged) > _AT_ODDS:
+                break
+            search.penalty = PENALTY
+            at = tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True)))
+            at = replace(at, law=at.law.at_one_rate()) if rough else at
+            examination = Examination(at, self.points[0].sample_time, self.limits, self.velocity)
+            joining = self._joining(plant for plants in self.boxes for plant in examination.corners(plants))
+            if not joining:
+                break
+            self._join(joining)
+            self.evaluations += search.criteria.count
+            search.criteria = self.criteria(control, names, rough=rough)
+        if self.joined and prune:
+            self._prune(search.criteria, x)
+            search.criteria = self.criteria(control, names, rough=rough)
+        return x if search.judge(x) is not None else self._begin(search, x, speeds(control, names))
+
+    def over_box(self, best: Best) -> tuple[Best, OverBox | None]:
+        """Return the result with its limits kept over all of the box, and what was examined of it; None without a box.
+
+        Plants between the corners that exceed a limit join the points, and the search goes on, for a few rounds.
+        """
+        if not self.boxes:
+            return best, None
+        examined, joining = None, list[Examined]()
+        for turn in range(_ROUNDS + 1):
+            values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
+            self.progress.step("worst plants of the box")
+            examined, plants = over_box(tree.vary(best.control, values), self.boxes, self.limits)
+            joining = self._joining(plants)
+            if not joining or turn == _ROUNDS:
+                break
+            self._join(joining)
+            search = Search(self.criteria(best.control, best.names), *best.box, best.sure)
+            x = best.end.x if search.judge(best.end.x) is not None else None
+            if x is None:
+                x = self._begin(search, best.end.x, speeds(best.control, best.names))
+            end = self._on_all_lines(best.control, best.names, search, search.descend(x))
+            self.evaluations += search.criteria.count
+            if search.broken(end.judged) > _AT_ODDS:
+                self._refuse(search, end)
+            best = best._replace(end=end, criteria=search.criteria)
+        if joining and examined is not None and examined.holds:
+            examined = replace(examined, reason=f"after {_ROUNDS} rounds plants of the box still exceed a limit")
+        return best, examined
+
     def tuned(
         self, control: Control, names: tuple[str, ...], starts: int | None = None, *, trial: bool = False
     ) -> Best:
@@ -258,6 +378,7 @@ class Tuner:
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")
+        first = self._over_corners(search, control, names, first, rough=rough, prune=True)
         wanted = self.starts if starts is None else starts
         ends, unsettled = self._searched(search, control, names, x, first, wanted)
         end = min(ends, key=lambda other: search.merit(other.judged))
@@ -265,6 +386,11 @@ class Tuner:
             end = self._exactly(search, control, names, end)
         # a descent may end at a violated bound although a slower loop keeps all of them
         end = self._from_below(search, end, x, speeds(control, names))
+        # another search may have ended where other plants are the worst
+        if self.boxes:
+            end = search.descend(self._over_corners(search, control, names, end.x))
+        merits = [search.merit(other.judged) for other in ends]
+        agreed = sum(merit < min(merits) + AGREE for merit in merits), len(ends)
         costs = [float(np.max(other.judged.goal)) for other in ends]
         end = self._on_all_lines(control, names, search, end)
         free, sure = float(np.max(end.judged.goal)), 0.0
@@ -294,7 +420,7 @@ class Tuner:
             search.sure = sure
         cost = float(np.exp(float(np.max(end.judged.goal)) - free) - 1.0)
         # a missing band explains more than conflicting limits, so it is checked before the refusal
-        if search.broken(end.judged) > 5e-3:
+        if search.broken(end.judged) > _AT_ODDS:
             require_covered(self.on_all_lines(control, names).answers(end.x))
             if trial:
                 raise UnstableError(f"no setting was found that keeps {self.limits.sentence()}")
@@ -306,7 +432,8 @@ class Tuner:
                 self._too_costly(search, end, cost)
         self.evaluations += search.criteria.count
         spread = max(costs) - min(costs)
-        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, (search.low, search.high))
+        ranges = search.low, search.high
+        return Best(control, names, end, search.criteria, sure, cost, spread, unsettled, ranges, agreed)
 
     def _exactly(self, search: Search, control: Control, names: tuple[str, ...], end: End) -> End:
         """Continue a search made with the single-rate law, using the multirate law itself."""
@@ -339,7 +466,8 @@ class Tuner:
             self.progress.step(f"{len(names)} tunables, from all over their range")
             for kind in ("population", "continuation"):
                 begun = self._elsewhere(search, x, powers, evolved=kind == "population")
-                if begun is not None:
+                # it was looked at without the rules of its blocks
+                if begun is not None and search.judge(begun) is not None:
                     ends.append(self._continued(search, begun) if kind == "continuation" else search.descend(begun))
                     kinds.append(kind)
             ends, opened = self._widened(search, ends, soft, names)
@@ -775,6 +903,8 @@ class Tuned(Result):
     unsettled         reason why independent searches do not confirm the best one; empty if they do
     cost              relative increase of the goal due to measurement noise
     recipe            the tuning rule that gave the controller, if there was no search
+    agreed            number of searches that ended within 5 % of the best one, and of all; (0, 0) without a search
+    box, box_before   the new and the present controller over the box of plants; None without a box
     cascade_before    velocity and position loop of the present controller separately; None if it is not a P-PI
                       controller
     cascade           the same loops for the new controller
@@ -802,6 +932,9 @@ class Tuned(Result):
     cascade_before: CascadeLoops | None = None
     cascade: CascadeLoops | None = None
     recipe: str = ""
+    agreed: tuple[int, int] = (0, 0)
+    box: OverBox | None = None
+    box_before: OverBox | None = None
 
     @property
     def rotary(self) -> bool:
@@ -829,7 +962,8 @@ class Tuned(Result):
         if self.recipe:
             return Text(f"{self.recipe}; judged by {self.limits.sentence()}")
         noise = f", kept with {Quantity(self.sure):3} standard deviations of the measurement" if self.sure else ""
-        return Text(f"{aim(self)} subject to {self.limits.sentence()}{noise}")
+        over = Text(f" over the box: {self.box.box.sentence}") if self.box is not None else ""
+        return Text(f"{aim(self)} subject to {self.limits.sentence()}{over}{noise}")
 
     @property
     def at_drive(self) -> bool:
@@ -853,7 +987,7 @@ class Tuned(Result):
         if not self.holds:
             return Verdict.REFUSE
         gained = self.gained()
-        if gained is None or broken_limits(self.before, self.limits):
+        if gained is None or broken_today(self):
             return Verdict.TAKE
         return Verdict.LEAVE if _change(self, gained) < _NOT_WORTH else Verdict.TAKE
 
@@ -863,25 +997,57 @@ class Tuned(Result):
 
     def table(self) -> Table:
         """Tabulate old and new figures, active limits, and the proof."""
+        heads = ["what", "today", "new", "unit"] if self.box is None else ["what", *BESIDE, "unit"]
+
+        def cells(today: Cell, new: Cell, *, worst: tuple[Cell, Cell] = ("", "")) -> list[Cell]:
+            return [today, new] if self.box is None else [today, worst[0], new, worst[1]]
+
         rows: list[Sequence[Cell]] = []
         for name, value in self.tunables.items():
             unit = tree.declaration(self.control, name).unit
             started = self.started[name]
             before = "–" if np.isnan(started) else Quantity(started, unit, form="5 SI")
-            rows.append([readable(self.control, name), before, Quantity(value, unit, form="5 SI"), UNIT])
+            rows.append([readable(self.control, name), *cells(before, Quantity(value, unit, form="5 SI")), UNIT])
         for i, after in enumerate(self.after):
             before = self.before[i] if self.before else None
             mark = f" ({after.point})" if len(self.after) > 1 else ""
             rows += [
-                [f"{figure.label or figure.title}{mark}", _figure(before, figure), _figure(after, figure), UNIT]
+                [
+                    f"{figure.label or figure.title}{mark}",
+                    *cells(_figure(before, figure), _figure(after, figure), worst=worst_beside(self, figure)),
+                    UNIT,
+                ]
                 for figure in reported()
                 if figure.read(after) is not None
             ]
-        rows += [["held back by", "", "", held.sentence()] for held in self.held]
-        rows += [["to gain more", "", "", text] for text in self.advice]
-        rows += [["notch", "", "", text] for text in self.notches]
-        rows += [[f"proof: {line.what}", "", _verdict(line.holds), line.text] for line in self.proof]
-        return Table(f"{self.rule}. {self.recommendation()}", ["what", "today", "new", "unit"], rows)
+        rows += [["held back by", *cells("", ""), held.sentence()] for held in self.held]
+        rows += [["to gain more", *cells("", ""), text] for text in self.advice]
+        rows += [["notch", *cells("", ""), text] for text in self.notches]
+        rows += [[f"proof: {line.what}", *cells("", _verdict(line.holds)), line.text] for line in self.proof]
+        return Table(f"{self.rule}. {self.recommendation()}", heads, rows)
+
+
+BESIDE = ("today", "worst", "new", "worst of new")
+"""The heads of figures with a box: at the model, and at the worst plant of the box."""
+
+
+def worst_beside(tuned: Tuned, figure: Figure) -> tuple[Cell, Cell]:
+    """Return a figure of today's and of the new control at the worst plant of the box; empty where it has none."""
+    cells: list[Cell] = []
+    for box in (tuned.box_before, tuned.box):
+        spread = None if box is None else box.spread(figure)
+        unstable = box is not None and not np.isfinite(box.used)
+        cells.append("unstable" if unstable else None if spread is None else figure.quantity(spread.worst))
+    return cells[0], cells[1]
+
+
+def broken_today(tuned: Tuned) -> str:
+    """Return, as a clause, the first limit that today's control violates at a model or over the box; else empty."""
+    broken = broken_limits(tuned.before, tuned.limits)
+    over = tuned.box_before
+    if broken or over is None or over.holds is not False:
+        return broken
+    return Text(f"do not keep {tuned.limits.sentence()} over the box: {over.sentence(tuned.limits)}")
 
 
 def _verdict(holds: bool | None) -> str:
@@ -971,12 +1137,13 @@ def _of_the_table(tuned: Tuned) -> str:
 def _advised(tuned: Tuned) -> str:
     limit = f"; {tuned.held[0].what} is the limit" if tuned.held else ""
     gained = tuned.gained()
-    limits, new = tuned.limits.sentence(), _new_values(tuned)
+    over = "" if tuned.box is None else " over the box"
+    limits, new = Text(f"{tuned.limits.sentence()}{over}"), _new_values(tuned)
     if gained is None:
         state = "there is no control to compare with" if not tuned.before else "today's loop is unstable"
         return Text(f"{new} within {limits}{limit}; {state}")
     change, gain_text = _change(tuned, gained), _gain_text(tuned, gained)
-    broken = broken_limits(tuned.before, tuned.limits)
+    broken = broken_today(tuned)
     if broken:
         return Text(f"{new}, {gain_text} within {limits}{limit}; today's gains {broken}")
     drive = _against(tuned)
@@ -1012,11 +1179,13 @@ def _new_values(tuned: Tuned) -> str:
     listed = [Text(f"{name} {Quantity(rounded(value, 3), units[name]):6}") for name, value in [*law.items()][:_LISTED]]
     further = len(tuned.tunables) - len(listed)
     gains = joined(", ", [*listed, *([Text(f"{further} more")] if further else [])])
-    peak = max(SENSITIVITY_PEAK.value(loop) for loop in tuned.after)
+    peak = Quantity(max(SENSITIVITY_PEAK.value(loop) for loop in tuned.after))
+    spread = None if tuned.box is None else tuned.box.spread(SENSITIVITY_PEAK)
+    over = "" if spread is None or spread.worst is None else f" ({Quantity(spread.worst):3} at worst)"
     if not tuned.at_drive:
-        return Text(f"Take {gains}: Ms {Quantity(peak):3}")
+        return Text(f"Take {gains}: Ms {peak:3}{over}")
     what = "Against a force at the drive" if declared_goal(tuned).on_table else "The new values"
-    return Text(f"{what}: {gains} give Ms {Quantity(peak):3}")
+    return Text(f"{what}: {gains} give Ms {peak:3}{over}")
 
 
 def _worse(tuned: Tuned) -> str:
@@ -1077,6 +1246,8 @@ def tune_control(
     seed: int = 0,
     velocity: float = 0.05,
     today: Control | None = None,
+    box: Box | None = None,
+    around: Sequence[Loop] | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
@@ -1096,6 +1267,9 @@ def tune_control(
     confidence  probability that the true axis satisfies all limits; it determines k if the variances of the points are
                 known
     today       the controller to compare with; default: `control` itself
+    box         tolerances of the plants of modelled points: the limits hold at every plant of it that is found by its
+                corners and by searches within it (`Tuned.box`); the goal is that of the models themselves
+    around      the loops around which the box lies; default: those of the modelled points
     progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
@@ -1112,16 +1286,18 @@ def tune_control(
     control = control.control if isinstance(control, Loop) else control
     if filters not in FILTERS:
         raise ParameterError(f"filters = {filters!r} must be one of {', '.join(FILTERS)}")
-    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress)
+    tuner = _tuner(control, points, goal, limits, band, confidence, starts, seed, velocity, progress, box, around)
     chosen = law_tunables(control) if tunables is None else tuple(tunables)
     best = tuner.tuned(
         control, chosen if filters == "kept" else tuple(dict.fromkeys([*chosen, *filter_tunables(control)]))
     )
     tried: list[str] = []
     if filters == "placed":
-        best = tuner.with_notches(best, tried)
+        # a notch is tried by one search, which confirms nothing of those before
+        best = tuner.with_notches(best, tried)._replace(agreed=best.agreed)
+    best, examined = tuner.over_box(best)
     tuner.progress.step("proof")
-    return result(tuner, best, today or control, tuple(tried))
+    return result(tuner, best, today or control, tuple(tried), box=examined)
 
 
 def assess(
@@ -1135,6 +1311,7 @@ def assess(
     confidence: float = 0.95,
     velocity: float = 0.05,
     today: Control | None = None,
+    box: Box | None = None,
     progress: Progress | None = None,
 ) -> Tuned:
     """Evaluate a controller, for example one from a recipe, like `tune_control` but without a search.
@@ -1143,9 +1320,11 @@ def assess(
 
     Raises the same errors as `tune_control`, and UnstableError if the loop is unstable at a point.
     """
-    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress)
+    tuner = _tuner(control, points, goal, limits, band, confidence, 1, 0, velocity, progress, box)
     names = law_tunables(control)
-    return result(tuner, tuner.as_it_is(control, names), today or control, (), rule)
+    best = tuner.as_it_is(control, names)
+    examined = over_box(control, tuner.boxes, tuner.limits)[0] if tuner.boxes else None
+    return result(tuner, best, today or control, (), rule, examined)
 
 
 def _tuner(
@@ -1159,6 +1338,8 @@ def _tuner(
     seed: int,
     velocity: float,
     progress: Progress | None,
+    box: Box | None = None,
+    around: Sequence[Loop] | None = None,
 ) -> Tuner:
     """Check the arguments of a tuning and return its `Tuner`."""
     figure = goals().get(goal)
@@ -1182,7 +1363,9 @@ def _tuner(
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
-    tuner = Tuner(operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress())
+    tuner = Tuner(
+        operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box, around
+    )
     integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
     if figure.goal.returns and not integrates(()):
         raise ParameterError(
@@ -1206,22 +1389,26 @@ def _check_band(points: Sequence[OperatingPoint], band: tuple[float, float]) -> 
 _MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as large
 
 
-def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "") -> Tuned:
+def result(
+    tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "", box: OverBox | None = None
+) -> Tuned:
     """Assemble the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
     control = tree.vary(best.control, values)
     before = _figures(tuner, today)
     after = _figures(tuner, control)
-    loops = tuple(replace(point.loop, control=control) for point in tuner.points if point.loop is not None)
+    loops = tuple(replace(point.loop, control=control) for point in tuner.stated if point.loop is not None)
     proof = of_measurement(
-        [loop for loop, point in zip(after, tuner.points, strict=True) if point.loop is None], tuner.limits
+        [loop for loop, point in zip(after, tuner.stated, strict=True) if point.loop is None], tuner.limits
     )
-    for point in tuner.points:
+    for point in tuner.stated:
         if point.loop is None:
             proof += of_known(point, control, tuner.limits, tuner.velocity)
         else:
             loop = replace(point.loop, control=control)
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
+    if box is not None:
+        proof += (Checked(f"limits over the box, {box.examined} plants", box.holds, box.sentence(tuner.limits)),)
     cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
     whole = tuner.on_all_lines(best.control, best.names)
     return Tuned(
@@ -1247,6 +1434,9 @@ def result(tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], rec
         cascade_before=cascades[0],
         cascade=cascades[1],
         recipe=recipe,
+        agreed=best.agreed,
+        box=box,
+        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if box is not None and before else None,
     )
 
 
@@ -1256,7 +1446,8 @@ def _figures(tuner: Tuner, control: Control) -> tuple[Figures, ...]:
         answers = tuner.criteria(control, (), whole=True).answers(np.zeros(0))
     except ParameterError:
         return ()
-    return tuple(figures(answer, tuner.limits.reading_noise) for answer in answers)
+    stated = (answer for answer in answers if not answer.point.bounds_only)
+    return tuple(figures(answer, tuner.limits.reading_noise) for answer in stated)
 
 
 def _held(tuner: Tuner, best: Best) -> tuple[HeldBack, ...]:

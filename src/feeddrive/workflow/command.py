@@ -136,6 +136,13 @@ class Field:
         return value
 
 
+BOX = (
+    "tolerances of the plant within which the limits hold: stiffness=0.2,mass=0.3,dead_time=1sample (that is "
+    "standard), or none"
+)
+"""The meaning of the option `--box` of all commands that have it; its text is read by `Box.parse`."""
+
+
 def argument(
     meaning: str, *, default: Any = MISSING, options: tuple[str, ...] = (), kw_only: Literal[False] = False
 ) -> Any:

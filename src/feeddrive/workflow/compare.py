@@ -26,8 +26,9 @@ from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
+from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
-from feeddrive.workflow.command import OUT, Outcome, argument, command, exporting, option, stem
+from feeddrive.workflow.command import BOX, OUT, Outcome, argument, command, exporting, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 TAKEN = "taken.toml"
@@ -44,6 +45,13 @@ class CompareRequest(EvaluationRequest):
         default=(),
     )
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
+    box: str = option(BOX, default="none")
+    filters: str | None = option(
+        "filters of all laws: kept, or free (tuned with every law, with a notch and a low-pass); default: free with a "
+        "box, kept without",
+        default=None,
+    )
+    seed: int = option("Seed of the searches and of the noise of the encoders", default=0, least=0)
     keep: Path | None = option(
         "Directory in which finished laws are kept, and taken if they are there; default: beside --out until it is "
         "written",
@@ -51,6 +59,10 @@ class CompareRequest(EvaluationRequest):
     )
     take: str | None = option("A law with whose control the machine file is written too, as taken.toml", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for a box that cannot be read."""
+        Box.parse(self.box)
 
     def usual_out(self) -> Path:
         return Path("results") / f"compare_{stem(self.machine)}{'' if self.axis is None else f'_{self.axis}'}"
@@ -76,7 +88,15 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     files: dict[str, Path] = {}
     with engine_of(request, request.keep, request.out) as engine:
         comparison = compare_laws(
-            machine, request.axis, laws=laws, starts=request.starts, engine=engine, progress=progress
+            machine,
+            request.axis,
+            laws=laws,
+            box=Box.parse(request.box),
+            filters=request.filters,
+            seed=request.seed,
+            starts=request.starts,
+            engine=engine,
+            progress=progress,
         )
         if request.out is not None:
             progress.step("report")

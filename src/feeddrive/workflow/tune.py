@@ -22,6 +22,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
+from feeddrive.loop.box import Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
@@ -31,6 +32,7 @@ from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import (
+    BOX,
     OUT,
     Outcome,
     Request,
@@ -61,6 +63,12 @@ _ALONE = {
     "delay": 0.0,
     "confidence": 0.95,
 }
+
+
+NO_MODEL = (
+    "the box needs a model of the plant, and here are measured responses only: the limits hold for the responses at "
+    "all places, with their noise; give more places with --at, or a machine whose plant agrees with --baseline"
+)
 
 
 def limit_options() -> dict[str, tuple[str, Any]]:
@@ -97,6 +105,7 @@ class TuneRequest(Request, more=limit_options(), after="recipe"):
     law: str | None = option("another law, as pole_placement; with --study also every", default=None)
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
+    box: str = option(BOX, default="none")
     step_force: float | None = option(
         "a force step of this size on the table must not drive the command to the force limit of the control",
         unit="N",
@@ -154,6 +163,7 @@ class TuneRequest(Request, more=limit_options(), after="recipe"):
             raise ParameterError(f"--{flag} belongs to one machine or response, and not to --study")
         if self.recipe is not None and self.law not in (None, "cascade_ppi"):
             raise ParameterError(f"--recipe gives a cascade_ppi, not --law {self.law}: leave one of them out")
+        Box.parse(self.box)
         for figure, bound in self._bounds():
             limit = figure.limit
             if limit is not None and limit.noise and bound is not None and self.reading_noise == 0.0:
@@ -270,6 +280,7 @@ def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         fresh=request.fresh,
         starts=request.starts,
         seed=request.seed,
+        box=Box.parse(request.box),
         progress=progress,
     )
     again = {"Study": called(request.study), "Again": request.command_line("tune"), "In Python": request.python("tune")}
@@ -318,7 +329,7 @@ def _tuned(
     points, remarks = points_of(sources, loop, progress)
     remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
-    band = _band(request)
+    band, tolerances = _band(request), Box.parse(request.box)
     today = None if loop is None else loop.control
     if request.recipe is not None:
         recipe = RECIPES[request.recipe](points[0], control)
@@ -332,6 +343,7 @@ def _tuned(
             band=band,
             confidence=request.confidence,
             today=today,
+            box=tolerances,
             progress=progress,
         )
     else:
@@ -346,8 +358,11 @@ def _tuned(
             seed=request.seed,
             today=today,
             band=band,
+            box=tolerances,
             progress=progress,
         )
+    if tolerances is not None and tuned.box is None:
+        remarks.append(NO_MODEL)
     rules: tuple[JudgedRecipe, ...] = ()
     # the rules of the trade give the gains of a P-PI cascade only
     if tuned.control.law.kind == "cascade_ppi":
@@ -358,10 +373,14 @@ def _tuned(
         "Today": begun or what,
         "Law": control.law.kind,
         "Sample time": Text(f"{Quantity(float(points[0].sample_time), 's'):6}"),
+        "Box": Text() if tuned.box is None else Text(f"{tuned.box.text}; {tuned.box.covered}"),
         "Loops judged": str(tuned.evaluations),
         "Searches": "none, a rule"
         if tuned.recipe
-        else Text(f"{request.starts}, their ends {Quantity(tuned.spread, 'share'):2} apart"),
+        else Text(
+            f"{tuned.agreed[1]}, of which {tuned.agreed[0]} end within 5 % of the best; seed {request.seed}, all ends "
+            f"{Quantity(tuned.spread, 'share'):2} apart"
+        ),
         "Again": request.command_line("tune"),
         "In Python": request.python("tune"),
     }

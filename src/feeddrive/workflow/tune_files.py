@@ -36,7 +36,7 @@ from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.filters import aligned
 from feeddrive.tuning.proof import ROOM
 from feeddrive.tuning.recipes import JudgedRecipe
-from feeddrive.tuning.tune import TIMES, Tuned, broken_limits, readable, two_digits
+from feeddrive.tuning.tune import BESIDE, TIMES, Tuned, broken_limits, readable, two_digits, worst_beside
 from feeddrive.workflow.certify import write_certificate
 
 
@@ -65,6 +65,8 @@ def summary(tuned: Tuned, remarks: Sequence[str], rules: Sequence[JudgedRecipe])
             rule.name: {"reason": rule.reason, "figures": {figures.point: _plain(figures) for figures in rule.figures}}
             for rule in rules
         },
+        "box": None if tuned.box is None else tuned.box.record(),
+        "box_today": None if tuned.box_before is None else tuned.box_before.record(),
         "standard_deviations_kept": tuned.sure,
         "probability_that_all_limits_hold": tuned.confidence,
         "proof": {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof},
@@ -137,8 +139,8 @@ def tuned_report(tuned: Tuned, story: Story | None = None) -> Report:
     picture, *others = [*_pictures(tuned, story), *timed]
     known = {**story.facts, "Old and new in time": reason} if reason else story.facts
     shown = tables(tuned, story)
-    # the cascade, loop by loop, and the proof are details
-    first = len(shown) - sum(loops is not None for loops in (tuned.cascade_before, tuned.cascade)) - 1
+    # the cascade, loop by loop, the worst plants of the box, and the proof are details
+    first = len(shown) - sum(part is not None for part in (tuned.cascade_before, tuned.cascade, tuned.box)) - 1
     return Report(
         Text(f"{story.what}: {marked(tuned.rule).split(' subject to ')[0].split(';')[0]}"),
         "feeddrive tune",
@@ -176,7 +178,7 @@ def tables(tuned: Tuned, story: Story) -> list[Table]:
     listed = [Table("values of the control, old and new", ["parameter", story.today, "new", "change", "unit"], rows)]
     for i, after in enumerate(tuned.after):
         before = tuned.before[i] if tuned.before else None
-        listed.append(_figures(before, after, len(tuned.after) > 1, story.today))
+        listed.append(_figures(tuned, before, after, len(tuned.after) > 1, story.today))
     if story.rules:
         listed.append(_compared(tuned, story))
     for name, loops in ((story.today, tuned.cascade_before), ("new", tuned.cascade)):
@@ -187,22 +189,31 @@ def tables(tuned: Tuned, story: Story) -> list[Table]:
         [line.what, {None: "not proven", True: "holds", False: "does not hold"}[line.holds], line.text]
         for line in tuned.proof
     ]
+    if tuned.box is not None:
+        listed.append(tuned.box.table())
     listed.append(Table("proof: computed anew in other ways", ["what", "", "figures"], proof))
     return listed
 
 
-def _figures(before: Figures | None, after: Figures, several: bool, today: str) -> Table:
+def _figures(tuned: Tuned, before: Figures | None, after: Figures, several: bool, today: str) -> Table:
+    """Tabulate the figures under the old and the new control, with a box each beside its worst value over the box."""
     rows: list[Sequence[Cell]] = []
     for figure in reported():
-        cells = [
+        cells: list[Cell] = [
             None if figures is None else figure.quantity(figure.read(figures)) if figures.stable else "unstable"
             for figures in (before, after)
         ]
-        if cells != [None, None]:
-            rows.append([figure.label or figure.title, *cells, UNIT])
+        if cells == [None, None]:
+            continue
+        if tuned.box is not None:
+            worst = worst_beside(tuned, figure)
+            cells = [cells[0], worst[0], cells[1], worst[1]]
+        rows.append([figure.label or figure.title, *cells, UNIT])
     against = ", against a force at the drive" if after.at_drive else ""
     place = f" at {after.point}" if several else ""
-    return Table(f"figures of the closed loop{place}{against}", ["what", today, "new", "unit"], rows)
+    heads = [today, "new"] if tuned.box is None else [today, *BESIDE[1:]]
+    over = "" if tuned.box is None else ", each beside the worst plant of the box"
+    return Table(f"figures of the closed loop{place}{against}{over}", ["what", *heads, "unit"], rows)
 
 
 def _compared(tuned: Tuned, story: Story) -> Table:

@@ -1,0 +1,292 @@
+"""Check laws that a comparison ranks over a box, by other means than those of the tuner.
+
+    python benchmarks/box.py ball_screw --law cascade_ppi --law lqg      # 10,000 draws; about a minute for the draws
+
+Every plant is drawn from the box, half of them evenly, half with each parameter at an end with probability 1/2.  Its
+mechanics are written here anew, as masses between springs, with the exact hold of current loop and dead time by
+`scipy.linalg.expm`; the law is linearized by central differences of its own step on floats.  Neither the traced law
+nor the linear models of feeddrive are used.  Ms is the peak of |1/(1 + L)|, first on lines that are dense at the
+resonances, then refined at the peak of every draw; stability is that of the eigenvalues of the whole closed loop.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+
+import feeddrive as fd
+from feeddrive.blocks.signals import Setpoint
+from feeddrive.language import tree
+from feeddrive.loop.box import Box
+from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
+
+LINES, BESIDE = 320, np.linspace(-4.0, 4.0, 17)
+ZOOMS, POINTS = 4, 9
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Masses between springs, from the motor to the load: n masses, n - 1 springs and dampers, viscous friction."""
+
+    mass: np.ndarray  # (draws, n)
+    stiffness: np.ndarray  # (draws, n - 1)
+    damping: np.ndarray  # (n - 1,)
+    viscous: np.ndarray  # (n,)
+    motor: int  # the body with the encoder and the friction of the motor's side
+
+
+def drawn(loop: Loop, box: Box, draws: int, seed: int) -> tuple[Chain, np.ndarray]:
+    """Return plants of a box, and the additional samples of dead time of each."""
+    random = np.random.default_rng(seed)
+    plant, kind = loop.axis.plant, loop.axis.plant.kind
+    friction = [0.0 if block is None else float(getattr(block, "viscous", None) or 0.0)
+                for block in (loop.axis.friction_motor, loop.axis.friction_load)]  # fmt: skip
+    p: Any = plant
+    if kind == "three_mass_chain":
+        mass, k = [p.mass_motor, p.mass_screw, p.mass_load], [p.coupling_stiffness, p.stiffness]
+        c, b = [p.coupling_damping, p.damping], [p.viscous_motor, p.viscous_screw, p.viscous_load]
+    elif kind == "two_mass" and p.coupling_mass is None:
+        mass, k, c, b = [p.mass_motor, p.mass_load], [p.stiffness], [p.damping], [p.viscous_motor, p.viscous_load]
+    elif kind == "rigid":
+        mass, k, c, b = [p.mass], [], [], [p.viscous]
+    else:
+        raise SystemExit(f"a plant '{kind}' is not written here")
+    motor = 1 if len(mass) == 3 else 0  # of a three-mass chain they are at the screw
+    b[motor] += friction[0]
+    b[-1] += friction[1]
+    n = len(mass) + len(k)
+    place = random.uniform(-1.0, 1.0, (draws, n))
+    at_end = random.random((draws, n)) < 0.5
+    at_end[: draws // 2] = False
+    place = np.where(at_end, np.sign(place), place)
+    masses = np.array(mass) * (1.0 + box.mass * place[:, : len(mass)])
+    springs = np.array(k).reshape(len(k)) * (1.0 + box.stiffness * place[:, len(mass) :])
+    return Chain(masses, springs, np.array(c), np.array(b), motor), random.integers(0, box.dead_time + 1, draws)
+
+
+@dataclass(frozen=True)
+class Held:
+    """Plants held by the drive: x(k+1) = A x + B0 u(k - m) + B1 u(k - m - 1), readings C x; m by plant."""
+
+    A: np.ndarray
+    B0: np.ndarray
+    B1: np.ndarray
+    C: np.ndarray
+    late: np.ndarray
+
+
+def held(chain: Chain, late: np.ndarray, loop: Loop) -> Held:
+    """Return the exact sampled models of plants under a zero-order hold, with current loop and dead time."""
+    draws, n = chain.mass.shape
+    T, actuator = float(loop.sample_time), loop.axis.actuator
+    springs, dampers = np.zeros((draws, n, n)), np.tile(np.diag(chain.viscous), (draws, 1, 1))
+    for i in range(n - 1):
+        pair = np.zeros((n, n))
+        pair[i, i] = pair[i + 1, i + 1] = 1.0
+        pair[i, i + 1] = pair[i + 1, i] = -1.0
+        springs, dampers = springs + chain.stiffness[:, i, None, None] * pair, dampers + chain.damping[i] * pair
+    bandwidth = actuator.current_loop
+    lag = bandwidth is not None
+    size = 2 * n + lag
+    F = np.zeros((draws, size + 1, size + 1))  # states and the held command
+    F[:, :n, n : 2 * n] = np.eye(n)
+    F[:, n : 2 * n, :n], F[:, n : 2 * n, n : 2 * n] = (
+        -springs / chain.mass[:, :, None],
+        -dampers / chain.mass[:, :, None],
+    )
+    F[:, n, 2 * n] = 1.0 / chain.mass[:, 0]  # the force, or the command itself
+    if bandwidth is not None:
+        pole = 2.0 * np.pi * float(bandwidth)
+        F[:, 2 * n, 2 * n], F[:, 2 * n, size] = -pole, pole
+    whole = float(actuator.dead_time) / T
+    m, part = int(np.floor(whole + 1e-9)), (whole - np.floor(whole + 1e-9)) * T
+    first, second = expm(F * part), expm(F * (T - part))
+    A = second[:, :size, :size] @ first[:, :size, :size]
+    B1 = (second[:, :size, :size] @ first[:, :size, size:])[:, :, 0]
+    C = np.zeros((2, size))
+    one = (loop.axis.encoder_motor is None) != (loop.axis.encoder_load is None)
+    C[0, n - 1 if one and loop.axis.encoder_motor is None else chain.motor] = 1.0
+    C[1, chain.motor if one and loop.axis.encoder_load is None else n - 1] = 1.0
+    return Held(A, second[:, :size, size], B1 if part > 1e-12 else 0.0 * B1, C, m + late)
+
+
+class Modes:
+    """The responses of held plants as sums over their modes, C v w B/(z - λ), checked against solved systems."""
+
+    def __init__(self, plants: Held, T: float) -> None:
+        self.plants, self.T = plants, T
+        self.poles, V = np.linalg.eig(plants.A)
+        right = np.stack([plants.B0, plants.B1], axis=2).astype(complex)
+        self.outputs, self.inputs = plants.C @ V, np.linalg.solve(V, right)
+        every = slice(0, None, max(1, self.poles.shape[0] // 50))
+        f = np.array([1e-3, 0.05, 0.3])[None] / T
+        z, n = np.exp(2j * np.pi * f[0] * T), plants.A.shape[1]
+        for A, B0, B1, late, values in zip(
+            *(part[every] for part in (plants.A, plants.B0, plants.B1, plants.late, self.at(np.tile(f, (len(V), 1))))),
+            strict=True,
+        ):
+            solved = [plants.C @ np.linalg.solve(x * np.eye(n) - A, B0 + B1 / x) * x**-late for x in z]
+            # against the larger of both readings: far above all modes the table hardly moves
+            size = np.max(np.abs(solved), axis=1)
+            assert np.all(np.abs(values - np.array(solved).T) < 1e-6 * size)
+
+    def at(self, f: np.ndarray) -> np.ndarray:
+        """Return the responses of both readings, (draws, 2, lines), on lines f, (draws, lines)."""
+        z = np.exp(2j * np.pi * f * self.T)
+        out = np.zeros((f.shape[0], 2, f.shape[1]), complex)
+        for i in range(self.poles.shape[1]):
+            # the command acts at once, and the rest of it a sample later
+            driven = self.inputs[:, i, 0, None] + self.inputs[:, i, 1, None] / z
+            out += self.outputs[:, :, i, None] * (driven / (z - self.poles[:, i, None]))[:, None]
+        return out * (z ** -self.plants.late[:, None])[:, None]
+
+
+def linear_law(control: Control, T: float, velocity: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return A, B, c, d of a control from its readings to its force, by central differences of its step on floats."""
+    control = replace(control, guard=None, force_limit=None)
+    control = replace(control, law=control.law.settled())
+    prepared = control.prepare(T)
+    setpoint = Setpoint(0.0, velocity, 0.0, 0.0, 0.0)
+    start = control.start(prepared, setpoint, -velocity * T, -velocity * T, velocity)
+    names = [name for name, _ in tree.leaves(start)]
+    base = np.array([float(value) for _, value in tree.leaves(start)])
+
+    def stepped(x: np.ndarray, motor: float, load: float) -> np.ndarray:
+        state = tree.rebuild(start, iter(x.tolist()))
+        after, command = control.step(prepared, state, setpoint, motor, load, 1.0, T)
+        return np.array([*(float(value) for _, value in tree.leaves(after)), float(command.applied)])
+
+    n = len(names)
+    columns = list[np.ndarray]()
+    for i in range(n + 2):
+        step = max(1e-3 * abs(base[i]), 1e-6) if i < n else 1e-7
+        sides = list[np.ndarray]()
+        for sign in (1.0, -1.0):
+            x, readings = base.copy(), [0.0, 0.0]
+            if i < n:
+                x[i] += sign * step
+            else:
+                readings[i - n] = sign * step
+            sides.append(stepped(x, *readings))
+        columns.append((sides[0] - sides[1]) / (2.0 * step))
+    J = np.array(columns).T
+    return J[:n, :n], J[:n, n:], J[n, :n], J[n, n:]
+
+
+def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarray:
+    """Return the response of a law to both readings, (draws, 2, lines)."""
+    A, B, c, d = law
+    z = np.exp(2j * np.pi * f.ravel() * T)
+    x = np.linalg.solve(
+        z[:, None, None] * np.eye(A.shape[0]) - A, np.broadcast_to(B, (z.size, *B.shape)).astype(complex)
+    )
+    return (np.einsum("n,lnr->rl", c, x) + d[:, None]).reshape(2, *f.shape).transpose(1, 0, 2)
+
+
+def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the largest |z| of the closed loop of every plant, without states that never reach the force."""
+    A, B, c, d = law
+    live = c != 0.0
+    while True:
+        more = live | np.any(A[live] != 0.0, axis=0)
+        if np.array_equal(more, live):
+            break
+        live = more
+    inner, entered, c = A[np.ix_(live, live)], B[live], c[live]
+    n, q, deep = plants.A.shape[1], inner.shape[0], int(np.max(plants.late)) + 2
+    largest = np.empty(plants.A.shape[0])
+    for i in range(largest.size):
+        m = int(plants.late[i])
+        W = np.zeros((n + q + deep, n + q + deep))
+        force = np.concatenate([d @ plants.C, c, np.zeros(deep)])  # of this sample; before: the cells of the memory
+        cells = [force, *np.eye(n + q + deep)[n + q :]]
+        W[:n, :n] = plants.A[i]
+        W[:n] += np.outer(plants.B0[i], cells[m]) + np.outer(plants.B1[i], cells[m + 1])
+        W[n : n + q, :n], W[n : n + q, n : n + q] = entered @ plants.C, inner
+        W[n + q] = force
+        W[n + q + 1 :, n + q : -1] = np.eye(deep - 1)
+        largest[i] = np.max(np.abs(np.linalg.eigvals(W)))
+    return largest
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The draws of a law: the largest Ms, refined at its peak, its draw, and the largest |z| of a closed loop."""
+
+    peak: float
+    draw: int
+    growth: float
+
+
+class Draws:
+    """Plants that are drawn once for all laws: lines that all share, and lines of each that are dense at its modes."""
+
+    def __init__(self, loop: Loop, box: Box, count: int = 10_000, seed: int = 1) -> None:
+        self.loop, self.T = loop, float(loop.sample_time)
+        self.plants = held(*drawn(loop, box, count, seed), loop)
+        self.modes = Modes(self.plants, self.T)
+        nyquist = 0.5 / self.T
+        self.base = np.geomspace(3e-5 * nyquist, nyquist * (1.0 - 1e-9), LINES)
+        # of each pair of poles one; sorted, so that the modes of all draws have their columns
+        pairs = self.plants.A.shape[1] // 2
+        order = np.argsort(-np.angle(self.modes.poles), axis=1)[:, :pairs]
+        poles = np.log(np.take_along_axis(self.modes.poles, order, axis=1) + 0j) / self.T
+        near = (np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * BESIDE).reshape(count, -1)
+        self.near = np.clip(near / (2.0 * np.pi), self.base[0], self.base[-1])
+        self.lines = np.concatenate([np.tile(self.base, (count, 1)), self.near], axis=1)
+        self.order = np.argsort(self.lines, axis=1)
+        self.response = self.modes.at(self.lines)
+
+    def under(self, control: Control, velocity: float = 0.05) -> Drawn:
+        """Return the worst of the draws under a control."""
+        law, count = linear_law(control, self.T, velocity), self.lines.shape[0]
+        shared = np.broadcast_to(law_response(law, self.base[None], self.T), (count, 2, LINES))
+        own = np.concatenate([shared, law_response(law, self.near, self.T)], axis=2)
+        peaks = 1.0 / np.abs(1.0 - np.einsum("drl,drl->dl", own, self.response))
+        lines, peaks = (np.take_along_axis(part, self.order, axis=1) for part in (self.lines, peaks))
+        at, every = np.argmax(peaks, axis=1), np.arange(count)
+        low, high = lines[every, np.maximum(at - 1, 0)], lines[every, np.minimum(at + 1, lines.shape[1] - 1)]
+        best = np.max(peaks, axis=1)
+        for _ in range(ZOOMS):
+            f = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, POINTS)
+            fine = 1.0 / np.abs(1.0 - np.einsum("drl,drl->dl", law_response(law, f, self.T), self.modes.at(f)))
+            k = np.argmax(fine, axis=1)
+            best = np.maximum(best, np.max(fine, axis=1))
+            low, high = f[every, np.maximum(k - 1, 0)], f[every, np.minimum(k + 1, POINTS - 1)]
+        return Drawn(float(np.max(best)), int(np.argmax(best)), float(np.max(closed_eigenvalues(self.plants, law))))
+
+
+def main() -> None:
+    """Compare laws over a box, and check each that is ranked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("machine")
+    parser.add_argument("--axis")
+    parser.add_argument("--box", default="standard")
+    parser.add_argument("--law", action="append")
+    parser.add_argument("--draws", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=1)
+    asked = parser.parse_args()
+    machine, box = fd.read_machine(asked.machine), Box.parse(asked.box)
+    assert box is not None
+    axis = asked.axis or next(iter(machine.loops))
+    begun = time.process_time()
+    comparison = fd.comparison.compare_laws(machine, axis, laws=asked.law, box=box)
+    print(comparison)
+    print(f"compared in {time.process_time() - begun:.0f} s; {box}; {asked.draws} draws, seed {asked.seed}\n")
+    draws = Draws(machine.loops[axis], box, asked.draws, asked.seed)
+    print(f"| {'law':32} | Ms at the model | at worst, by the tuner | of {asked.draws} draws | largest abs(z) | |")
+    print("|---|---|---|---|---|---|")
+    for law in comparison.competitors:
+        found = draws.under(law.loop.control)
+        row = (law.figures.get("sensitivity_peak"), law.worst.get("sensitivity_peak"), found.peak, found.growth)
+        cells = [f"{value:.4f}" if value is not None else "-" for value in row]
+        print(f"| {law.name:32} | {' | '.join(cells)} | {law.kind or 'ranked'} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

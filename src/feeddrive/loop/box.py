@@ -1,0 +1,245 @@
+"""A box of plants: the tolerances of an axis within which the bounds of a control shall hold."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Self
+
+import numpy as np
+
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity, number, span
+from feeddrive.language.text import Text, joined
+from feeddrive.loop.axis import Axis
+from feeddrive.loop.loop import Loop
+
+# units of the parameters that are uncertain, and the power of the factor of the tolerance that each takes: the square
+# of a frequency is a stiffness over a mass
+_MASS = {"kg": 1.0, "kg m2": 1.0}
+_STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
+_CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
+_EDGES = 256  # largest number of edges whose middles are examined
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A parameter of a plant that is uncertain.
+
+    path    dotted name within the plant, such as mass_load or modes.0.frequency
+    value   the value of the model
+    spread  relative tolerance of the mass or stiffness
+    power   exponent with which it enters: the parameter is value · (1 + spread u)^power, -1 <= u <= 1
+    """
+
+    path: str
+    value: float
+    unit: str
+    spread: float
+    power: float
+
+    def at(self, place: float) -> float:
+        """Return the value of the parameter at a place from -1 (lower end) to 1 (upper end)."""
+        return self.value * (1.0 + self.spread * place) ** self.power
+
+    @property
+    def text(self) -> Text:
+        """The parameter with both ends, in words."""
+        return Text(f"{self.path} {span(self.at(-1.0), self.at(1.0), self.unit, '3')}")
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A plant of a box.
+
+    place  place of each dimension, -1 .. 1
+    late   additional dead time, whole samples
+    """
+
+    place: tuple[float, ...]
+    late: int
+
+
+@dataclass(frozen=True)
+class Box:
+    """The tolerances of the plant of an axis: all plants in it are meant where a bound holds over the box.
+
+        k = k0 (1 + stiffness u),   m = m0 (1 + mass u),   -1 <= u <= 1, apart for each parameter;   0 .. dead_time
+
+    stiffness  relative spread of every stiffness of the plant, and of the square of every frequency of a mode
+    mass       relative spread of every mass and inertia of the plant
+    dead_time  additional dead time of the actuator, whole samples: a control is never earlier than its model says
+
+    Friction, damping, encoders and the current loop are those of the model.  A mass that may be negative, such as an
+    off-diagonal term of the mass matrix, changes with the geometric mean of the masses.
+    Raises ParameterError for a spread that is not >= 0 and < 1, and for a dead time that is no whole number from 0 to
+    100.
+    """
+
+    stiffness: float = 0.2
+    mass: float = 0.3
+    dead_time: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "mass"):
+            value = getattr(self, name)
+            if not 0.0 <= value < 1.0:
+                raise ParameterError(f"box: {name} = {value} must be a share >= 0 and < 1, such as 0.2 for ±20 %")
+        if not (0 <= self.dead_time <= 100 and self.dead_time % 1 == 0):
+            raise ParameterError(
+                f"box: dead_time = {self.dead_time} must be a whole number of samples from 0 to 100, such as 1sample"
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Self | None:
+        """Return the box of a text such as `stiffness=0.2,mass=0.3,dead_time=1sample`; None for `none`.
+
+        What is not named has no tolerance; `standard` is the standard box, and ±20 % may be written as 20%.
+        Raises ParameterError for any other text.
+        """
+        if text.strip() == "none":
+            return None
+        if text.strip() == "standard":
+            return cls()
+        example = "stiffness=0.2,mass=0.3,dead_time=1sample"
+        values: dict[str, float] = {"stiffness": 0.0, "mass": 0.0, "dead_time": 0.0}
+        stated = set[str]()
+        for part in text.split(","):
+            name, sign, value = (piece.strip() for piece in part.partition("="))
+            if not sign or name not in values:
+                raise ParameterError(
+                    f"box '{text}': '{part.strip()}' is none of {', '.join(values)} with a value"
+                    f"{nearest(name, values)}; write it as {example}, as standard or as none"
+                )
+            if name in stated:
+                raise ParameterError(f"box '{text}': {name} is stated twice: state it once")
+            stated.add(name)
+            size = value.removesuffix("s").removesuffix("sample") if name == "dead_time" else value.removesuffix("%")
+            try:
+                values[name] = float(size) * (0.01 if value.endswith("%") else 1.0)
+            except ValueError:
+                raise ParameterError(f"box '{text}': {name} = {value} is not a number: write it as {example}") from None
+        if values["dead_time"] != math.floor(values["dead_time"]):
+            raise ParameterError(f"box '{text}': the dead time is a whole number of samples, such as 1sample")
+        return cls(values["stiffness"], values["mass"], int(values["dead_time"]))
+
+    def __str__(self) -> str:
+        """Return the text from which `parse` makes this box."""
+        unit = "sample" if self.dead_time == 1 else "samples"
+        stated = f"stiffness={number(self.stiffness, 6)},mass={number(self.mass, 6)}"
+        return f"{stated},dead_time={self.dead_time}{unit}"
+
+    @property
+    def sentence(self) -> Text:
+        """The box in words."""
+        late = f"up to {Quantity(self.dead_time):6} more {'sample' if self.dead_time == 1 else 'samples'} of dead time"
+        parts = [
+            f"every {name} ±{Quantity(size, 'share'):6}"
+            for name, size in (("stiffness", self.stiffness), ("mass", self.mass))
+            if size
+        ]
+        return joined(", ", [Text(part) for part in (*parts, *([late] if self.dead_time else []))]) or Text("no spread")
+
+    def dimensions(self, axis: Axis) -> tuple[Dimension, ...]:
+        """Return the uncertain parameters of the plant of an axis: its masses first, then its stiffnesses."""
+        found: list[Dimension] = []
+        for powers, spread in ((_MASS, self.mass), (_STIFFNESS, self.stiffness)):
+            for path, value in tree.leaves(axis.plant):
+                declared = tree.declaration(axis.plant, path)
+                # a parameter of 0 is absent, and one that may be negative is a product of two masses
+                if declared.unit in powers and spread and value > 0.0 and not _signed(axis, path):
+                    unit = tree.declaration(axis, f"plant.{path}").unit
+                    found.append(Dimension(path, float(value), unit, spread, powers[declared.unit]))
+        return tuple(found)
+
+    def text(self, axis: Axis) -> Text:
+        """Return the box of an axis in words, with the ends of every parameter."""
+        ends = joined("; ", [dimension.text for dimension in self.dimensions(axis)])
+        return Text(f"{self.sentence}{Text(f' ({ends})') if ends else ''}")
+
+    def plant(self, loop: Loop, corner: Corner) -> Loop:
+        """Return the loop with a plant of the box. Its control is unchanged, with the model that it was told.
+
+        Raises ParameterError if the axis cannot be built, for example for a dead time above 1000 samples.
+        """
+        axis, dimensions = loop.axis, self.dimensions(loop.axis)
+        changes = {d.path: d.at(u) for d, u in zip(dimensions, corner.place, strict=True)}
+        masses = [changes[d.path] / d.value for d in dimensions if d.unit in _MASS]
+        mean = math.exp(sum(map(math.log, masses)) / len(masses)) if masses else 1.0
+        changes |= {path: value * mean for path, value in tree.leaves(axis.plant) if _signed(axis, path)}
+        actuator = axis.actuator
+        later = replace(actuator, dead_time=actuator.dead_time + corner.late * float(loop.sample_time))
+        plant = tree.vary(axis.plant, changes) if changes else axis.plant
+        return replace(loop, axis=replace(axis, plant=plant, actuator=later if corner.late else actuator))
+
+    def corners(self, axis: Axis) -> Iterator[Corner]:
+        """Yield the corners of the box of an axis; of more than 64, those that few changes of sign lead to.
+
+        With many dimensions these are: all masses and all stiffnesses at one end each, the same with one parameter at
+        its other end, and further corners drawn at random.
+        """
+        n = len(self.dimensions(axis))
+        lates = (0, self.dead_time) if self.dead_time else (0,)
+        if 2**n * len(lates) <= _CORNERS:
+            places: Sequence[tuple[float, ...]] = list(product((-1.0, 1.0), repeat=n))
+        else:
+            places = _some_corners([d.unit in _MASS for d in self.dimensions(axis)], _CORNERS // len(lates))
+        for late, place in product(lates, places):
+            yield Corner(place, late)
+
+    def edges(self, axis: Axis) -> Iterator[Corner]:
+        """Yield the middles of the edges between the corners of `corners`, at most 256."""
+        middles = (
+            Corner((*corner.place[:i], 0.0, *corner.place[i + 1 :]), corner.late)
+            for corner in self.corners(axis)
+            for i in range(len(corner.place))
+        )
+        yield from list(dict.fromkeys(middles))[:_EDGES]
+
+    def all_corners(self, axis: Axis) -> int:
+        """Return the number of corners of the box of an axis."""
+        return 2 ** len(self.dimensions(axis)) * (2 if self.dead_time else 1)
+
+    def named(self, axis: Axis, corner: Corner) -> Text:
+        """Return a plant of the box in words, such as `mass_load -30 %, 1 sample later`."""
+        parts = [
+            Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
+            for d, u in zip(self.dimensions(axis), corner.place, strict=True)
+            if abs(u) > 1e-3
+        ]
+        if corner.late:
+            parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
+        return joined(", ", parts) or Text("the model")
+
+    def drawn(self, axis: Axis, count: int, seed: int) -> Iterator[Corner]:
+        """Yield plants drawn at random: evenly from all of the box, every other one with some parameters at an end.
+
+        Of these each parameter is at an end with probability 1/2, since the worst plants lie on edges more often.
+        """
+        random = np.random.default_rng(seed)
+        n = len(self.dimensions(axis))
+        for i in range(count):
+            place = random.uniform(-1.0, 1.0, n)
+            at_end = (random.random(n) < 0.5) & (i % 2 == 1)
+            place = np.where(at_end, np.sign(place), place)
+            yield Corner(tuple(place.tolist()), int(random.integers(0, self.dead_time + 1)))
+
+
+def _signed(axis: Axis, path: str) -> bool:
+    """Return True for a mass of the plant that may be negative: an off-diagonal term of the mass matrix."""
+    declared = tree.declaration(axis.plant, path)
+    return declared.unit in _MASS and declared.above is None and declared.least is None
+
+
+def _some_corners(mass: Sequence[bool], count: int) -> list[tuple[float, ...]]:
+    """Return `count` corners: `mass` is True for the dimensions that are masses."""
+    places: dict[tuple[float, ...], None] = {}
+    blocks = [tuple(m if is_mass else k for is_mass in mass) for m, k in product((-1.0, 1.0), repeat=2)]
+    places.update(dict.fromkeys(blocks))
+    flipped = (tuple(-u if i == j else u for j, u in enumerate(block)) for i in range(len(mass)) for block in blocks)
+    places.update(dict.fromkeys(flipped))
+    random = np.random.default_rng(0)
+    while len(places) < count:
+        places[tuple(random.choice((-1.0, 1.0), len(mass)).tolist())] = None
+    return list(places)[:count]

@@ -1,0 +1,148 @@
+"""A box of plants: what a text says, which parameters spread and how far, and that every corner is a machine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.blocks.plant.modal import Modal
+from feeddrive.blocks.plant.mode import Mode
+from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.language import tree
+from feeddrive.language.errors import ParameterError
+from feeddrive.loop.box import Box, Corner
+from feeddrive.loop.loop import Loop
+
+
+@pytest.fixture(scope="module")
+def screw() -> Loop:
+    return fd.read_machine("ball_screw").loop("x")
+
+
+@pytest.mark.parametrize(
+    ("text", "box"),
+    [
+        ("stiffness=0.2,mass=0.3,dead_time=1sample", Box()),
+        ("standard", Box(0.2, 0.3, 1)),
+        ("none", None),
+        ("mass=15%", Box(0.0, 0.15, 0)),
+        ("dead_time=2samples, stiffness = 0.1", Box(0.1, 0.0, 2)),
+    ],
+)
+def test_a_text_is_a_box(text: str, box: Box | None) -> None:
+    assert Box.parse(text) == box
+
+
+@pytest.mark.parametrize("box", [Box(), Box(0.1, 0.0, 0), Box(0.0, 0.5, 3)])
+def test_the_text_of_a_box_is_read_as_this_box(box: Box) -> None:
+    assert Box.parse(str(box)) == box
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stifness=0.2", "'stifness=0.2' is none of stiffness, mass, dead_time with a value; did you mean stiffness"),
+        ("mass", "'mass' is none of stiffness, mass, dead_time with a value"),
+        ("mass=1", "mass = 1.0 must be a share >= 0 and < 1"),
+        ("mass=-0.1", "mass = -0.1 must be a share >= 0 and < 1"),
+        ("mass=heavy", "mass = heavy is not a number"),
+        ("mass=nan", "mass = nan must be a share"),
+        ("mass=0.1,mass=0.2", "mass is stated twice"),
+        ("dead_time=0.5sample", "the dead time is a whole number of samples, such as 1sample"),
+        ("dead_time=101samples", "dead_time = 101 must be a whole number of samples from 0 to 100"),
+    ],
+)
+def test_a_wrong_text_says_what_to_write(text: str, message: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        Box.parse(text)
+    assert message in str(error.value)
+
+
+def test_every_mass_and_stiffness_of_the_plant_spreads(screw: Loop) -> None:
+    ends = {d.path: (d.at(-1.0), d.at(1.0)) for d in Box().dimensions(screw.axis)}
+    plant = dict(tree.leaves(screw.axis.plant))
+    masses, springs = ["mass_motor", "mass_screw", "mass_load"], ["coupling_stiffness", "stiffness"]
+    assert ends == {
+        **{name: pytest.approx((0.7 * plant[name], 1.3 * plant[name])) for name in masses},
+        **{name: pytest.approx((0.8 * plant[name], 1.2 * plant[name])) for name in springs},
+    }
+
+
+def test_a_plant_has_its_numbers_and_is_later_by_whole_samples(screw: Loop) -> None:
+    box = Box()
+    moved = box.plant(screw, Corner((1.0, 0.0, -1.0, 0.5, -1.0), 1))
+    changes = {
+        name: (value, dict(tree.leaves(moved.axis.plant))[name]) for name, value in tree.leaves(screw.axis.plant)
+    }
+    changed = {name: new / old for name, (old, new) in changes.items() if new != old}
+    assert changed == pytest.approx({"mass_motor": 1.3, "mass_load": 0.7, "coupling_stiffness": 1.1, "stiffness": 0.8})
+    later = moved.axis.actuator.dead_time - screw.axis.actuator.dead_time
+    assert later == pytest.approx(screw.sample_time, rel=1e-12)
+    assert moved.control is screw.control  # it is told the model, not the plant
+
+
+def test_the_frequency_of_a_mode_takes_the_root_of_the_spread(screw: Loop) -> None:
+    plant = Modal(mass=100.0, modes=(Mode(frequency=200.0, mass=50.0),))
+    axis = replace(screw.axis, plant=plant, friction_motor=None, friction_load=None)
+    ends = {d.path: d.at(1.0) for d in Box(0.44, 0.3).dimensions(axis)}
+    assert ends == pytest.approx({"mass": 130.0, "modes.0.mass": 65.0, "modes.0.frequency": 240.0})
+
+
+def test_a_coupling_mass_goes_with_the_masses_it_couples(screw: Loop) -> None:
+    """Varied alone, m12 = 60 kg of masses 100 and 40 kg would leave no positive definite mass matrix at corners."""
+    plant = TwoMass(mass_motor=100.0, mass_load=40.0, stiffness=1e8, coupling_mass=60.0)
+    loop = replace(screw, axis=replace(screw.axis, plant=plant))
+    box = Box()
+    for corner in box.corners(loop.axis):
+        varied = box.plant(loop, corner).axis.plant
+        assert isinstance(varied, TwoMass)
+        assert varied.coupling_mass is not None
+        share = varied.coupling_mass**2 / (varied.mass_motor * varied.mass_load)
+        assert share == pytest.approx(0.9, rel=1e-12)
+
+
+def test_a_rotary_axis_spreads_its_inertia() -> None:
+    axis = fd.read_machine("rotary_table").loop("c").axis
+    (dimension,) = Box().dimensions(axis)
+    assert (dimension.path, dimension.unit) == ("mass", "kg m2")
+    assert "0.56 to 1.04 kg m2" in str(Box().text(axis))
+
+
+def test_all_corners_up_to_64_and_of_more_those_around_the_blocks(screw: Loop) -> None:
+    box = Box()
+    corners = list(box.corners(screw.axis))
+    assert len(set(corners)) == len(corners) == box.all_corners(screw.axis) == 64
+    plant = Modal(mass=100.0, modes=tuple(Mode(frequency=100.0 * (i + 1), mass=50.0) for i in range(4)))
+    axis = replace(screw.axis, plant=plant, friction_motor=None, friction_load=None)
+    many = list(box.corners(axis))
+    assert len(set(many)) == len(many) == 64
+    assert box.all_corners(axis) == 2**10
+    masses = [d.unit == "kg" for d in box.dimensions(axis)]
+    blocks = {tuple(m if is_mass else k for is_mass in masses) for m in (-1.0, 1.0) for k in (-1.0, 1.0)}
+    assert {Corner(block, late) for block in blocks for late in (0, 1)} <= set(many)
+
+
+def test_the_middle_of_every_edge_is_examined(screw: Loop) -> None:
+    """Five parameters have 5 · 2⁴ edges, at both dead times."""
+    edges = list(Box().edges(screw.axis))
+    assert len(set(edges)) == len(edges) == 160
+    assert all(sorted(map(abs, edge.place)) == [0.0, 1.0, 1.0, 1.0, 1.0] for edge in edges)
+
+
+def test_draws_fill_the_box(screw: Loop) -> None:
+    corners = list(Box().drawn(screw.axis, 400, 3))
+    places = np.array([corner.place for corner in corners])
+    assert np.all(np.abs(places) <= 1.0)
+    # 400 even draws leave no tenth of a range empty (probability of that: 5 · 10 · 0.9^400 < 1e-16)
+    assert all(right - left < 0.2 for column in places.T for left, right in pairwise(np.sort(column)))
+    assert {corner.late for corner in corners} == {0, 1}
+
+
+def test_a_plant_is_named_by_what_differs(screw: Loop) -> None:
+    named = Box().named(screw.axis, Corner((1.0, 0.0, -0.5, 0.0, 0.0), 1))
+    assert str(named) == "mass_motor +30 %, mass_load -15 %, 1 sample later"
+    assert str(Box().named(screw.axis, Corner((0.0,) * 5, 0))) == "the model"
