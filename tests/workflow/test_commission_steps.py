@@ -159,6 +159,11 @@ class Person(Progress):
 
 def begun(folder: Path, axis: Axis, before: str = "listen", until: str = "Small", **facts: float) -> Commissioned:
     """Run the steps from one on, with the facts of those before it, until a question that gets a no."""
+    return fd.commission(axis, out=begun_at(folder, before, **facts), progress=Person(until))
+
+
+def begun_at(folder: Path, before: str, **facts: float) -> Path:
+    """Write a record of the steps before one, with the facts that are stated; return its folder."""
     steps = list(module.STEPS)[: list(module.STEPS).index(before)]
     done = []
     for number, name in enumerate(steps, start=1):
@@ -167,8 +172,9 @@ def begun(folder: Path, axis: Axis, before: str = "listen", until: str = "Small"
         done.append(Step(name, "stated", {**FACTS, **facts}, digests(folder, files)))
     if done:
         folder.mkdir(exist_ok=True)
+        axis = Axis()
         write_record(folder, axis.text(), module.asked_of(module.CommissionRequest(axis)), {}, done, {})
-    return fd.commission(axis, out=folder, progress=Person(until))
+    return folder
 
 
 def speed(profile: Profile) -> float:
@@ -455,15 +461,15 @@ def test_an_axis_with_cogging_is_shaken_with_a_force_against_it_that_is_no_excit
 BAD = SimpleNamespace(judgment=SimpleNamespace(bad=True), files={}, verdict="", notes=(), failure="not good")
 
 
-def prepared(folder: Path) -> None:
-    """Files of the steps that fit and tune: a start law, and a response with lines from 4 to 200 Hz."""
+def prepared(folder: Path, highest: float = 400.0) -> None:
+    """Files of the steps that fit and tune: a start law, and a response with lines from 4 Hz on."""
     begun(folder, Axis(), "start_law", until="Friction")
     text = (folder / "3_start_law" / "machine.toml").read_text()
     for place in ("5_excitation", "7_model"):
         (folder / place).mkdir()
         (folder / place / "machine.toml").write_text(text)
     (folder / "6_responses" / "responses").mkdir(parents=True)
-    lines = np.linspace(4.0, 200.0, 50)
+    lines = np.linspace(4.0, highest, 50)
     response = FRF(lines, -1.0 / (100.0 * (2.0 * np.pi * lines) ** 2), "commanded", "reading_load", "m/N", T)
     write_frf(folder / "6_responses" / "responses" / "frf.csv", response)
 
@@ -482,7 +488,7 @@ def test_a_model_is_fitted_to_all_of_the_band_to_half_and_to_a_quarter(
     result = begun(tmp_path / "out", Axis(), "model")
     assert result.refusal.startswith("model:")
     # with the encoder at the motor and at the load, each in three structures
-    assert bands == 3 * [band for top in (200, 100, 50) for band in 2 * [f"4..{top}"]]
+    assert bands == 3 * [band for top in (400, 200, 100) for band in 2 * [f"4..{top}"]]
 
 
 def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_law_is_slowed_down(
@@ -509,6 +515,32 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
     law: Any = loop.control.law
     assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("highest", "again"),
+    [
+        # 0.45 of a rate of 1 kHz is the widest band, of which less than 0.8 may be widened
+        (350.0, True),
+        (370.0, False),
+    ],
+)
+def test_responses_are_measured_further_once_before_a_start_law_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, highest: float, again: bool
+) -> None:
+    prepared(tmp_path / "out", highest)
+
+    def not_certified(*_: Any) -> Any:
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    asked = standing(monkeypatch, lambda _: 6.0)
+    person = Person("Nothing")
+    result = fd.commission(Axis(), out=begun_at(tmp_path / "out", "tune"), progress=person)
+    assert result.refusal == ("it would be written" if again else "tuning: its margin is used up")
+    assert [each.band[1] for each in asked[:1]] == ([pytest.approx(450.0)] if again else [])
+    assert person.asked == []
 
 
 def test_a_control_whose_trial_cannot_be_predicted_or_does_not_fit_is_passed_over(

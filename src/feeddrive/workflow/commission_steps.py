@@ -109,6 +109,7 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 # of the rate of the bus, of the inverse of the dead time with a cycle, and Hz: highest line of the excitation
 BAND, DELAYS, TOP = 0.45, 0.4, 1000.0
 MODES = 400.0  # Hz up to which modes are looked for, with the finest grid that stands out there
+WIDER = 0.8  # of the widest band: less may be widened
 LEAST = 200.0  # Hz up to which they are, before the coarsest grid is taken
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
@@ -182,6 +183,14 @@ class UnlikePredictedError(Exception):
         self.why, self.step = why, step
 
 
+class OtherBandError(Exception):
+    """Responses that do not suffice: they are measured again, up to as high lines as stand out or, no more, lower."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(why)
+        self.why = why
+
+
 class RefusedError(Exception):
     """A reason to stop, with the control before in place."""
 
@@ -247,6 +256,7 @@ class Chain:
         self.planned: tuple[motions.TrialMotion, dict[str, Log]] | None = None  # the trial of the tuned control
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
+        self.bands = 0  # how often the band was changed: first, as wide as can be, and back again
         self.kept = False
 
     def run(self, *, kept: bool) -> Outcome[Commissioned]:
@@ -286,6 +296,12 @@ class Chain:
                 except UnlikePredictedError as unlike:
                     self._go_back(unlike)
                     continue
+                except OtherBandError as other:
+                    self.bands += 1
+                    which = "a wider" if self._is_wide else "the first"
+                    self.progress.remark(Text(f"- {other.why}: the responses are measured again in {which} band."))
+                    self.steps = self.steps[: names.index("excitation")]
+                    continue
                 self._record(name, says, told)
             self._decide()
         except RefusedError as refused:
@@ -314,6 +330,10 @@ class Chain:
         self.returns[unlike.step] = done
         self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
         self.steps = self.steps[: list(self.work).index(unlike.step)]
+
+    @property
+    def _is_wide(self) -> bool:
+        return self.bands == 1
 
     @property
     def work(self) -> Mapping[str, Callable[[Any], Told]]:
@@ -816,8 +836,8 @@ class Chain:
 
         A line of amplitude a moves the axis by a / (m w²), and its noise over N samples is s sqrt(4 / N), s that of the
         reading.  A resonance above the crossover can make a loop unstable, and the responses must go on until the loop
-        gain is small.  The dead time bounds the crossover, and so the band; more of it would take amplitude from the
-        lines that count.
+        gain is small.  The dead time bounds the crossover, and so the band; more of it takes amplitude from the lines
+        that count.  Where no control could be certified from that, as with a resonance at its end, it goes further.
         """
         mass = float(loop.axis.plant.rigid_mass())
         noise = max(QUIET, math.hypot(self.facts["noise"], self.axis.increment / 3.5))
@@ -828,7 +848,9 @@ class Chain:
             moved = line / (mass * (2.0 * math.pi * float(excited.frequency[-1])) ** 2)
             return moved / (noise * math.sqrt(4.0 / samples))
 
-        widest = min(TOP, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)), BAND / self.T)
+        widest = self._widest
+        if not self._is_wide:
+            widest = min(widest, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)))
         tops = [widest * SMALLER**k for k in range(SIZES)]
         # a mode with little damping lies between coarse lines, the more so the lower it is: a fine grid counts more
         # than a band beyond the modes, and the coarsest one is that of axes with little travel
@@ -847,6 +869,11 @@ class Chain:
                 f"{Quantity(noise, 'm'):2} RMS: raise them if the machine allows it"
             )
         )
+
+    @property
+    def _widest(self) -> float:
+        """The highest line that the bus allows and that is looked for, Hz."""
+        return min(TOP, BAND / self.T)
 
     def _largest(self, loop: Loop, top: float, resolution: float, periods: int) -> Excitation | None:
         """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
@@ -881,7 +908,7 @@ class Chain:
         profiles = [excited(path) for path in files]
         # a weaker excitation than the one that was confirmed needs no other question
         far = max(float(np.ptp(profile.set_position)) for profile in profiles)
-        if not self.returns.get("excitation"):
+        if not self.returns.get("excitation") and not self.bands:
             self._ask(
                 Text(
                     f"Responses: the axis moves slowly by up to {Quantity(far, 'm'):3 mm} and is shaken with at most "
@@ -962,6 +989,8 @@ class Chain:
                     self._fitted(best.place, structure, float(frequency[0]), high)
                 write_whole(self.place / "machine.toml", best.text)
                 return best.says, {"model_band": high}
+        if self._is_wide:
+            raise OtherBandError(Text(f"no model: {refused}"))
         raise RefusedError(Text(f"model: {refused}"))
 
     def _with_friction(self, place: str, outcome: Outcome[Any]) -> _Model:
@@ -1069,6 +1098,8 @@ class Chain:
         # noise, distortion or a band that ends early: the model is fitted to all lines, and the certificate holds the
         # control against each of them
         for candidate in candidates[BEGINS[self.returns.get("tune", 0)] :]:
+            if candidate is candidates[BEGINS[-1]] and whys and self._may_widen():
+                raise OtherBandError(Text(f"tuning: {whys[-1]}"))
             try:
                 told, why = candidate()
                 why = why or self._not_tried()
@@ -1078,6 +1109,11 @@ class Chain:
                 return Text(f"{told}{f' Not the one before, as {whys[-1]}' if whys else ''}"), {}
             whys.append(why)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
+
+    def _may_widen(self) -> bool:
+        """Return True if the responses were not measured as far as they can be, and not in another band before."""
+        highest = max(float(response.frequency[-1]) for response in self._responses().values())
+        return self.bands == 0 and highest < WIDER * self._widest
 
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
