@@ -525,7 +525,7 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
         (370.0, False),
     ],
 )
-def test_responses_are_measured_further_once_before_a_start_law_is_taken(
+def test_responses_are_measured_further_once_before_a_tuning_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, highest: float, again: bool
 ) -> None:
     prepared(tmp_path / "out", highest)

@@ -183,8 +183,8 @@ class UnlikePredictedError(Exception):
         self.why, self.step = why, step
 
 
-class OtherBandError(Exception):
-    """Responses that do not suffice: they are measured again, up to as high lines as stand out or, no more, lower."""
+class WiderBandError(Exception):
+    """A reason to measure the responses again, up to the highest lines that stand out, before all is refused."""
 
     def __init__(self, why: str) -> None:
         super().__init__(why)
@@ -256,7 +256,7 @@ class Chain:
         self.planned: tuple[motions.TrialMotion, dict[str, Log]] | None = None  # the trial of the tuned control
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
-        self.bands = 0  # how often the band was changed: first, as wide as can be, and back again
+        self.wide = False  # the excitation goes up to the highest lines that stand out
         self.kept = False
 
     def run(self, *, kept: bool) -> Outcome[Commissioned]:
@@ -296,10 +296,9 @@ class Chain:
                 except UnlikePredictedError as unlike:
                     self._go_back(unlike)
                     continue
-                except OtherBandError as other:
-                    self.bands += 1
-                    which = "a wider" if self._is_wide else "the first"
-                    self.progress.remark(Text(f"- {other.why}: the responses are measured again in {which} band."))
+                except WiderBandError as wider:
+                    self.wide, self.trial = True, None
+                    self.progress.remark(Text(f"- {wider.why}: the responses are measured again up to higher lines."))
                     self.steps = self.steps[: names.index("excitation")]
                     continue
                 self._record(name, says, told)
@@ -330,10 +329,6 @@ class Chain:
         self.returns[unlike.step] = done
         self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
         self.steps = self.steps[: list(self.work).index(unlike.step)]
-
-    @property
-    def _is_wide(self) -> bool:
-        return self.bands == 1
 
     @property
     def work(self) -> Mapping[str, Callable[[Any], Told]]:
@@ -849,7 +844,7 @@ class Chain:
             return moved / (noise * math.sqrt(4.0 / samples))
 
         widest = self._widest
-        if not self._is_wide:
+        if not self.wide:
             widest = min(widest, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)))
         tops = [widest * SMALLER**k for k in range(SIZES)]
         # a mode with little damping lies between coarse lines, the more so the lower it is: a fine grid counts more
@@ -908,7 +903,7 @@ class Chain:
         profiles = [excited(path) for path in files]
         # a weaker excitation than the one that was confirmed needs no other question
         far = max(float(np.ptp(profile.set_position)) for profile in profiles)
-        if not self.returns.get("excitation") and not self.bands:
+        if not self.returns.get("excitation") and not self.wide:
             self._ask(
                 Text(
                     f"Responses: the axis moves slowly by up to {Quantity(far, 'm'):3 mm} and is shaken with at most "
@@ -989,8 +984,8 @@ class Chain:
                     self._fitted(best.place, structure, float(frequency[0]), high)
                 write_whole(self.place / "machine.toml", best.text)
                 return best.says, {"model_band": high}
-        if self._is_wide:
-            raise OtherBandError(Text(f"no model: {refused}"))
+        if self._may_widen():
+            raise WiderBandError(Text(f"no model: {refused}"))
         raise RefusedError(Text(f"model: {refused}"))
 
     def _with_friction(self, place: str, outcome: Outcome[Any]) -> _Model:
@@ -1098,8 +1093,6 @@ class Chain:
         # noise, distortion or a band that ends early: the model is fitted to all lines, and the certificate holds the
         # control against each of them
         for candidate in candidates[BEGINS[self.returns.get("tune", 0)] :]:
-            if candidate is candidates[BEGINS[-1]] and whys and self._may_widen():
-                raise OtherBandError(Text(f"tuning: {whys[-1]}"))
             try:
                 told, why = candidate()
                 why = why or self._not_tried()
@@ -1108,12 +1101,14 @@ class Chain:
             if not why:
                 return Text(f"{told}{f' Not the one before, as {whys[-1]}' if whys else ''}"), {}
             whys.append(why)
+        if self._may_widen():
+            raise WiderBandError(Text(f"tuning: {whys[-1]}"))
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
     def _may_widen(self) -> bool:
-        """Return True if the responses were not measured as far as they can be, and not in another band before."""
+        """Return True if the responses were not measured as far as they can be, and not up to higher lines before."""
         highest = max(float(response.frequency[-1]) for response in self._responses().values())
-        return self.bands == 0 and highest < WIDER * self._widest
+        return not self.wide and highest < WIDER * self._widest
 
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
@@ -1240,6 +1235,8 @@ class Chain:
             raise UnlikePredictedError(
                 Text(f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for")
             )
+        if self.trial.is_worse and self._may_widen():
+            raise WiderBandError("the control before has the smaller following error and the larger stiffness")
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
