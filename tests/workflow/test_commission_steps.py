@@ -574,9 +574,9 @@ def test_a_control_whose_trial_cannot_be_predicted_or_does_not_fit_is_passed_ove
 # the trial
 
 
-def tried(folder: Path, **axis: Any) -> tuple[Axis, Commissioned]:
+def tried(folder: Path, highest: float = 400.0, **axis: Any) -> tuple[Axis, Commissioned]:
     """A trial of the start law, which is there as if it had been tuned, on the axis that follows as it likes."""
-    prepared(folder)
+    prepared(folder, highest)
     (folder / "8_tune").mkdir()
     text = (folder / "3_start_law" / "machine.toml").read_text()
     (folder / "8_tune" / "machine.toml").write_text(text)
@@ -632,3 +632,21 @@ def test_after_a_trial_unlike_its_prediction_a_slower_control_is_tuned(
     assert [profile.name for profile, _ in axis.played].count("gentle trial") == 3
     # the second trial begins with less than the first, the third with a start law
     assert tuned == [1.5, 1.25]
+
+
+@pytest.mark.parametrize(("highest", "again"), [(350.0, True), (370.0, False)])
+def test_a_control_that_is_worse_than_the_one_before_is_tuned_once_more_on_higher_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, highest: float, again: bool
+) -> None:
+    for name in ("agrees", "is_worse"):
+        monkeypatch.setattr(module.Trial, name, property(lambda _: True))
+    asked = standing(monkeypatch, lambda _: 6.0)
+    axis, result = tried(tmp_path / "out", highest)
+    assert [profile.name for profile, _ in axis.played][:2] == ["gentle trial", "trial"]
+    if again:
+        assert asked[0].band[1] == pytest.approx(450.0)
+        assert result.refusal == "it would be written"
+        assert result.trial is None
+    else:
+        assert asked == []
+        assert "the control before has the smaller following error" in result.refusal

@@ -324,7 +324,7 @@ class Chain:
     def _go_back(self, unlike: UnlikePredictedError) -> None:
         """Go back to a step. Raise RefusedError once it was done as often as it may be."""
         done = self.returns.get(unlike.step, 0) + 1
-        if done >= len(BEGINS) or unlike.step not in self.work:
+        if done + self.wide >= len(BEGINS) or unlike.step not in self.work:
             raise RefusedError(Text(f"{unlike.why}; the control before stays"))
         self.returns[unlike.step] = done
         self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
@@ -1106,9 +1106,11 @@ class Chain:
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
     def _may_widen(self) -> bool:
-        """Return True if the responses were not measured as far as they can be, and not up to higher lines before."""
+        """Return True if the responses did not go as high as they can, and another trial may be asked for."""
         highest = max(float(response.frequency[-1]) for response in self._responses().values())
-        return not self.wide and highest < WIDER * self._widest
+        # each trial is a question
+        again = self.returns.get("tune", 0) < len(BEGINS) - 1
+        return not self.wide and again and highest < WIDER * self._widest
 
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
