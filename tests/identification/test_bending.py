@@ -16,7 +16,7 @@ from feeddrive.identification.motion.identify_law import identify_control
 from feeddrive.identification.motion.law_rows import LawRows, Signals
 from feeddrive.identification.motion.law_structures import CASCADE, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.rigid import RigidFit, _contradicted, _hides, identify_rigid
+from feeddrive.identification.motion.rigid import RigidFit, _hides, beside, identify_rigid
 from feeddrive.identification.regression import cross_validated
 from feeddrive.workflow.identify import _terms
 
@@ -199,8 +199,8 @@ def test_two_fits_that_contradict_each_other_are_both_doubted() -> None:
     def of(value: float, error: float) -> RigidFit:
         return replace(fit, estimates=(replace(mass, value=value, error=error), *fit.estimates[1:]))
 
-    assert _contradicted(of(100.0, 1.0), of(101.7, 2.0))["mass"].error == 1.0
-    wide = _contradicted(of(100.0, 1.0), of(104.0, 2.0))
+    assert beside(of(100.0, 1.0), of(101.7, 2.0).estimates)["mass"].error == 1.0
+    wide = beside(of(100.0, 1.0), of(104.0, 2.0).estimates)
     assert wide["mass"].error == pytest.approx(np.sqrt(1.0 + 16.0 - 3.0))
     assert wide["mass"].value == 100.0
     # the other parameters agree, and the covariance follows the error
