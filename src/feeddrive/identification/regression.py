@@ -120,6 +120,16 @@ class Estimate:
         beyond = (self.value - other.value) ** 2 - abs(self.error**2 - other.error**2)
         return replace(self, error=math.sqrt(self.error**2 + max(0.0, beyond)))
 
+    def towards(self, other: Self) -> Self:
+        """Return the estimate with its error increased by its distance to one that contradicts it.
+
+            error² + d²/3,   d the difference of the two values
+
+        The truth may lie anywhere between two values of which at least one is wrong, and d²/3 is the mean square of a
+        number that is even between 0 and d.
+        """
+        return replace(self, error=math.hypot(self.error, (self.value - other.value) / math.sqrt(3.0)))
+
     def at_table(self, lever: float) -> Self:
         """Return an estimate in shaft units referred to the table."""
         factor = lever ** power(self.unit)

@@ -24,9 +24,9 @@ from feeddrive.identification.motion.rigid import (
     SURE_MASS,
     DelayFit,
     RigidFit,
-    beside,
     find_delay,
     identify_rigid,
+    widened,
 )
 from feeddrive.identification.plausibility import out_of_range, outside, remedy, sizes
 from feeddrive.identification.regression import NORMAL, SHAFT, Estimate
@@ -223,7 +223,7 @@ def better(
     They are taken if the relative error of the mass of the closed loop exceeds `SURE_MASS` and its error is more than
     `SURER` times that of the inverse dynamics, or if the masses contradict each other and the inverse dynamics leave
     less of the force in their rows. Masses contradict each other if they differ by more than three joint standard
-    errors: whichever is taken, the model lacks something, so that the difference is part of its error (`beside`).
+    errors: the model lacks something, so that the truth may lie anywhere between them (`Estimate.towards`).
     """
     mass = next((estimate for estimate in fit.estimates if estimate.name.endswith("plant.mass")), None)
     rigid_mass = rigid["mass"]
@@ -252,8 +252,8 @@ def better(
         )
     )
     if first:
-        return beside(rigid, [replace(mass, name=rigid_mass.name)]), None
-    wider = (one.beside(rigid_mass) if one is mass else one for one in fit.estimates)
+        return widened(rigid, [rigid_mass.towards(mass)]), None
+    wider = (one.towards(rigid_mass) if one is mass else one for one in fit.estimates)
     return rigid, replace(fit, estimates=tuple(wider))
 
 

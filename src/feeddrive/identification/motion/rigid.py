@@ -320,9 +320,15 @@ def _doubt(fit: RigidFit) -> float:
 def beside(fit: RigidFit, others: Iterable[Estimate]) -> RigidFit:
     """Return a fit with errors increased by its disagreement with other estimates from the same log, by their names."""
     named = {estimate.name: estimate for estimate in others}
-    estimates = tuple(one.beside(named[one.name]) if one.name in named else one for one in fit.estimates)
-    wider = [after.error / one.error if one.error else 1.0 for one, after in zip(fit.estimates, estimates, strict=True)]
-    return replace(fit, estimates=estimates, covariance=fit.covariance * np.outer(wider, wider))
+    return widened(fit, (one.beside(named[one.name]) for one in fit.estimates if one.name in named))
+
+
+def widened(fit: RigidFit, estimates: Iterable[Estimate]) -> RigidFit:
+    """Return a fit with estimates in place of those of the same name, and the covariance by their errors."""
+    named = {one.name: one for one in fit.estimates} | {one.name: one for one in estimates}
+    all_of_them = tuple(named[one.name] for one in fit.estimates)
+    wider = [new.error / one.error if one.error else 1.0 for one, new in zip(fit.estimates, all_of_them, strict=True)]
+    return replace(fit, estimates=all_of_them, covariance=fit.covariance * np.outer(wider, wider))
 
 
 def _identified(log: MotionLog, rows: Prepared, models: Sequence[str], folds: int, *, judged: bool) -> RigidFit:
