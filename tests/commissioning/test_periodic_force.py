@@ -10,7 +10,7 @@ import pytest
 
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.plant.rigid import Rigid
-from feeddrive.commissioning.cogging import acting, moved, periodic_force, pulled
+from feeddrive.commissioning.cogging import acting, moved, periodic_force
 from feeddrive.commissioning.motions import Pace, strokes
 from feeddrive.files.log import Log
 from feeddrive.loop.axis import Axis
@@ -60,7 +60,7 @@ def test_it_is_found_along_the_travel_to_a_tenth_whatever_its_period(period: flo
     found = periodic_force(log_of(wave(period), span), DELAY)
     assert found is not None
     x = BEGIN + np.linspace(0.02, 0.98, 500) * span
-    off = pulled(found, x) - wave(period)(x)
+    off = found.at(x) - wave(period)(x)
     # a constant is a holding force
     assert np.std(off) < 0.1 * np.std(wave(period)(x))
 
@@ -85,7 +85,7 @@ def test_the_force_that_acts_is_that_of_an_axis_without_it() -> None:
     log = log_of(wave(2.5e-3))
     found = periodic_force(log, DELAY)
     assert found is not None
-    assert pulled(found, log["reading_load"]) == pytest.approx(wave(2.5e-3)(log["reading_load"]), abs=3.0)
+    assert found.at(log["reading_load"]) == pytest.approx(wave(2.5e-3)(log["reading_load"]), abs=3.0)
     left = acting(log, found, DELAY)["acting"] - log_of(np.zeros_like)["commanded"]
     # what two noises leave, and a tenth of 30 N
     assert np.std(left) < np.hypot(1.5 * NOISE, 0.1 * 30.0 / np.sqrt(2.0))
@@ -103,4 +103,4 @@ def test_a_loop_begins_where_the_axis_stands() -> None:
     (there,) = begun.axis.forces
     assert isinstance(there, Cogging)
     x = np.linspace(0.0, TRAVEL, 50)
-    assert pulled(there, x) == pytest.approx(pulled(found, x + BEGIN), abs=1e-6)
+    assert there.at(x) == pytest.approx(found.at(x + BEGIN), abs=1e-6)

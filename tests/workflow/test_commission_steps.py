@@ -20,7 +20,7 @@ from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
-from feeddrive.commissioning.cogging import described, pulled, stated
+from feeddrive.commissioning.cogging import described, stated
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
@@ -50,6 +50,7 @@ FACTS = {
     "coulomb": 40.0,
     "viscous": 300.0,
     "dead_time": 2e-3,
+    "wide": 0.0,
     "resistance": 40.0,
 }
 
@@ -313,7 +314,7 @@ def test_a_force_along_the_travel_is_told_by_strokes_over_all_of_it(
     assert repr(stated(result["friction_and_mass"].figures)) == repr(found)
     log = read_log(tmp_path / "other" / "4_friction_and_mass" / "strokes.parquet")
     assert np.max(np.abs(log["acting"] - log["commanded"])) == pytest.approx(
-        np.max(np.abs(pulled(found, log["reading_load"]))), rel=0.01
+        np.max(np.abs(found.at(log["reading_load"]))), rel=0.01
     )
 
 
@@ -448,9 +449,9 @@ def test_an_axis_with_cogging_is_shaken_with_a_force_against_it_that_is_no_excit
     shaken = 10.0 * np.sin(np.arange(path.size)) * np.hanning(path.size)
     log = chain._excited(axis, Profile("excitation", "", T, "N", shaken, path, np.gradient(path, T)), None)
     against = axis.played[0][0].excitation - shaken
-    np.testing.assert_allclose(against[100:-100], -pulled(along, path)[100:-100], atol=1e-9)
+    np.testing.assert_allclose(against[100:-100], -along.at(path)[100:-100], atol=1e-9)
     # the axis begins at rest, and ends where it would be pulled
-    assert abs(pulled(along, path)[-1]) > 10.0
+    assert abs(along.at(path)[-1]) > 10.0
     assert against[0] == against[-1] == 0.0
     np.testing.assert_array_equal(log["excitation"], shaken)
 

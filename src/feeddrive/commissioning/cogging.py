@@ -173,16 +173,9 @@ def acting(log: Log, along: Cogging, dead_time: float) -> Log:
     Mass, friction and responses from it are those of the axis without that force, which acts where the motor does.
     """
     time = np.arange(len(log)) * log.sample_time
-    pull = pulled(along, np.interp(time + dead_time, time, log["reading_load"]))
-    channels = {**log.channels, "acting": log["commanded"] + pull}
+    position = np.interp(time + dead_time, time, log["reading_load"])
+    channels = {**log.channels, "acting": log["commanded"] + along.at(position)}
     return replace(log, channels=channels, units={**log.units, "acting": log.units["commanded"]})
-
-
-def pulled(along: Cogging, position: np.ndarray) -> np.ndarray:
-    """Return the force along the travel (N) at positions (m), shape (n,)."""
-    angle = 2.0 * np.pi * position / float(along.period)
-    waves = [float(each.share) * np.sin(each.order * angle + float(each.phase)) for each in along.harmonics]
-    return float(along.force) * np.sum(waves, axis=0)
 
 
 def moved(loop: Loop, position: float) -> Loop:

@@ -25,7 +25,7 @@ from feeddrive.files.run_files import write_run_parquet
 from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.learning.part_correction import Correction
-from feeddrive.learning.planned_friction import RAMP
+from feeddrive.learning.planned_friction import RAMP, smooth_step
 from feeddrive.version import __version__
 
 RECORD, ROWS, TEXT, STREAMER, HAL = (
@@ -84,9 +84,7 @@ def write_correction(
 
 
 def write_setpoints(file: Path, correction: Correction, line: np.ndarray | None = None) -> None:
-    """Write set positions and force offsets of all axes as CSV, with a rest at the end in which the forces fall to "
-    "0.
-    """
+    """Write set positions and force offsets of all axes as CSV; the forces fall to 0 in a rest at the end."""
     _write_text(file, *_with_rest(correction, line))
 
 
@@ -109,7 +107,7 @@ def _with_rest(
 def _faded(force: np.ndarray, rows: int) -> np.ndarray:
     """Return a force that falls to 0 in more rows, without a jump."""
     t = np.arange(1, rows + 1) / rows
-    return np.append(force, force[-1] * (1.0 - t**3 * (10.0 - 15.0 * t + 6.0 * t**2)))
+    return np.append(force, force[-1] * (1.0 - smooth_step(t)))
 
 
 def _table(file: Path, columns: Mapping[str, np.ndarray], *, head: bool, delimiter: str) -> None:
@@ -170,8 +168,7 @@ def _write_drive(
             k = int(over[0])
             raise ParameterError(
                 f"axis {axis}: the {what} is {int(values[k])} at {Quantity(float(time[k]), 's'):6 SI}, beyond {most}, "
-                "the "
-                f"largest that the object holds: {remedy}"
+                f"the largest that the object holds: {remedy}"
             )
     columns = {
         "time_s": time,
@@ -190,8 +187,7 @@ def read_correction(folder: Path, plan: Mapping[str, Recorded]) -> tuple[Correct
         if not (folder / name).is_file():
             raise FileError(
                 f"{folder}: has no {name}: name a directory that `feeddrive setpath JOB --out` wrote, with a "
-                "correction "
-                "that was accepted"
+                "correction that was accepted"
             )
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))

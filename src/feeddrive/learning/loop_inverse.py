@@ -210,9 +210,7 @@ def _impulse(model: StateSpace, name: str) -> np.ndarray:
 
 
 def _simulated(model: StateSpace, inputs: np.ndarray) -> np.ndarray:
-    """Return the response of the table to a change of the setpoint and its derivatives, shape (n, 5), until it "
-    "settles.
-    """
+    """Return the response of the table to the setpoint and its derivatives, shape (n, 5), until it settles."""
     answers = [_convolved(_impulse(model, name), column) for name, column in zip(SETPOINT, inputs.T, strict=True)]
     whole = np.zeros(max(answer.size for answer in answers))
     for answer in answers:

@@ -283,9 +283,7 @@ def _derivatives(path: Recorded) -> np.ndarray:
 
 
 def friction_displacement(loop: Loop, path: Recorded) -> tuple[np.ndarray, LoopInverse]:
-    """Return how far the dry friction holds the table back along a path, g * f in m, shape (n,), and the loop's "
-    "inverse.
-    """
+    """Return g * f, how far dry friction holds the table back along a path, m, shape (n,), and the loop's inverse."""
     inverse = loop_inverse(loop)
     velocity, T = planned_velocity(path), float(path.sample_time)
     displaced = np.zeros(velocity.size)
@@ -435,9 +433,8 @@ class Judge:
             if tripped.size:
                 raise ParameterError(
                     f"machine of the box '{run.name}': the guard of axis {axis} tripped at "
-                    f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the limits of "
-                    "the "
-                    "guard"
+                    f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the "
+                    "limits of the guard"
                 )
             if correction is None or axis not in correction.forces:
                 continue
@@ -461,8 +458,7 @@ class Judge:
                 raise ParameterError(
                     f"axis {axis}, machine of the box '{run.name}': command and correction together are "
                     f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of "
-                    f"{Quantity(float(continuous), 'N'):4}: "
-                    "lower the feed or the accelerations"
+                    f"{Quantity(float(continuous), 'N'):4}: lower the feed or the accelerations"
                 )
 
     def _place(self, run: Run, k: int) -> str:

@@ -266,8 +266,7 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
         if not np.all(np.isfinite(row)):
             raise LogError(
                 f"{log.name}: axis {axis}: the {what} is not a number in row {int(np.argmin(np.isfinite(row)))}: "
-                "samples "
-                "are missing; log the part again"
+                "samples are missing; log the part again"
             )
     # a log may hold one sample less than the plan: the last one, at rest
     measured, setpoint = (np.append(row, np.full(max(0, n - row.size), row[-1]))[:n] for row in (measured, setpoint))
@@ -285,16 +284,14 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     if trip.size and np.any(trip):
         raise LogError(
             f"{log.name}: axis {axis}: the guard tripped at {Quantity(int(np.argmax(trip)) * T, 's'):6 SI}, and the "
-            "axis "
-            "did not follow after that: find the cause, and log the part again"
+            "axis did not follow after that: find the cause, and log the part again"
         )
     moves = np.abs(planned_velocity(path)) > _GATE
     way, wanted = (float(np.sum(np.abs(np.diff(row))[moves[:-1]])) for row in (_calm(measured, T), path.position))
     if np.any(moves) and way < _STUCK * wanted:
         raise LogError(
             f"{log.name}: axis {axis}: moves {Quantity(way, 'm')} where the plan moves {Quantity(wanted, 'm')}: the "
-            "axis "
-            "is stuck or switched off, or the column is not its position"
+            "axis is stuck or switched off, or the column is not its position"
         )
     limit, force = loop.control.force_limit, log.force.get(axis)
     if force is not None and limit is not None:
@@ -302,9 +299,8 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
         if held.size:
             raise LogError(
                 f"{log.name}: axis {axis}: the force is at its limit of {Quantity(limit, 'N'):4} in {held.size} "
-                "samples "
-                f"that count, first at {Quantity(int(held[0]) * T, 's'):6 SI}: what is lost there is no error of the "
-                "path; plan with less acceleration"
+                f"samples that count, first at {Quantity(int(held[0]) * T, 's'):6 SI}: what is lost there is no error "
+                "of the path; plan with less acceleration"
             )
     return path.position - measured
 

@@ -65,15 +65,15 @@ def direction_along(velocity: np.ndarray, sample_time: float) -> np.ndarray:
         width = min(ramp, rest)
         if after >= n:
             # the end of the program: no start follows
-            s[last + 1 :] = begin * (1.0 - _step(k / width))
+            s[last + 1 :] = begin * (1.0 - smooth_step(k / width))
             continue
-        starting = _step((k - (rest - width)) / width)
-        held = begin if rest < ramp else begin * (1.0 - (1.0 - KEPT) * _step(k / width))
+        starting = smooth_step((k - (rest - width)) / width)
+        held = begin if rest < ramp else begin * (1.0 - (1.0 - KEPT) * smooth_step(k / width))
         s[last + 1 : after] = held * (1.0 - starting) + end * starting
     return s
 
 
-def _step(t: np.ndarray) -> np.ndarray:
+def smooth_step(t: np.ndarray) -> np.ndarray:
     """Return a step from 0 at t <= 0 to 1 at t >= 1 without a jump of its first two derivatives."""
     t = np.clip(t, 0.0, 1.0)
     return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,11 +13,14 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import number
+from feeddrive.loop.box import tolerances
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 
 NOMINAL = "nominal"
 """The name of the machine without deviations."""
+EXAMPLE = "mass=0.15,friction=0.3,stiffness=0.2,dead_time=1sample,cut=0.1"
+"""The standard box as a text."""
 _MASSES = ("mass_load", "mass", "carriage_mass")
 _EDGE = ("N/m2", "N/m")  # units of the cutting coefficients
 _READ = 0.5  # of a count: noise of an encoder without noise of its own
@@ -48,6 +51,18 @@ class PlantBox:
                 raise ParameterError(f"box.{name} = {number(value, 6)} must be >= 0 and < 1")
         if self.dead_time < 0:
             raise ParameterError(f"box.dead_time = {self.dead_time} must be >= 0 samples: a drive is not early")
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the box of a text such as `mass=0.2,dead_time=1sample`, `standard` or `none`; see `tolerances`.
+
+        Raises ParameterError for any other text.
+        """
+        if text.strip() == "standard":
+            return cls()
+        names = tuple(each.name for each in dataclasses.fields(cls))
+        values = dict.fromkeys(names, 0.0) if text.strip() == "none" else tolerances(text, names, EXAMPLE)
+        return cls(values["mass"], values["friction"], values["stiffness"], int(values["dead_time"]), values["cut"])
 
     def machines(self, machine: Machine) -> dict[str, Machine]:
         """Return the nominal machine and six others by name: the corners of mass and friction, a softer and later one.
@@ -110,16 +125,12 @@ def changed_loop(loop: Loop, mass: float, friction: float, stiffness: float, dea
     plant = scaled(plant, lambda name, _: name == "stiffness", stiffness)
     # the mode of a modal plant has the frequency of its spring
     plant = scaled(plant, lambda name, _: name.endswith(".frequency"), float(np.sqrt(stiffness)))
-    actuator = axis.actuator
-    if dead_time:
-        later = float(actuator.dead_time) + dead_time * float(loop.sample_time)
-        actuator = dataclasses.replace(actuator, dead_time=later)
     rubs = [
         None if each is None else scaled(each, lambda _, unit: unit == "N", friction)
         for each in (axis.friction_motor, axis.friction_load)
     ]
-    changed = dataclasses.replace(axis, plant=plant, actuator=actuator, friction_motor=rubs[0], friction_load=rubs[1])
-    return dataclasses.replace(loop, axis=changed)
+    changed = dataclasses.replace(axis, plant=plant, friction_motor=rubs[0], friction_load=rubs[1])
+    return dataclasses.replace(loop, axis=changed).later(dead_time)
 
 
 def read_by(loop: Loop) -> Loop:

@@ -23,6 +23,34 @@ _CORNERS = 64  # of a box whose corners are all examined; of a larger one this m
 _EDGES = 256  # largest number of edges whose middles are examined
 
 
+def tolerances(text: str, names: Sequence[str], example: str) -> dict[str, float]:
+    """Return the tolerances of a text such as `mass=0.3,stiffness=20%,dead_time=1sample`, by name.
+
+    What is not named has no tolerance.  Raises ParameterError for an unknown name, one that is stated twice, a value
+    that is no number, and a dead time that is no whole number of samples.
+    """
+    values = dict.fromkeys(names, 0.0)
+    stated = set[str]()
+    for part in text.split(","):
+        name, sign, value = (piece.strip() for piece in part.partition("="))
+        if not sign or name not in values:
+            raise ParameterError(
+                f"box '{text}': '{part.strip()}' is none of {', '.join(values)} with a value"
+                f"{nearest(name, values)}; write it as {example}, as standard or as none"
+            )
+        if name in stated:
+            raise ParameterError(f"box '{text}': {name} is stated twice: state it once")
+        stated.add(name)
+        size = value.removesuffix("s").removesuffix("sample") if name == "dead_time" else value.removesuffix("%")
+        try:
+            values[name] = float(size) * (0.01 if value.endswith("%") else 1.0)
+        except ValueError:
+            raise ParameterError(f"box '{text}': {name} = {value} is not a number: write it as {example}") from None
+        if name == "dead_time" and not values[name].is_integer():
+            raise ParameterError(f"box '{text}': the dead time is a whole number of samples, such as 1sample")
+    return values
+
+
 @dataclass(frozen=True)
 class Dimension:
     """A parameter of a plant that is uncertain.
@@ -102,26 +130,7 @@ class Box:
             return None
         if text.strip() == "standard":
             return cls()
-        example = "stiffness=0.2,mass=0.3,dead_time=1sample"
-        values: dict[str, float] = {"stiffness": 0.0, "mass": 0.0, "dead_time": 0.0}
-        stated = set[str]()
-        for part in text.split(","):
-            name, sign, value = (piece.strip() for piece in part.partition("="))
-            if not sign or name not in values:
-                raise ParameterError(
-                    f"box '{text}': '{part.strip()}' is none of {', '.join(values)} with a value"
-                    f"{nearest(name, values)}; write it as {example}, as standard or as none"
-                )
-            if name in stated:
-                raise ParameterError(f"box '{text}': {name} is stated twice: state it once")
-            stated.add(name)
-            size = value.removesuffix("s").removesuffix("sample") if name == "dead_time" else value.removesuffix("%")
-            try:
-                values[name] = float(size) * (0.01 if value.endswith("%") else 1.0)
-            except ValueError:
-                raise ParameterError(f"box '{text}': {name} = {value} is not a number: write it as {example}") from None
-        if values["dead_time"] != math.floor(values["dead_time"]):
-            raise ParameterError(f"box '{text}': the dead time is a whole number of samples, such as 1sample")
+        values = tolerances(text, ("stiffness", "mass", "dead_time"), "stiffness=0.2,mass=0.3,dead_time=1sample")
         return cls(values["stiffness"], values["mass"], int(values["dead_time"]))
 
     def __str__(self) -> str:
@@ -168,10 +177,8 @@ class Box:
         masses = [changes[d.path] / d.value for d in dimensions if d.unit in _MASS]
         mean = math.exp(sum(map(math.log, masses)) / len(masses)) if masses else 1.0
         changes |= {path: value * mean for path, value in tree.leaves(axis.plant) if _signed(axis, path)}
-        actuator = axis.actuator
-        later = replace(actuator, dead_time=actuator.dead_time + corner.late * float(loop.sample_time))
         plant = tree.vary(axis.plant, changes) if changes else axis.plant
-        return replace(loop, axis=replace(axis, plant=plant, actuator=later if corner.late else actuator))
+        return replace(loop, axis=replace(axis, plant=plant)).later(corner.late)
 
     def corners(self, axis: Axis) -> Iterator[Corner]:
         """Yield the corners of the box of an axis; of more than 64, those that few changes of sign lead to.

@@ -29,6 +29,7 @@ from feeddrive.loop.trace import lengths, node_values
 
 # |z| from which a zero counts as a zero at infinity that rounding has made finite
 _FAR = 1e6
+_DECAYED = 0.1  # of |z|: a pole nearer to 0, such as that of a dead time, decays in a sample and makes no peak
 
 
 class Natural(NamedTuple):
@@ -110,6 +111,12 @@ class StateSpace(Result):
         """Return the eigenvalues of A, the largest first."""
         poles = np.linalg.eigvals(self.A)
         return poles[np.argsort(-np.abs(poles))]
+
+    def oscillations(self) -> np.ndarray:
+        """Return ln(z)/T of the poles with a positive imaginary part, without those near 0, which decay in a sample."""
+        poles = self.poles()
+        poles = poles[(np.abs(poles) > _DECAYED) & (np.imag(poles) > 0.0)]
+        return np.log(poles) / self.sample_time
 
     def zeros(self, output: str | None = None, input: str | None = None) -> np.ndarray:  # noqa: A002
         """Return the finite zeros in z from one input to one output (default: the first), see `zeros`."""

@@ -1,6 +1,7 @@
 """A loop: one axis with its controller, and the order in which one sample is computed."""
 
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, NamedTuple, Self
 
 from feeddrive.blocks.signals import Motion, Noise, Setpoint
@@ -120,6 +121,14 @@ class Loop(Block):
         """
         place = f"axis.{self.name}"
         return {"axis": place, "control": f"{place}.control"}.get(field, field)
+
+    def later(self, samples: int) -> Self:
+        """Return the loop with additional samples of dead time."""
+        if samples == 0:
+            return self
+        actuator = self.axis.actuator
+        dead_time = actuator.dead_time + samples * float(self.sample_time)
+        return replace(self, axis=replace(self.axis, actuator=replace(actuator, dead_time=dead_time)))
 
     def require(self) -> None:
         """Check the block; errors from the controller or the physics are raised with the name of the axis."""

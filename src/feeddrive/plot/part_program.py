@@ -511,8 +511,8 @@ def corrected_chart(result: CorrectedProgram) -> Chart:
             ),
             low=0.0,
             caption=Text(
-                f"RMS {Quantity(figures[name].plain.rms, 'm')} without, {Quantity(figures[name].corrected.rms, 'm')} "
-                "with"
+                f"RMS {Quantity(figures[name].plain.rms, 'm')} without, "
+                f"{Quantity(figures[name].corrected.rms, 'm')} with"
             ),
         )
         for name, errors in result.errors.items()

@@ -33,7 +33,6 @@ B = TypeVar("B", bound=Block)
 # The filters are warped by tan(π f T), which grows without bound at half the sample rate.
 HIGHEST_FILTER = 0.45  # of the sample rate: upper limit of filter frequencies that are chosen or searched
 _OPEN = 0.4  # of the sample rate: frequency of a low-pass that is added before a search
-_OF_DELAY = 0.1  # of |z|: poles nearer to 0 are those of a delay
 HIGHEST = 0.49  # of the sample rate: upper limit of a dragged frequency
 _RISE = 3.0  # dB by which a resonance must rise above the loop gain below it
 _AROUND = 1.1  # half width of a resonance, as a factor of its frequency
@@ -231,10 +230,7 @@ def with_notch_and_low_pass(loop: Loop) -> Loop:
     """
     T, filters = float(loop.sample_time), list(loop.control.filters)
     if not any(isinstance(block, Notch) for block in filters):
-        model = linearize(loop, ["cut"], ["reading_load"])
-        # poles near 0 are delays
-        s = np.log(np.array([z for z in model.poles() if z.imag > 0.0 and abs(z) > _OF_DELAY])) / T
-        resonances = np.abs(s) / (2.0 * np.pi)
+        resonances = np.abs(linearize(loop, ["cut"], ["reading_load"]).oscillations()) / (2.0 * np.pi)
         if resonances.size and np.min(resonances) < HIGHEST_FILTER / T:
             filters.append(Notch(frequency=float(np.min(resonances)), damping_zero=0.35, damping_pole=0.4))
     if not any(isinstance(block, LowPass | LowPass2) for block in filters):

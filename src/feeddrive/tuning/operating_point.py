@@ -261,26 +261,16 @@ def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05, c
     every = _EVERY if coarse else 1
     count = round(-np.log10(_LOWEST) * _PER_DECADE) // every
     spread = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), count)
-    poles = model.poles()
-    # poles near 0, such as those of the dead time, decay within a sample and make no peak
-    poles = poles[(np.abs(poles) > 0.1) & (np.imag(poles) > 0.0)]
-    s = np.log(poles) / T
-    near = (s.imag[:, None] + np.abs(s.real)[:, None] * _BESIDE[::every]).ravel() / (2.0 * np.pi)
+    s = model.oscillations()
+    near = (np.imag(s)[:, None] + np.abs(np.real(s))[:, None] * _BESIDE[::every]).ravel() / (2.0 * np.pi)
     lines = np.unique(np.concatenate([spread, near[(near > spread[0]) & (near < spread[-1])]]))
     lines = lines[np.append(True, np.diff(lines) > 2e-4 * lines[1:])]
-    if coarse:
-        values = transfers(model.A, model.B, model.C, model.D, np.exp(2j * np.pi * lines * T))
-        responses = {
-            (output, source): values[row, column]
-            for row, output in enumerate(model.outputs)
-            for column, source in enumerate(model.inputs)
-        }
-    else:
-        responses = {
-            (output, source): model.response(lines, output=output, input=source).response
-            for output in model.outputs
-            for source in model.inputs
-        }
+    values = transfers(model.A, model.B, model.C, model.D, np.exp(2j * np.pi * lines * T))
+    responses = {
+        (output, source): values[row, column]
+        for row, output in enumerate(model.outputs)
+        for column, source in enumerate(model.inputs)
+    }
 
     def by_force_at(frequency: np.ndarray) -> np.ndarray:
         # the images of different lines coincide: each frequency is computed once

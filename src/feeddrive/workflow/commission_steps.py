@@ -30,7 +30,7 @@ from feeddrive.bus.drive_file import BusLimits, DriveFile
 from feeddrive.bus.live import BusAxis, LiveAxis
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning import motions
-from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, pulled, stated
+from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, stated
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
 from feeddrive.commissioning.friction import fit_friction
@@ -379,6 +379,8 @@ class Chain:
         """Take over a step that was done before."""
         self.facts.update(done.figures)
         self.steps.append(done)
+        if done.name == "excitation":
+            self.wide = done.figures["wide"] > 0.0
         if done.name == "small_move":
             self.axis = self.axis.scaled(done.figures["length_factor"], int(done.figures["force_sign"]))
         self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
@@ -824,7 +826,7 @@ class Chain:
         return Text(
             f"{made.lines.size} lines up to {Quantity(made.frequency[-1], 'Hz'):3}, at most "
             f"{Quantity(made.amplitude, 'N'):3}, in {len(made.drawings)} realisations"
-        ), {"amplitude": made.amplitude, "period": float(made.period)}
+        ), {"amplitude": made.amplitude, "period": float(made.period), "wide": float(self.wide)}
 
     def _designed(self, loop: Loop) -> Excitation:
         """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
@@ -919,7 +921,7 @@ class Chain:
         if along is None:
             return self._play(axis, profile, control, step="excitation").log
         # the start law is soft: left to it, this force would take most of the following error
-        against = pulled(along, self._stands() + profile.set_position)
+        against = along.at(self._stands() + profile.set_position)
         # at rest friction holds the axis, and a force that begins or ends at once is a jump
         still = round(motions.RAMP / self.T)
         fade = np.minimum(1.0, np.arange(against.size) / still)
@@ -1256,7 +1258,7 @@ class Chain:
         return replace(control, guard=replace(guard, following_error_limit=limit))
 
     def _try_gently(self, axis: LiveAxis, loop: Loop, motion: motions.TrialMotion) -> None:
-        """Run the new control over a short and slow motion. Raise RefusedError if it works harder than predicted."""
+        """Run the new control over a short and slow motion. Raise UnlikePredictedError if it works harder."""
         slow = motion.slower(GENTLE, self.T)
         expected = self._predicted(loop, slow)
         played = self._play(axis, slow, loop.control, step="tune")

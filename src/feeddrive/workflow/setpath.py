@@ -53,7 +53,7 @@ from feeddrive.learning.part_correction import (
     planned_rows,
 )
 from feeddrive.learning.part_log import LearnedPart, PartLog, learn_from_log
-from feeddrive.learning.plant_box import PlantBox
+from feeddrive.learning.plant_box import EXAMPLE, PlantBox
 from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero_phase
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -91,8 +91,7 @@ class SetpathRequest(Request):
         most=1.0,
     )
     box: str | None = option(
-        "tolerances of the machine on which the correction is judged; default: "
-        "mass=0.15,friction=0.3,stiffness=0.2,dead_time=1,cut=0.1",
+        f"tolerances of the machine on which the correction is judged, or none; default: standard, which is {EXAMPLE}",
         default=None,
     )
     seed: int | None = option("seed of the noise of the judge; default: that of the job", default=None, least=0)
@@ -230,29 +229,9 @@ def _part(request: SetpathRequest, reserve: Sequence[float]) -> Part:
     return Part(job, law, machine, plan, counted, None if program is None else program.line)
 
 
-def _box(text: str | None) -> PlantBox:
-    """Parse tolerances such as `mass=0.2,dead_time=0`. Raise ParameterError for an unknown name or a bad number."""
-    if text is None:
-        return PlantBox()
-    names = tuple(PlantBox.__dataclass_fields__)
-    values: dict[str, float | int] = {}
-    for word in (word.strip() for word in text.split(",") if word.strip()):
-        name, mark, value = word.partition("=")
-        if not mark or name not in names or name in values:
-            raise ParameterError(
-                f"--box '{word}': give each of {', '.join(names)} once at most, as {names[0]}=0.2{nearest(name, names)}"
-            )
-        try:
-            values[name] = int(value) if name == "dead_time" else float(value)
-        except ValueError:
-            kind = "a whole number of samples" if name == "dead_time" else "a number"
-            raise ParameterError(f"--box '{word}': '{value}' is not {kind}") from None
-    return PlantBox(**values)  # type: ignore[arg-type]
-
-
 def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome[Any]:
     """Correct a part by its plan, judge it, and write it."""
-    box = _box(request.box)
+    box = PlantBox.parse(request.box or "standard")
     progress.step("inverse of the loops")
     if request.method == "path":
         planned = part.planned
@@ -386,9 +365,8 @@ def _facts(part: Part, result: CorrectedProgram) -> dict[str, str]:
         else "all samples",
         "Box": Text(
             f"mass of the load ±{Quantity(box.mass, 'share'):3}, dry friction ±{Quantity(box.friction, 'share'):3} "
-            "with "
-            f"the cut ±{Quantity(box.cut, 'share'):3}, stiffness down to -{Quantity(box.stiffness, 'share'):3}, dead "
-            f"time up to +{box.dead_time} sample"
+            f"with the cut ±{Quantity(box.cut, 'share'):3}, stiffness down to -{Quantity(box.stiffness, 'share'):3}, "
+            f"dead time up to +{box.dead_time} sample"
         ),
         "Accepted if": "RMS, 95 % and largest deviation are each at most 1.02 times those without correction, on every "
         "machine",
@@ -567,8 +545,7 @@ def _of_log(learned: LearnedPart) -> str:
     if learned.best:
         return Text(
             f"{Judgment.LEARNED.says}: this part is {rms} RMS from its path, less than 2 % better than the one "
-            "before: the "
-            "better of the two corrections is kept, and nothing more is learned."
+            "before: the better of the two corrections is kept, and nothing more is learned."
         )
     return Text(f"{Judgment.LEARNED.says}: this part is {rms} RMS from its path; run the next one with the correction.")
 

@@ -32,4 +32,8 @@ class Cogging(Force):
     def step(
         self, state: Any, plant: Plant, motion: Motion, drive: Number, time: Number, h: Number
     ) -> tuple[Any, Number, Number]:
-        return state, self.force * total(self.harmonics, motion.position_motor, self.period), 0.0
+        return state, self.at(motion.position_motor), 0.0
+
+    def at(self, position: Any) -> Any:
+        """Return the force at a position of the motor, N; also for an array of positions."""
+        return self.force * total(self.harmonics, position, self.period)

@@ -18,7 +18,7 @@ from feeddrive.identification.motion import control_law
 from feeddrive.identification.motion.control_law import LawCheck
 from feeddrive.identification.motion.identify_law import ControlFit, identify_control
 from feeddrive.identification.motion.motion_log import MotionLog, Preparation, checked, count_of, drawn, prepare
-from feeddrive.identification.motion.output_error import Refinement, dead_time, later, refine
+from feeddrive.identification.motion.output_error import Refinement, dead_time, refine
 from feeddrive.identification.motion.rigid import (
     MORE_RAMPS,
     SURE_MASS,
@@ -507,7 +507,7 @@ def identify_motion(
         loop = replace(start, axis=with_rigid(start.axis, rigid))
         if is_richer(start.axis):
             loop, _ = _by_friction(log, start, rigid, loop, None, remarks)
-        loop = later(loop, late)
+        loop = loop.later(late)
     remarks += [*log.hints(), *_counted(log, refinement), *_about(rigid, late), *_unseen_gains(check)]
     seen = friction_map(log.position, log.force, rigid["mass"].value, log.sample_time)
     final = loop if refinement is None else refinement.loop

@@ -141,9 +141,9 @@ def refine(
     chosen = tuple(names or physics(loop))
     for name in chosen:
         tree.declaration(loop, name)
-    fits = {d: _fitted(later(loop, d), log, chosen, skip) for d in delays or DELAYS}
+    fits = {d: _fitted(loop.later(d), log, chosen, skip) for d in delays or DELAYS}
     while delays is None and _is_last(fits) and max(fits) < _LATEST:
-        fits[max(fits) + 1] = _fitted(later(loop, max(fits) + 1), log, chosen, skip)
+        fits[max(fits) + 1] = _fitted(loop.later(max(fits) + 1), log, chosen, skip)
     if all(fit is None for fit in fits.values()):
         raise DivergedError(f"{log.name}: the loop diverges along the log's reference: check its gains and its start")
     there = {d: fit for d, fit in fits.items() if fit is not None}
@@ -174,7 +174,7 @@ def dead_time(fit: Refinement, log: MotionLog, *, skip: int = 49) -> tuple[float
     names = tuple(estimate.name for estimate in fit.estimates)
     model = _signals(fit.loop, log, skip)
     measured = np.array([log.position[skip:], log.force[skip:]])
-    change = _signals(later(fit.loop, 1), log, skip) - model
+    change = _signals(fit.loop.later(1), log, skip) - model
     columns = np.concatenate([_columns(fit.loop, log, names, skip, model), change[:, :, None]], axis=2)
     sizes = _sizes(measured - model)
     left = (measured - model) / sizes
@@ -186,14 +186,6 @@ def _is_last(fits: Mapping[int, _Fit | None]) -> bool:
     """Return True if, of all delays tried, the longest has the smallest position residual."""
     left = {d: fit.left for d, fit in fits.items() if fit is not None}
     return bool(left) and min(left, key=lambda d: left[d]) == max(fits)
-
-
-def later(loop: Loop, samples: int) -> Loop:
-    """Return the loop with `samples` additional samples of dead time."""
-    if samples == 0:
-        return loop
-    dead_time = float(loop.axis.actuator.dead_time) + samples * float(loop.sample_time)
-    return tree.vary(loop, {f"{loop.place_of('axis')}.actuator.dead_time": dead_time})
 
 
 def _signals(
@@ -321,7 +313,7 @@ def _moved_by_dead_time(
     and its error grows where the log hardly tells a delay from it.
     """
     try:
-        change = _signals(later(loop, 1), log, skip) - _signals(loop, log, skip)
+        change = _signals(loop.later(1), log, skip) - _signals(loop, log, skip)
     # a loop that is unstable one sample later determines its dead time well
     except DivergedError:
         return np.zeros(columns.shape[-1])
