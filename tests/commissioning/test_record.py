@@ -83,7 +83,7 @@ def test_a_folder_without_a_record_begins_anew(tmp_path: Path) -> None:
 
 
 def test_the_result_of_a_folder_has_its_steps_and_figures(folder: Path) -> None:
-    found = read_commissioned(folder)
+    found = read_commissioned(str(folder))
     assert isinstance(found, Commissioned)
     assert (found.where, found.kept, found.questions, found.refusal, found.rotary) == (
         "station 1",

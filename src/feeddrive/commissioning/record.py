@@ -183,12 +183,12 @@ def _other_option(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     return f"--{name.replace('_', '-')} was {before.get(name, 'not given')} and is now {now.get(name, 'not given')}"
 
 
-def read_commissioned(folder: Path) -> Commissioned:
+def read_commissioned(folder: str | Path) -> Commissioned:
     """Return the commissioning that a folder holds, finished or not, with what it measured.
 
     Raises FileError for a folder without a record, and the errors of the readers for damaged files.
     """
-    path = folder / FILE
+    path = Path(folder) / FILE
     with _understood(path) as document:
         figures = {
             name: Figures(**{str(key): _figure(value) for key, value in document[name].items()})
@@ -203,7 +203,7 @@ def read_commissioned(folder: Path) -> Commissioned:
             bool(document.get("kept", False)),
             int(document.get("questions", 0)),
             str(document.get("refusal", "")),
-            read_evidence(folder),
+            read_evidence(path.parent),
             bool(document.get("rotary", False)),
         )
 

@@ -33,6 +33,8 @@ def tolerances(text: str, names: Sequence[str], example: str) -> dict[str, float
     stated = set[str]()
     for part in text.split(","):
         name, sign, value = (piece.strip() for piece in part.partition("="))
+        if name in values and not value:
+            raise ParameterError(f"box '{text}': {name} has no value: write it as {example}")
         if not sign or name not in values:
             raise ParameterError(
                 f"box '{text}': '{part.strip()}' is none of {', '.join(values)} with a value"
