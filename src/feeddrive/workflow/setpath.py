@@ -385,7 +385,7 @@ def corrected_report(result: CorrectedProgram, kind: str = "", known: Mapping[st
         Verdict((_verdict(result), *(() if good else result.tried[-1:])), good=good),
         (
             Section("plants", "On every machine of the box", (Marked(result.table(), alert=(worst,)),)),
-            Section("tried", "What was tried", (Remarks(result.tried), Remarks(result.remarks, "How to use it"))),
+            Section("use", "Use", (Remarks(result.tried, "What was tried"), Remarks(result.remarks, "How to use it"))),
             facts("The part", known or {}),
         ),
         Picture(
