@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import comb, factorial
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError, UnstableError
-from feeddrive.learning.loop_inverse import frictionless, loop_inverse, spline
+from feeddrive.learning.loop_inverse import DEGREE, frictionless, loop_inverse
+from feeddrive.learning.set_path import cardinal_spline
 from feeddrive.loop.simulate import simulate
 from parts import T, loop, plan
 
@@ -22,11 +24,12 @@ INVERSE = loop_inverse(loop())
 
 @pytest.mark.parametrize("order", range(5))
 def test_the_spline_and_its_derivatives(order: int) -> None:
-    """Against scipy; the fourth derivative is that from the left at the knots of either."""
-    h = 4
-    rows = np.arange(6 * h + 1)
-    expected = BSpline.basis_element(h * np.arange(7.0), extrapolate=False).derivative(order)(rows[:-1] + 0.0)
-    assert spline(h, order)[:-1] == pytest.approx(expected, abs=1e-12)
+    """Σ (-1)^i C(6, i) max(t - i, 0)^5 / 5!, and its derivatives with lower powers; the sum rounds to below 1e-12."""
+    h, power = 4, 5 - order
+    t = np.arange(6 * h + 1) / h
+    terms = [(-1.0) ** i * comb(6, i) / factorial(power) * np.maximum(t - i, 0.0) ** power for i in range(7)]
+    expected = np.sum(terms, axis=0) / float(h) ** order
+    assert cardinal_spline(DEGREE, h, order) == pytest.approx(expected, abs=1e-12)
 
 
 def test_the_responses_are_those_of_the_axis() -> None:
@@ -50,7 +53,7 @@ def test_the_circular_solution_is_the_dense_one() -> None:
     n, h, ridge = 600, 10, 0.3
     wanted = np.zeros(n)
     wanted[200:260] = 1e-6 * np.hanning(60)
-    shape = spline(h)
+    shape = cardinal_spline(DEGREE, h)
     response = np.convolve(INVERSE.by_force, shape)
     # splines far beyond both ends, since the inverse of a loop with an integrator is long
     before = 400 * h
@@ -74,7 +77,7 @@ def test_a_displacement_that_a_spline_makes_is_reached() -> None:
     """No friction, exact model, a target of the splines: a smaller ridge comes closer, to 1 % of 3.4 um with 1e-5."""
     n = 800
     force = np.zeros(n)
-    shape = spline(10)
+    shape = cardinal_spline(DEGREE, 10)
     force[300 : 300 + shape.size] = 60.0 * shape
     wanted = INVERSE.of_command(force)
     off: list[float] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from feeddrive.blocks.friction.viscous import Viscous
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.learning.set_path import cardinal_spline
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import SETPOINT, Loop
 
@@ -25,23 +25,6 @@ _SETTLED = 1e-7  # of its peak: below it the response has ended; observers leave
 _ENDED = 1e-5  # of its peak: below it the inverse of a displacement in one sample has ended
 _MOST_KNOTS = 1 << 22  # of a circle: some 100 MB
 _LONGEST = 200_000  # samples that a response may take
-
-
-def spline(spacing: int, derivative: int = 0) -> np.ndarray:
-    """Return a B-spline of degree 5 with knots every `spacing` samples, or its derivative per sample, at the samples.
-
-    The spline begins at row 0, has 6 · spacing + 1 rows, and a peak of 66/120 at its middle.
-    """
-    t = np.arange((DEGREE + 1) * spacing + 1) / spacing
-    rows = np.zeros(t.size)
-    # truncated powers: exact for the small t here, and the derivative is the same sum with another power
-    power = DEGREE - derivative
-    for i in range(DEGREE + 2):
-        weight = (-1.0) ** i * factorial(DEGREE + 1) / (factorial(i) * factorial(DEGREE + 1 - i) * factorial(power))
-        rows += weight * np.maximum(t - i, 0.0) ** power * (t >= i)
-    # the sum of the powers cancels at the end of the spline: what is left there is rounding
-    rows[-1] = 0.0
-    return rows / float(spacing) ** derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +72,7 @@ class LoopInverse:
         ridge    weight of the size of the force, relative to that of the displacement that it makes
         """
         h = self.knots(spacing)
-        shape = spline(h)
+        shape = cardinal_spline(DEGREE, h)
         return self._fitted(shape, _convolved(self.by_force, shape), displacement, h, ridge)[0]
 
     def path_for(self, displacement: np.ndarray, spacing: float, ridge: float) -> tuple[np.ndarray, np.ndarray]:
@@ -99,7 +82,7 @@ class LoopInverse:
         of which coefficient j belongs to the spline that begins at sample (j - 5) · h.
         """
         h = self.knots(spacing)
-        rows = np.array([spline(h, order) / self.sample_time**order for order in range(5)])
+        rows = np.array([cardinal_spline(DEGREE, h, order) / self.sample_time**order for order in range(5)])
         response = _simulated(self.model, rows.T)
         _, c = self._fitted(rows[0], response, displacement, h, ridge)
         n = displacement.size

@@ -105,15 +105,18 @@ _WHOLE = 20_000  # samples that are fitted at once, without a window
 _RIDGE = 1e-6  # of the largest column: weight of the coefficients' own size in a window
 
 
-def cardinal_spline(degree: int, spacing: int) -> np.ndarray:
-    """Return a cardinal B-spline with knots every `spacing` samples: degree·spacing + spacing + 1 values with sum 1."""
+def cardinal_spline(degree: int, spacing: int, derivative: int = 0) -> np.ndarray:
+    """Return a cardinal B-spline, or its derivative per sample, at the samples; it has knots every `spacing` samples.
+
+    It begins at row 0 and has (degree + 1) · spacing + 1 rows; shifted by `spacing`, its copies add up to 1.
+    """
     # imported here: commands that only read a log start without it
     from scipy.interpolate import BSpline
 
     t = np.arange((degree + 1) * spacing + 1) / spacing
-    spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)(t)
+    spline = BSpline.basis_element(np.arange(degree + 2.0), extrapolate=False)
     # beyond its support, at its last knot, scipy returns NaN
-    return np.nan_to_num(spline)
+    return np.nan_to_num(spline.derivative(derivative)(t)) / float(spacing) ** derivative
 
 
 class _Columns:

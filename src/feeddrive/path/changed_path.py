@@ -8,7 +8,7 @@
 
 Knots are samples, so that the fourth derivative of the change is linear between two samples and largest at one, and the
 third one exceeds its samples by T²/8 times the fifth at most.  The change is evaluated from its coefficients alone,
-by B-splines of scipy, and shares no code with the fit.
+over the whole motion, where the fit adds shifted samples of one spline.
 """
 
 from __future__ import annotations
