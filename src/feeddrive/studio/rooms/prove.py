@@ -99,7 +99,7 @@ class Prove(Room):
 
     @act
     def correct(self, asked: Asked) -> None:
-        """Correct the part program of `program` by its plan: setpoints and force offsets, judged on a box of machines."""
+        """Correct a part program by its plan: setpoints and force offsets, judged on a box of machines."""
         name, job = self._job(asked)
         request = SetpathRequest(str(job), out=free_name(self.desk.folder, "setpath"))
         held = self.desk.held()
