@@ -75,6 +75,7 @@ MORE_RAMPS = (
 SURE_MASS = 0.025  # largest relative standard error of a mass that is recommended: 5 % are then two errors
 _FINER_CUTOFF, _FINER_STEP = 200.0, 5e-3  # Hz, s: of the second preparation, twice as fine as the usual one
 _WIDEST = 10.0  # errors over those for a white residual
+_HARMLESS = 0.02  # share of the force: an axis that changes by less along the log has its mass within 5 % all the same
 _EXACT = 1e-3  # share of the RMS force: the filters alone leave about as much of a log without noise
 _DEVIATES = 0.05  # chance of a class of speed: one in twenty is left out without a reason, which costs few rows
 
@@ -129,14 +130,14 @@ class RigidFit(Result):
 
     @property
     def changed(self) -> bool:
-        """True if the error in unused rows is 50 % larger than in used rows.
+        """True if the error in unused rows is 50 % larger than in used rows, and more than 2 % of the force.
 
         The error excludes the effect of quantization and twice the part explained by the parameter errors of the fits
         without these rows: if only one stretch contains fast motion, the others predict it poorly.
         """
         chance = self.counts[1] ** 2 + (2.0 * self.validation.expected) ** 2
         beyond = np.sqrt(max(0.0, self.validation.relative**2 - chance))
-        return bool(beyond > max(1.5 * self.residuals.relative, _EXACT))
+        return bool(beyond > max(1.5 * self.residuals.relative, _HARMLESS))
 
     def __getitem__(self, parameter: str) -> Estimate:
         for estimate in self.estimates:
