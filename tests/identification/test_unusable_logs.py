@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import foreign_axis as foreign
-
 from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import (
     MotionLog,
