@@ -762,8 +762,11 @@ def _fit(
     names = (*NAMES[friction], *terms.names)
     columns = np.column_stack([columns_of(rows, friction), terms.columns(log, rows, log.position)])
     check_columns(log.name, columns[used], names)
-    instruments = terms.instruments(log, rows, instruments)
-    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=instruments, used=used)
+    seen = terms.instruments(log, rows, instruments)
+    solved = _solve(log, rows, columns, rows.how.delay, free=free, instruments=seen, used=used)
+    bent = np.zeros(solved.values.size)
+    if free and not terms.bends:
+        bent = _shift_by_bending(log, rows, used, terms, solved, columns, instruments)
     columns = columns[used]
     p = len(names)
     values, residual, force = solved.values[:p], solved.residual, solved.force
@@ -772,10 +775,7 @@ def _fit(
     counted, shifts = _with_counts(log, rows, used, solved, names)
     size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error, and so does that of doubtful bending
-    robust = solved.covariance + np.outer(shifts, shifts)
-    if free and not terms.bends:
-        shift = _shift_by_bending(log, rows, used, terms, solved)
-        robust += np.outer(shift, shift)
+    robust = solved.covariance + np.outer(shifts, shifts) + np.outer(bent, bent)
     ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
     special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
@@ -815,23 +815,40 @@ def _fit(
     )
 
 
-def _shift_by_bending(log: MotionLog, rows: Prepared, used: np.ndarray, terms: Terms, solved: _Solved) -> np.ndarray:
-    """Return by how much elasticity that is not a term of the fit shifts each of its values by least squares.
+def _shift_by_bending(
+    log: MotionLog,
+    rows: Prepared,
+    used: np.ndarray,
+    terms: Terms,
+    solved: _Solved,
+    columns: np.ndarray,
+    instruments: np.ndarray | None,
+) -> np.ndarray:
+    """Return by how much elasticity that is not a term of the fit shifts each of its values.
 
     The shift d is that of one more column, reduced by what chance makes of it: d² - |error² - error_wider²|, or 0, as
     between two fits of which one is more precise (Hausman 1978). It is not reduced where elasticity is suspected.
+
+    columns  the columns of the fit in all rows
     """
-    bent = replace(terms, bends=True).columns(log, rows, log.position)[used, -1:]
-    wide = np.column_stack([solved.columns, bent])
-    if _dependent(wide):
-        return np.zeros(solved.values.size)
-    values = np.linalg.lstsq(wide, solved.force, rcond=None)[0]
-    shift = values[:-1] - np.linalg.lstsq(solved.columns, solved.force, rcond=None)[0]
+    bending = replace(terms, bends=True)
+    bent = bending.columns(log, rows, log.position)[:, -1:]
     if terms.suspected:
-        return values[:-1] - solved.values
-    before = np.diag(covariance_of(solved.columns, solved.residual))
-    after = np.diag(covariance_of(wide, solved.force - wide @ values))[:-1]
-    return np.sqrt(np.maximum(shift**2 - np.abs(before - after), 0.0)) * np.sign(shift)
+        wide = np.column_stack([solved.columns, bent[used]])
+        return np.linalg.lstsq(wide, solved.force, rcond=None)[0][:-1] - solved.values
+    wider = np.column_stack([columns, bent])
+    none = np.zeros(solved.values.size)
+    if _dependent(wider[used]):
+        return none
+    seen = bending.instruments(log, rows, instruments)
+    # counts that the control answers look like bending to least squares
+    beside = _solve(log, rows, wider, solved.delay, free=solved.free, instruments=seen, used=used)
+    if beside.free != solved.free or beside.instrumented != solved.instrumented:
+        return none
+    kept = np.delete(np.arange(beside.values.size), columns.shape[1])
+    shift = beside.values[kept] - solved.values
+    chance = np.abs(np.diag(solved.covariance) - np.diag(beside.covariance)[kept])
+    return np.sqrt(np.maximum(shift**2 - chance, 0.0)) * np.sign(shift)
 
 
 def _with_counts(
