@@ -313,11 +313,11 @@ def test_a_signal_is_clipped_if_it_meets_its_extreme_at_speed_and_stays(signal: 
 @pytest.mark.parametrize(
     ("steps", "is_clipped"),
     [
-        ((3, 3, 2, 1, 1), False),  # by the last whole step alone, one count, it would stop abruptly
+        ((3, 3, 2, 2, 1), False),  # by the last whole step alone, two counts, it would stop abruptly
+        ((3, 3, 2, 1, 1), False),
         ((3, 3, 3, 3, 3), True),
-        ((3, 2, 3, 2, 1), True),  # 2.5 counts a sample, the last one in part, and then none
-        ((1, 1, 1, 1, 1), True),
-        ((4, 1, 1, 1, 1), False),
+        ((3, 3, 3, 3, 1), True),  # the last step in part
+        ((3, 2, 3, 2, 2), True),
     ],
 )
 def test_a_position_in_counts_that_slows_down_to_its_extreme_is_not_clipped(steps: tuple[int, ...], is_clipped: bool):

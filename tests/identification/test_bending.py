@@ -17,7 +17,7 @@ from feeddrive.identification.motion.law_rows import LawRows, Signals
 from feeddrive.identification.motion.law_structures import CASCADE, Structure
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.rigid import RigidFit, _hides, beside, identify_rigid
-from feeddrive.identification.regression import cross_validated
+from feeddrive.identification.regression import Estimate, cross_validated
 from feeddrive.workflow.identify import _terms
 
 T = 5e-4
@@ -206,6 +206,18 @@ def test_two_fits_that_contradict_each_other_are_both_doubted() -> None:
     # the other parameters agree, and the covariance follows the error
     assert [e.error for e in wide.estimates[1:]] == [e.error for e in fit.estimates[1:]]
     assert wide.covariance[0, 1] == pytest.approx(fit.covariance[0, 1] * np.sqrt(14.0))
+
+
+@pytest.mark.parametrize(
+    ("left", "by_other", "share"),
+    [(0.01, 0.05, 0.25), (0.01, 0.011, 3.0**-0.5), (0.01, 0.01, 3.0**-0.5)],
+)
+def test_of_two_masses_that_contradict_each_other_the_truth_is_nearer_to_that_of_the_better_fit(
+    left: float, by_other: float, share: float
+) -> None:
+    """What they leave of the force is 1 : 5, and both lack a part of it: 4 kg apart, the better one is 1 kg off."""
+    one, other = (Estimate("mass", value, "kg", 1.0, 1.0) for value in (100.0, 104.0))
+    assert one.towards(other, left, by_other).error == pytest.approx(np.hypot(1.0, 4.0 * share))
 
 
 def test_bending_that_no_instrument_confirms_widens_the_error_by_what_it_would_change() -> None:

@@ -126,7 +126,7 @@ def write_log(path: str | Path, log: Log) -> None:
 _LONG = 4  # samples at the same extreme value: the least that counts as clipped once
 _TIMES = 2  # how often it must happen
 _ABRUPT = 0.2  # last whole step before the clip over the usual step: a position that comes to rest has a small one
-_COUNTS = 1.5  # ratio of two steps that differ by a count at least
+_COUNTS = 1.5  # smallest steps: two steps that differ by less differ by a count at most
 _LEVELS = 32  # different values: fewer are a state or a coarse number, which is often constant
 _HELD = 0.98  # share of the changes that lie on one grid of every second, third ... sample
 
@@ -170,10 +170,10 @@ def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
         if np.count_nonzero(long) < times:
             continue
         last = steps[starts[long] - 2]
-        # one count is the smallest step that coarse readings can show: after larger ones the axis came to rest
-        within = np.maximum(starts[long][:, None] - np.arange(2, 2 + _LONG), 0)
-        slower = (last < _COUNTS * np.min(moving)) & (np.max(steps[within], axis=1) > _COUNTS * last)
-        if np.median(np.where(slower, 0.0, last)) > _ABRUPT * usual:
+        # an axis that comes to rest in coarse readings slows down by a count a sample, such as 2, 1, 0
+        into, count = steps[starts[long] - 1], _COUNTS * np.min(moving)
+        gentle = (into < count) & (np.abs(last - into) < count)
+        if np.median(np.where(gentle, 0.0, last)) > _ABRUPT * usual:
             share = Quantity(np.mean(values == limit), "share", form="2")
             return Text(
                 f"'{name}' is clipped: it stays at its {word} value {Quantity(limit):6} {np.count_nonzero(long)} times "

@@ -120,15 +120,21 @@ class Estimate:
         beyond = (self.value - other.value) ** 2 - abs(self.error**2 - other.error**2)
         return replace(self, error=math.sqrt(self.error**2 + max(0.0, beyond)))
 
-    def towards(self, other: Self) -> Self:
+    def towards(self, other: Self, left: float, left_by_other: float) -> Self:
         """Return the estimate with its error increased by its distance to one that contradicts it.
 
-            error² + d²/3,   d the difference of the two values
+            error² + (s d)²,   s = min(1/√3, r/(r_other - r)),   d the difference of the two values
 
-        The truth may lie anywhere between two values of which at least one is wrong, and d²/3 is the mean square of a
-        number that is even between 0 and d.
+        left, left_by_other  r and r_other: how much of the signal the two fits leave, r < r_other
+
+        Two values of which at least one is wrong are off by as much as what their models lack, in the same direction or
+        in opposite ones: the truth is up to d r/(r_other - r) from the better one. Where both lack about as much, it may
+        lie anywhere between them, and d²/3 is the mean square of a number that is even between 0 and d.
         """
-        return replace(self, error=math.hypot(self.error, (self.value - other.value) / math.sqrt(3.0)))
+        share = 1.0 / math.sqrt(3.0)
+        if left_by_other > left:
+            share = min(share, left / (left_by_other - left))
+        return replace(self, error=math.hypot(self.error, share * (self.value - other.value)))
 
     def at_table(self, lever: float) -> Self:
         """Return an estimate in shaft units referred to the table."""

@@ -248,12 +248,13 @@ def better(
             f"{Quantity(mass.value, rigid_mass.unit, mass.error)} and leaves {Quantity(left, 'share'):3} of it: they "
             "contradict each other, as where a force acts that the model lacks; the "
             f"{'inverse dynamics' if first else 'closed loop'}, which leave{'' if first else 's'} less, "
-            f"{'are' if first else 'is'} taken, with the difference in the error of its mass"
+            f"{'are' if first else 'is'} taken, with a share of the difference in the error of its mass"
         )
     )
+    least, most = sorted((left, rigid.residuals.relative))
     if first:
-        return widened(rigid, [rigid_mass.towards(mass)]), None
-    wider = (one.towards(rigid_mass) if one is mass else one for one in fit.estimates)
+        return widened(rigid, [rigid_mass.towards(mass, least, most)]), None
+    wider = (one.towards(rigid_mass, least, most) if one is mass else one for one in fit.estimates)
     return rigid, replace(fit, estimates=tuple(wider))
 
 
