@@ -128,8 +128,8 @@ class Estimate:
         left, left_by_other  r and r_other: how much of the signal the two fits leave, r < r_other
 
         Two values of which at least one is wrong are off by as much as what their models lack, in the same direction or
-        in opposite ones: the truth is up to d r/(r_other - r) from the better one. Where both lack about as much, it may
-        lie anywhere between them, and d²/3 is the mean square of a number that is even between 0 and d.
+        in opposite ones: the truth is up to d r/(r_other - r) from the better one. Where both lack about as much, it
+        may lie anywhere between them, and d²/3 is the mean square of a number that is even between 0 and d.
         """
         share = 1.0 / math.sqrt(3.0)
         if left_by_other > left:
