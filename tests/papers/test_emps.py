@@ -14,6 +14,7 @@ import pytest
 from documented import DOCS
 from feeddrive.analysis.replay import replay
 from feeddrive.analysis.stability import stability
+from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.regression import Estimate
@@ -91,7 +92,7 @@ def test_the_box_encloses_the_ellipsoid() -> None:
     assert box.factor == pytest.approx(np.sqrt(5.991), rel=1e-3)
     assert box.mass_share == pytest.approx(np.sqrt(5.991) * 0.5 / 95.0, rel=1e-3)
     places = list(box.places())
-    assert len(places) == 2 * (1 + 2**2) + paper.DRAWS
+    assert len(places) == 2 * (1 + 2**2) + 64
     corner = box.loop(RAN, (1.0, -1.0), 1)
     assert float(tree.get(corner, "axis.x.plant.mass")) == pytest.approx(95.0 + box.factor * 0.5)
     assert float(tree.get(corner, "axis.x.friction_load.coulomb_positive")) == pytest.approx(20.0 - box.factor)
@@ -131,6 +132,12 @@ def test_a_law_is_judged_at_its_worst_plant() -> None:
 def test_the_measured_axis_and_its_log_go_together(words: dict[str, object], said: str) -> None:
     with pytest.raises(ParameterError, match=said):
         ReproduceRequest(**words)  # type: ignore[arg-type]
+
+
+def test_as_many_samples_are_skipped_as_in_the_bundled_job() -> None:
+    section = read_job("emps_log").log
+    assert section is not None
+    assert section.skip_samples == paper.SKIPPED
 
 
 @needs_log
