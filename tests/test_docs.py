@@ -306,12 +306,11 @@ def test_a_law_gets_onto_a_machine_by_the_same_commands(page: str, heading: str,
     assert anchor in (ROOT / "docs/laws/index.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("page", "heading", "law"),
-    all_but(ONTO_A_MACHINE[:1], ONTO_A_MACHINE, "a search, a compiled run and three more commands a law"),
-    ids=[law for *_, law in ONTO_A_MACHINE],
-)
-def test_the_commands_that_get_a_law_onto_a_machine_print_what_its_page_shows(page: str, heading: str, law: str, tmp_path: Path):
+@pytest.mark.slow(reason="a search, a compiled run and three more commands; their order is checked quickly")
+@pytest.mark.parametrize(("page", "heading", "law"), ONTO_A_MACHINE, ids=[law for *_, law in ONTO_A_MACHINE])
+def test_the_commands_that_get_a_law_onto_a_machine_print_what_its_page_shows(
+    page: str, heading: str, law: str, tmp_path: Path
+):
     (job,) = blocks(ROOT / "docs/laws/index.md", "toml")
     (tmp_path / "move.toml").write_text(job, encoding="utf-8")
     for console in consoles_below(ROOT / "docs/laws" / page, heading):
