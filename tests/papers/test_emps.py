@@ -20,8 +20,8 @@ from feeddrive.identification.motion.identify import Identified
 from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, ParameterError
-from feeddrive.language.progress import Progress
 from feeddrive.language.judgment import Judgment
+from feeddrive.language.progress import Progress
 from feeddrive.papers import emps as paper
 from feeddrive.papers.claims import Claim, Experiment, Reproduced
 from feeddrive.papers.emps import Half, Uncertain, emps, halves, identified, recovered
@@ -75,7 +75,11 @@ def test_the_recovered_force_is_not_that_of_another_mass() -> None:
     """The mass enters by the acceleration: with 20 % less the difference grows beyond what the claim allows."""
     _, second, _, box = parts()
     light = tree.vary(box.model, {"axis.x.plant.mass": 0.8 * 95.3})
-    right, wrong = (np.std(np.subtract(*found[:2])[found[2]]) for found in (recovered(m, second) for m in (box.model, light)))  # fmt: skip
+    left = []
+    for model in (box.model, light):
+        force, friction, counted = recovered(model, second)
+        left.append(np.std((force - friction)[counted]))
+    right, wrong = left
     assert wrong > 1.5 * right
 
 
@@ -118,7 +122,9 @@ def test_a_law_is_judged_at_its_worst_plant() -> None:
     ends = [box.loop(RAN, (u,), late) for u in (-1.0, 1.0) for late in (0, 1)]
     assert found.peaks[1] == pytest.approx(max(paper.LinearLoop(loop).margins.sensitivity_peak for loop in ends))
     assert found.peaks[1] > 1.2 * found.peaks[0]
-    assert found.slowest == pytest.approx(max(stability(loop, velocity=v).growth for loop in ends for v in (-0.05, 0.05)))
+    assert found.slowest == pytest.approx(
+        max(stability(loop, velocity=v).growth for loop in ends for v in (-0.05, 0.05))
+    )
     assert found.follows[1] >= found.follows[0] > 0.0
 
 
@@ -148,7 +154,7 @@ def test_a_log_on_another_clock_is_refused() -> None:
 
 def test_the_command_writes_the_report_and_fails_with_a_claim(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     claim = Claim("5.a", "it is small", "alone", 2.0, most=1.0, unit="um")
-    monkeypatch.setattr(command, "emps", lambda log, progress: Experiment("emps", log.name, "Somebody 2019", [claim]))
+    monkeypatch.setattr(command, "emps", lambda log, _: Experiment("emps", log.name, "Somebody 2019", [claim]))
     outcome = command.reproduce.run(command.ReproduceRequest("emps", log=LOG, out=tmp_path / "out"), Progress())
     assert outcome.judgment is Judgment.CLAIM_FAILS
     assert LOG.name in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

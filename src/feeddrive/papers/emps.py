@@ -410,8 +410,8 @@ def emps(log: str | Path, progress: Progress) -> Experiment:
 
 
 NOTES = (
-    "Nothing was measured under the laws in this table but the first row, the law that ran: their figures are simulated "
-    "on the identified axis and on the plants of its box.",
+    "Nothing was measured under the laws of this table, except under the law that ran: their figures are simulated on "
+    "the identified axis and on the plants of its box.",
     "The box has what one log tells. The axis was measured twice, and the other log gave a mass that differs by 1.2 %, "
     "which is within this box of 1.7 %.",
     "EMPS has one encoder: pole placement, the feedback law of paper 2, needs two and is refused. What that paper has "
@@ -466,8 +466,10 @@ def _measured_claims(
     yield Claim(
         "5.e",
         "Recovery (paper 1) on the measured second half finds the friction of the first: RMS of the difference",
-        Text(f"Butterworth {Quantity(RECOVERED, 'Hz'):6}, above a sixth of the largest speed; recovered: "
-             f"{Quantity(root_mean_square(force[counted]), 'N'):3} RMS"),
+        Text(
+            f"Butterworth {Quantity(RECOVERED, 'Hz'):6}, above a sixth of the largest speed; recovered: "
+            f"{Quantity(root_mean_square(force[counted]), 'N'):3} RMS"
+        ),
         left,
         most=predicted.rms("force"),
         unit="N",
@@ -580,7 +582,9 @@ def _paper_4(model: Loop, box: Uncertain, lessons: Taught, rows: Mapping[str, Ju
         least=0.5,
         most=1e6 * lessons.feedforward.predicted_rms,
         unit="µm",
-        expected=Text(f"at most what least squares predict of the next run; of {stated(1e6 * rows[RAN].follows[0], 'µm', '3')}"),
+        expected=Text(
+            f"at most what least squares predict of the next run; of {stated(1e6 * rows[RAN].follows[0], 'µm', '3')}"
+        ),
     )
     spread = {estimate.name.rsplit(".", 1)[-1]: box.factor * estimate.error for estimate in box.estimates}
     speed = 0.125  # m/s

@@ -21,8 +21,8 @@ from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
-from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.origins import with_origins
+from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress

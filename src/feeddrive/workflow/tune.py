@@ -103,7 +103,7 @@ class TuneRequest(Request, more=limit_options(), after="recipe"):
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
     law: str | None = option(
-        "another law: its kind, as pole_placement, or its name in a comparison, as \"P-PI + DOB\"; with --study also "
+        'another law: its kind, as pole_placement, or its name in a comparison, as "P-PI + DOB"; with --study also '
         "every",
         default=None,
     )

@@ -365,7 +365,7 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with the control of one axis replaced.
 
-    A law of the same structure is edited parameter by parameter; for another kind, and for another form of the same kind,
+    A law of the same structure is edited parameter by parameter.  For another kind, or another form of the same kind,
     the section is replaced: a parameter that the new form lacks must not stay in the file.  Prefilters are treated
     likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
     blocks, retained ones are edited parameter by parameter, others are removed, and new ones appended (`aligned`).

@@ -221,8 +221,8 @@ def _table_claims(
             Claim(
                 f"3.h.{axis}",
                 f"Without the estimate {axis} gives way as a spring of M omega_c² under the mean force: largest error",
-                f"mean of the cut{' and weight' if axis == 'z' else ''} ± Coulomb friction, which may hold it; constant "
-                f"chip load; {PLANT}",
+                f"mean of the cut{' and weight' if axis == 'z' else ''} ± Coulomb friction, which may hold it; "
+                f"constant chip load; {PLANT}",
                 1e-3 * run_errors[WITHOUT.name][axis][0],
                 least=low,
                 most=high,
@@ -474,8 +474,8 @@ def _pictures(
         Picture(
             "path",
             "Path of the tool in the plane of the table",
-            "From point 1 along y, then along x. Without the estimate the tool leaves the path by millimeters; with it the "
-            "path is followed to a tenth of a millimeter at the corner.",
+            "From point 1 along y, then along x. Without the estimate the tool leaves the path by millimeters; with it "
+            "the path is followed to a tenth of a millimeter at the corner.",
             "the set path, and the paths of the tool without and with the estimate subtracted",
             partial(_path, without, compensated),
         ),

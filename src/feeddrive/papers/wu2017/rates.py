@@ -272,7 +272,7 @@ def _condition() -> list[Claim]:
             iterative_feedforward.convergence(loop, SAME).condition / continuous,
             least=0.97,
             most=1.03,
-            expected=f"{continuous:.3g} here; 2.6 for one speed and 1.6 for two were stated, without the columns' scale",
+            expected=f"{continuous:.3g} here; 2.6 for one speed and 1.6 for two were stated without the columns",
         ),
         Claim(
             "4.k",
