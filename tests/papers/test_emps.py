@@ -154,7 +154,7 @@ def test_a_log_on_another_clock_is_refused() -> None:
 
 def test_the_command_writes_the_report_and_fails_with_a_claim(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     claim = Claim("5.a", "it is small", "alone", 2.0, most=1.0, unit="um")
-    monkeypatch.setattr(command, "emps", lambda log, _: Experiment("emps", log.name, "Somebody 2019", [claim]))
+    monkeypatch.setattr(paper, "emps", lambda log, _: Experiment("emps", log.name, "Somebody 2019", [claim]))
     outcome = command.reproduce.run(command.ReproduceRequest("emps", log=LOG, out=tmp_path / "out"), Progress())
     assert outcome.judgment is Judgment.CLAIM_FAILS
     assert LOG.name in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

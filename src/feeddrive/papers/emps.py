@@ -42,13 +42,12 @@ from feeddrive.learning.trial import measured_trial
 from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, root_mean_square, simulate
-from feeddrive.papers.claims import Claim, Experiment, stated
+from feeddrive.papers.claims import MEASURED, Claim, Experiment, stated
 from feeddrive.report.report import Picture
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import tune_control
 
-MEASURED = "emps"  # the name on the command line
 SKIPPED = 49  # samples at the start of a half, as the bundled job has it: the state of the real loop is not known there
 CONFIDENCE = 0.95  # of the ellipsoid that the box encloses
 DRAWS = 64  # plants within the box, besides its corners

@@ -13,7 +13,6 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
 from feeddrive.papers import claims
 from feeddrive.papers.claims import Reproduced
-from feeddrive.papers.emps import MEASURED, emps
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, command, option
 
 
@@ -26,11 +25,12 @@ class ReproduceRequest(Request):
 
     def check(self) -> None:
         """Raise ParameterError for the measured axis without its log, and for a log with a paper."""
-        if (self.paper == MEASURED) != (self.log is not None):
+        measured = claims.MEASURED
+        if (self.paper == measured) != (self.log is not None):
             raise ParameterError(
-                f"{MEASURED} needs the measured log of the axis: feeddrive reproduce {MEASURED} --log DATA_EMPS.mat"
+                f"{measured} needs the measured log of the axis: feeddrive reproduce {measured} --log DATA_EMPS.mat"
                 if self.log is None
-                else f"--log is the measured log of {MEASURED}, and '{self.paper}' has none: leave it out"
+                else f"--log is the measured log of {measured}, and '{self.paper}' has none: leave it out"
             )
 
     def usual_out(self) -> Path:
@@ -53,8 +53,10 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
         if request.log is None:
             reproduced = claims.reproduce(names, progress)
         else:
-            experiment = emps(request.log, progress.named(MEASURED))
-            reproduced = [Reproduced(experiment)]
+            # imported on use: it loads identification and tuning, which `--help` does not need
+            from feeddrive.papers.emps import emps
+
+            reproduced = [Reproduced(emps(request.log, progress.named(claims.MEASURED)))]
         if folder is not None and request.out is not None:
             claims.fill(folder, reproduced)
             files["Report"] = request.out / "report.html"
