@@ -412,7 +412,7 @@ NOTES = (
     "Nothing was measured under the laws of this table, except under the law that ran: their figures are simulated on "
     "the identified axis and on the plants of its box.",
     "The box has what one log tells. The axis was measured twice, and the other log gave a mass that differs by 1.2 %, "
-    "which is within this box of 1.7 %.",
+    "within the box.",
     "EMPS has one encoder: pole placement, the feedback law of paper 2, needs two and is refused. What that paper has "
     "for one encoder is the inverse dynamics and the trajectory prefilter.",
     "The set positions of the log have steps of acceleration: the prefilter takes velocity and acceleration only.",
