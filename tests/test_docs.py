@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -269,6 +270,54 @@ def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     assert (tmp_path / "tuned" / "report.html").exists()
 
 
+# laws whose page takes them from a machine file to exported code: page, heading, name for `tune --law`
+ONTO_A_MACHINE = [
+    ("dadsc.md", "Onto a machine", "dadsc"),
+    ("pole-placement.md", "Onto a machine", "pole_placement"),
+    ("gpi-observer.md", "Onto a machine", "GPI, 1 Taylor state"),
+    ("iterative-feedforward.md", "Onto a machine", "cascade_ppi"),
+    ("disturbance-recovery.md", "P-PI with Kalman recovery onto a machine", "P-PI + Kalman recovery"),
+    ("field.md", "Super-twisting onto a machine", "super_twisting"),
+    ("field.md", "GPC onto a machine", "GPC, short horizon"),
+    ("field.md", "P-PI with an observer onto a machine", "P-PI + DOB"),
+    ("field.md", "P-P with an observer onto a machine", "P-P + DOB"),
+    ("field.md", "LQG onto a machine", "LQG"),
+]
+
+
+def consoles_below(page: Path, heading: str) -> list[str]:
+    """The commands with their output below a heading of a page, up to the next heading."""
+    (found,) = re.findall(rf"(?ms)^#+ {re.escape(heading)}$(.*?)(?=^#|\Z)", page.read_text(encoding="utf-8"))
+    return re.findall(r"(?ms)^```console\n(.*?)^```", found)
+
+
+@pytest.mark.parametrize(("page", "heading", "law"), ONTO_A_MACHINE, ids=[law for *_, law in ONTO_A_MACHINE])
+def test_a_law_gets_onto_a_machine_by_the_same_commands(page: str, heading: str, law: str):
+    """Tune, prove, check, simulate, export, each with something printed; learned feedforward is learned first."""
+    consoles = consoles_below(ROOT / "docs/laws" / page, heading)
+    commands = [shlex.split(console.splitlines()[0].removeprefix("$ ")) for console in consoles]
+    first = ["iterate"] if page == "iterative-feedforward.md" else []
+    assert [words[1] for words in commands] == [*first, "tune", "certify", "check", "run", "export"]
+    tune = commands[len(first)]
+    assert tune[tune.index("--law") + 1] == law
+    assert all(len(console.splitlines()) > 1 for console in consoles)
+    # the index names every page that has the recipe
+    anchor = f"{page}#{slug(heading)}"
+    assert anchor in (ROOT / "docs/laws/index.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow(reason="a search, a compiled run and three more commands; their order is checked quickly")
+@pytest.mark.parametrize(("page", "heading", "law"), ONTO_A_MACHINE, ids=[law for *_, law in ONTO_A_MACHINE])
+def test_the_commands_that_get_a_law_onto_a_machine_print_what_its_page_shows(
+    page: str, heading: str, law: str, tmp_path: Path
+):
+    (job,) = blocks(ROOT / "docs/laws/index.md", "toml")
+    (tmp_path / "move.toml").write_text(job, encoding="utf-8")
+    for console in consoles_below(ROOT / "docs/laws" / page, heading):
+        assert_prints(console, tmp_path, 0)
+    assert list((tmp_path / "export").glob("*.c"))
+
+
 def walked(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A page of a shop from its measurement on: Python, the machine file, all commands; its text."""
     page = ROOT / "docs" / name
@@ -324,7 +373,7 @@ def assert_prints(console: str, folder: Path, code: int) -> None:
         sys.executable,
         "-c",
         "from feeddrive.cli import main; main()",
-        *first.removeprefix("$ ").split()[1:],
+        *shlex.split(first.removeprefix("$ "))[1:],
     ]
     done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == code, done.stderr

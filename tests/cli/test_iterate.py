@@ -175,3 +175,24 @@ def test_a_real_log(call, tmp_path: Path) -> None:
     assert "577.8 um RMS" in out
     # published 95.1 kg, of which 12.8 kg are what the velocity loop without feedforward does not need
     assert section(tmp_path / "next.toml").mass == pytest.approx(95.1 - 1.5e-3 * 8557.4, rel=0.05)
+
+
+def test_the_machine_file_gets_the_section_in_place_of_the_old_one(call, tmp_path: Path) -> None:
+    """With all else as it was, and the log by its digest; several axes at once have no one file to write."""
+    logged(MOVE)
+    code, out, _ = call("run.csv", *AXIS, "--out", "next.toml", "--into", "learned.toml")
+    assert code == 0
+    assert "Next: feeddrive certify learned.toml --axis x" in out
+    before, after = (fd.read_machine(name) for name in ("xy_table", tmp_path / "learned.toml"))
+    (learned,) = after.loop("x").control.feedforward
+    assert isinstance(learned, fd.blocks.DisturbanceCompensator)
+    assert learned.parameters() == pytest.approx(section(tmp_path / "next.toml").parameters(), rel=1e-6)
+    assert repr(after.loop("x").control.law) == repr(before.loop("x").control.law)
+    assert repr(after.loop("y")) == repr(before.loop("y"))
+    assert 'file = "run.csv"' in (tmp_path / "learned.toml").read_text(encoding="utf-8")
+
+
+def test_one_machine_file_is_for_one_axis(call) -> None:
+    code, _, errors = call("xy_table", "--job", "circle", "--into", "learned.toml")
+    assert code == 2
+    assert "--into is for one axis, and this job moves several: name one by --axis" in errors

@@ -176,3 +176,33 @@ def test_side_milling_takes_three_of_ten_millimeters() -> None:
     """A cut half as wide leaves x too little gain for its claim, one twice as wide z too much error."""
     runs = [mill.run(replace(case, radial_depth=shipped.SIDE)) for case in (paper.WITHOUT, paper.LINEAR)]
     assert not [(claim.claim, claim.shown, claim.bounds) for claim in shipped.side_claims(*runs) if not claim.holds]
+
+
+def test_an_axis_without_the_estimate_gives_way_between_the_limits_of_its_friction() -> None:
+    """M = m + J/a² = 139, 179, 119 kg on 12 rad/s; 375 N of a slot on x and y, 40 kg and 0.2 · 477 N on z.
+
+    The mean axial force is K_a times the mean tangential one, 450 W over half the diameter at 1800 rpm.
+    """
+    tangential = 450.0 / (1800.0 / 60.0 * 2.0 * np.pi) / 0.005
+    forces = {"x": (375.0, 60.0), "y": (375.0, 90.0), "z": (40.0 * 9.81 + 0.2 * tangential, 40.0)}
+    for axis, (low, high) in paper._given_way().items():
+        force, friction = forces[axis]
+        mass = {"x": 60.0, "y": 100.0, "z": 40.0}[axis] + 2e-4 / (0.010 / (2.0 * np.pi)) ** 2
+        assert low == pytest.approx(1e3 * (force - friction) / (mass * 144.0), rel=1e-4)
+        assert high == pytest.approx(1e3 * (force + friction) / (mass * 144.0), rel=1e-4)
+        assert high < 1.7 * low
+
+
+def test_the_path_shows_the_set_corner_beside_the_path_of_the_tool() -> None:
+    """On two runs that stand 1 mm beside their set path: the set path is position plus error."""
+    time = np.linspace(0.0, 1.0, 50)
+    runs = {
+        axis: Run(axis, {"position_load": way - 1e-3, "tracking_error": np.full(50, 1e-3)}, 0.02, 50)
+        for axis, way in (("x", 2e-3 * time), ("y", 1e-3 * time))
+    }
+    left, right = paper._path(runs, runs).panels
+    for panel in (left, right):
+        wanted, tool = panel.curves
+        np.testing.assert_allclose(wanted.x, 2.0 * time, atol=1e-12)
+        np.testing.assert_allclose(tool.y, 1.0 * time - 1.0, atol=1e-12)
+        assert panel.abscissa.low < -1.0 < 2.0 < panel.abscissa.high

@@ -18,7 +18,7 @@ from feeddrive.plot.drawing import drawn
 from heard import Heard
 from mutants import PLACES
 
-LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 8, "h": 21, "i": 12}  # claims of each group
+LETTERS = {"a": 12, "b": 4, "c": 12, "d": 7, "e": 5, "f": 5, "g": 10, "h": 21, "i": 12}  # claims of each group
 
 
 @cache

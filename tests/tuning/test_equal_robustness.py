@@ -37,7 +37,7 @@ from feeddrive.language.block import parameter
 from feeddrive.language.errors import ParameterError, StructureError, UnstableError
 from feeddrive.loop.linearize import loop_gain
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import axis_model, candidates
+from feeddrive.tuning.candidates import axis_model, candidates, control_with
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import Tuned, law_tunables, tune_control
 
@@ -291,3 +291,20 @@ def test_a_new_law_is_compared_without_another_line(motor: Loop, monkeypatch: py
     # a PID like the P-PI, but its zeros may be complex, so that it can only be better
     assert 0.5 * plain < toy < plain
     assert shown["toy law"].unplaced == ""
+
+
+def test_a_law_begins_by_its_kind_or_by_its_name_in_a_comparison(motor: Loop) -> None:
+    """A kind is its first form; a name is one form, with the companion that it names."""
+    five, one = (control_with(motor, law).law for law in ("active_disturbance_rejection", "GPI, 1 Taylor state"))
+    assert (five.observer.taylor_states, one.observer.taylor_states) == (5, 1)  # type: ignore[attr-defined]
+    observed = control_with(motor, "P-P + DOB")
+    assert observed.law.Tn is None  # type: ignore[attr-defined]
+    assert observed.compensation[0].observer.form == "two_poles"  # type: ignore[attr-defined]
+    for name, said in (
+        ("P-PI + DOBB", r"'P-PI \+ DOBB' is not known here; did you mean P-PI \+ DOB"),
+        ("pole_placemen", "did you mean pole_placement"),
+        ("pole placement", "'pole placement' cannot control this axis: .*position of the motor"),
+        ("P-PI + compensator", "has the gains of 'P-PI' and nothing else to tune.*compare --take"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            control_with(motor, name)

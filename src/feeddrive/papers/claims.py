@@ -182,6 +182,7 @@ def claims_table(claims: Sequence[Claim]) -> Marked:
 
 
 PAPERS = ("altintas2009", "gordon2013", "beltran2013", "wu2017")
+MEASURED = "emps"  # the measured axis, which needs its log
 
 
 class Reproduced:

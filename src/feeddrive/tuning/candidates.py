@@ -173,20 +173,46 @@ def _without_starts(kind: str) -> ParameterError:
     )
 
 
-def control_with(loop: Loop, kind: str) -> Control:
-    """Return the controller of a loop with its law replaced by another kind, at the start values for tuning.
+def control_with(loop: Loop, law: str) -> Control:
+    """Return the controller of a loop with its law replaced by another one, at the start values for tuning.
 
-    If the law has several forms, the first one is used.
-    Raises ParameterError with the reason if the law cannot control the axis.
+    `law` is a kind, such as lqg, of which the first form is used, or the name of a law as in a comparison, such as
+    "P-PI + DOB" or "GPI, 1 Taylor state".
+
+    Raises ParameterError with the reason if the law is unknown, cannot control the axis, or has the gains of another
+    law.
     """
-    axis, law = axis_model(loop), find(Law, kind)
+    if law not in members(Law):
+        return _control_named(loop, law)
+    axis, kind = axis_model(loop), find(Law, law)
     try:
-        starts = law.begin(axis, loop.control.law)
+        starts = kind.begin(axis, loop.control.law)
     except FeeddriveError as error:
-        raise ParameterError(f"the law {kind} cannot control this axis: {error}") from None
+        raise ParameterError(f"the law {law} cannot control this axis: {error}") from None
     if not starts:
-        raise _without_starts(kind)
+        raise _without_starts(law)
     return _with_law(loop, axis, starts[0]).control
+
+
+def _control_named(loop: Loop, name: str) -> Control:
+    """Return the start values of the law with this name in a comparison."""
+    possible, refused = candidates(loop)
+    reasons = {refusal.name: refusal.reason for refusal in refused}
+    offered = {candidate.name: candidate for candidate in possible}
+    if name in reasons:
+        raise ParameterError(f"'{name}' cannot control this axis: {reasons[name]}")
+    if name not in offered:
+        # a name with a companion can only be one of a comparison; for all others `find` knows renamed and private kinds
+        if " + " not in name:
+            find(Law, name)
+        raise ParameterError(f"law '{name}' is not known here{nearest(name, [*offered, *reasons])}")
+    candidate = offered[name]
+    if candidate.like:
+        raise ParameterError(
+            f"'{name}' has the gains of '{candidate.like}' and nothing else to tune: tune that law; "
+            f'feeddrive compare --take "{name}" writes the machine file with both'
+        )
+    return candidate.loop.control
 
 
 def _companions(law: type[Law]) -> tuple[type[Feedforward] | type[Compensation] | type[Prefilter], ...]:

@@ -21,6 +21,7 @@ from feeddrive.files.job import Job, JobLike, read_job
 from feeddrive.files.log import Log, LogLike
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.mapping import MappingLike
+from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import OpenedFile
 from feeddrive.files.section import to_toml
 from feeddrive.language.errors import ParameterError
@@ -28,16 +29,24 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, capitalized
-from feeddrive.learning.iterative_feedforward import AT_REST, Iteration, begin_compensation, next_iteration
+from feeddrive.learning.iterative_feedforward import (
+    AT_REST,
+    Iteration,
+    begin_compensation,
+    compensated,
+    next_iteration,
+)
 from feeddrive.learning.part_correction import planned_rows
 from feeddrive.learning.part_log import PartTrials, iterate_parts
 from feeddrive.learning.trajectory_prefilter import REGRESSORS, PrefilterFit, fit_prefilter_to_log
 from feeddrive.learning.trial import Trial, measured_trial
 from feeddrive.learning.trials import MachineTrials, iterate_machine, iterate_trials, tune_prefilters
+from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped
-from feeddrive.workflow.command import CHANNELS, UNIT, Outcome, Request, argument, called, command, option
+from feeddrive.workflow.command import CHANNELS, UNIT, Outcome, Request, argument, called, command, line, option
 from feeddrive.workflow.drive_logs import chosen
+from feeddrive.workflow.tune_files import machine_text
 
 # role of a column that an option of a request names -> that option
 _OPTIONS = {
@@ -101,6 +110,9 @@ class IterateRequest(Request):
     job: tuple[JobLike, ...] = option("job whose reference the trials run; several take turns", default=())
     seed: int = option("seed of the noise of simulated trials", default=0)
     out: Path | None = option("File for the section (TOML)", short="-o", default=None)
+    into: Path | None = option(
+        "Machine file (TOML) to write: that of the loop, with the section in it; for one axis", default=None
+    )
 
     @property
     def machine(self) -> MachineLike:
@@ -141,8 +153,21 @@ def iterate(request: IterateRequest, progress: Progress) -> Outcome[Iteration | 
         progress.step("writing")
         write_whole(request.out, text)
         files["Written"] = request.out
+    then = ""
+    if request.into is not None:
+        progress.step("writing")
+        write_whole(request.into, _machine_with(request, compensated(loop, iteration.after).control, axis))
+        files["Machine"] = request.into
+        then = line("certify", request.into, axis=request.axis)
     notes = [*remarks, *_remarks(iteration, request)]
-    return Outcome(iteration, tables, notes, section=text, files=files, rotary=loop.axis.rotary)
+    return Outcome(iteration, tables, notes, section=text, files=files, rotary=loop.axis.rotary, then=then)
+
+
+def _machine_with(request: IterateRequest, control: Control, axis: str) -> str:
+    """Return the text of the machine file of the loop with the control that learned, and with its sources."""
+    machine = read_machine(request.machine)
+    log = () if request.controller is None else (request.source,)
+    return with_origins(machine_text(machine, axis, control), (machine, *log))
 
 
 def _measured(request: IterateRequest, loop: Loop, progress: Progress) -> tuple[Iteration, list[Table], list[str]]:
@@ -197,6 +222,8 @@ def _together(request: IterateRequest) -> Job | None:
 
 def _all_axes(request: IterateRequest, job: Job, progress: Progress) -> Outcome[Any]:
     """Simulate learning trials of a job, from which all axes of the machine learn together."""
+    if request.into is not None:
+        raise ParameterError("--into is for one axis, and this job moves several: name one by --axis, or take --out")
     if request.at_rest == "held":
         raise ParameterError("--at-rest held is for one axis; the axes of a job learn together with none: leave it out")
     file = read_machine(request.machine)

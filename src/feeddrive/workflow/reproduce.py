@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from feeddrive.files.atomic_io import new_directory
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.table import Table
@@ -18,8 +19,19 @@ from feeddrive.workflow.command import OUT, Outcome, Request, argument, command,
 class ReproduceRequest(Request):
     """The paper to reproduce."""
 
-    paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all")
+    paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all; emps with --log")
+    log: Path | None = option("the published log of the EMPS axis, DATA_EMPS.mat, for emps", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
+
+    def check(self) -> None:
+        """Raise ParameterError for the measured axis without its log, and for a log with a paper."""
+        measured = claims.MEASURED
+        if (self.paper == measured) != (self.log is not None):
+            raise ParameterError(
+                f"{measured} needs the measured log of the axis: feeddrive reproduce {measured} --log DATA_EMPS.mat"
+                if self.log is None
+                else f"--log is the measured log of {measured}, and '{self.paper}' has none: leave it out"
+            )
 
     def usual_out(self) -> Path:
         return Path("results") / self.paper
@@ -29,14 +41,22 @@ class ReproduceRequest(Request):
 def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence[Reproduced]]:
     """Run a paper's experiments and tabulate its claims, the acceptance bounds of each claim, and the results.
 
-    Papers run in parallel processes.  Raises ParameterError for an unknown paper.
+    Papers run in parallel processes.  `emps` takes three of them through a measured axis.  Raises ParameterError for an
+    unknown paper, and LogError for a log that is not that of the axis.
     """
-    names = claims.chosen(request.paper)
+    # before the output is opened: an unknown paper must leave no directory
+    names = () if request.log is not None else claims.chosen(request.paper)
     files: dict[str, Path] = {}
     with contextlib.ExitStack() as stack:
         # opened before the work, so that an unwritable output fails immediately
         folder = None if request.out is None else stack.enter_context(new_directory(request.out))
-        reproduced = claims.reproduce(names, progress)
+        if request.log is None:
+            reproduced = claims.reproduce(names, progress)
+        else:
+            # imported on use: it loads identification and tuning, which `--help` does not need
+            from feeddrive.papers.emps import emps
+
+            reproduced = [Reproduced(emps(request.log, progress.named(claims.MEASURED)))]
         if folder is not None and request.out is not None:
             claims.fill(folder, reproduced)
             files["Report"] = request.out / "report.html"

@@ -102,7 +102,11 @@ class TuneRequest(Request, more=limit_options(), after="recipe"):
         "A machine file (TOML), the name of a bundled machine, or a measured response in m/N", default=None
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
-    law: str | None = option("another law, as pole_placement; with --study also every", default=None)
+    law: str | None = option(
+        'another law: its kind, as pole_placement, or its name in a comparison, as "P-PI + DOB"; with --study also '
+        "every",
+        default=None,
+    )
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
     box: str = option(BOX, default="none")

@@ -365,14 +365,15 @@ def _pictures(tuned: Tuned, story: Story) -> Iterator[Picture]:
 def machine_text(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with the control of one axis replaced.
 
-    A law of the same kind is edited parameter by parameter; for another kind the section is replaced.  Prefilters are
-    treated likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
+    A law of the same structure is edited parameter by parameter.  For another kind, or another form of the same kind,
+    the section is replaced: a parameter that the new form lacks must not stay in the file.  Prefilters are treated
+    likewise.  Guard, force limit and delay are set, or left as they are if the control has none.  In a list of
     blocks, retained ones are edited parameter by parameter, others are removed, and new ones appended (`aligned`).
     """
     edit = TomlEdit(machine.file.text, machine.file.name)
     old = machine.loops[axis].control
     where, rotary = ("axis", axis, "control"), machine.loops[axis].axis.rotary
-    if type(old.law) is type(control.law):
+    if tree.structure(old.law) == tree.structure(control.law):
         _numbers(edit, (*where, "law"), old.law, control.law)
     else:
         edit.replace((*where, "law"), to_toml(control.law, ".".join((*where, "law")), rotary=rotary))

@@ -176,8 +176,9 @@ def tracking_error() -> Part:
             "Pole placement follows at least eight times closer",
             rule,
             rated(CASCADE, "long move") / rated(PLACED, "long move"),
-            least=8.0,
-            expected="RMS 2.99 / 0.204 µm, peak 11.2 / 0.66 µm",
+            least=10.0,
+            most=20.0,
+            expected="RMS 2.99 / 0.204 µm, each known to 20 %",
         ),
         Claim(
             "2.c laws, peak",
@@ -263,7 +264,7 @@ def ablation() -> Part:
             most=1.0,
             expected="44.9 -> 33.2 µm",
         ),
-        Claim("2.d stall", "The prefilter stalls without feedforward", rule, order[2], 5.0, None, "µm", "11 µm"),
+        Claim("2.d stall", "The prefilter stalls without feedforward", rule, order[2], 9.9, 12.1, "µm", "11 µm"),
         Claim(
             "2.d inverse",
             "Inverse dynamics without compatible commands are worth little",
@@ -339,11 +340,9 @@ def friction() -> Part:
     for kind, contact in kinds.items():
         for law, loop in laws.items():
             plain = testbed.with_friction(loop, contact)
-            control = plain.control
-            fed = replace(plain, control=replace(control, feedforward=(*control.feedforward, FED)))
             runs[kind, law, False], runs[kind, law, True] = (
                 testbed.follow(plain, LONG, law),
-                testbed.follow(fed, LONG, law),
+                testbed.follow(_fed(plain), LONG, law),
             )
 
     def gain(kind: str, law: str, measure: Any) -> float:
@@ -418,6 +417,11 @@ def friction() -> Part:
         lambda: plot.following_error_chart(shown),
     )
     return Part(claims, [Table("Friction of the screw, 110 N falling to 70 N", heads, rows)], [drawing])
+
+
+def _fed(loop: Loop) -> Loop:
+    """Return the loop with the friction of the screw fed forward."""
+    return replace(loop, control=replace(loop.control, feedforward=(*loop.control.feedforward, FED)))
 
 
 def _cut(speed: float) -> MillingForce:
@@ -502,20 +506,24 @@ def other_axis() -> Part:
     heavy = {"axis.x.plant.mass_load": 43.0}
     loops = {PLACED: tree.vary(testbed.placed(SOFTER), heavy), CASCADE: tree.vary(testbed.cascade(), heavy)}
     rows: list[list[str | None]] = []
-    peaks: dict[str, tuple[float, float]] = {}
+    peaks: dict[tuple[str, bool], tuple[float, float]] = {}
     for name, loop in loops.items():
-        before, after = (
-            testbed.follow(loop, LONG, name),
-            testbed.follow(testbed.with_prefilter(loop, testbed.fits(loop, LONG)[0]), LONG, name),
-        )
-        peaks[name] = (testbed.peak(before["tracking_error"]), testbed.peak(after["tracking_error"]))
-        rows.append([f"{name}, table 43 kg", testbed.figures(before), testbed.figures(after)])
+        for rubs in (False, True):
+            axis = _fed(testbed.with_friction(loop, SMOOTH)) if rubs else loop
+            before, after = (
+                testbed.follow(axis, LONG, name),
+                testbed.follow(testbed.with_prefilter(axis, testbed.fits(axis, LONG)[0]), LONG, name),
+            )
+            peaks[name, rubs] = (testbed.peak(before["tracking_error"]), testbed.peak(after["tracking_error"]))
+            words = ", friction fed forward" if rubs else ""
+            rows.append([f"{name}, table 43 kg{words}", testbed.figures(before), testbed.figures(after)])
     # jitter of the reading alone: a jitter of the force would be another experiment
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
         rows += [[f"{name}, {words}", testbed.figures(run), None] for name, run in runs.items()]
     errors = {name: testbed.rms(run["tracking_error"]) for name, run in shaken.items()}
     rule = f"true table 43 kg, nothing identified anew, gains of 45 Hz and ζ 0.6; 300 mm move; {TRUTH}"
+    rubbing = f"{rule}; friction 110 N falling to 70 N on the screw as tanh, fed forward"
     jitter = (
         f"each encoder is read at kT + δ, δ white, normal, 0.15 % of T, independent for the two; the force still acts "
         f"on time; seed 0, 300 mm move; {GAINS}"
@@ -525,26 +533,48 @@ def other_axis() -> Part:
             "2.g heavy table",
             "Pole placement keeps its advantage with another table mass",
             rule,
-            peaks[CASCADE][0] / peaks[PLACED][0],
-            least=2.5,
-            expected="peak 19.6 / 5.7 µm",
+            peaks[CASCADE, False][0] / peaks[PLACED, False][0],
+            least=2.75,
+            most=4.1,
+            expected="peak 19.6 / 5.7 µm, 3.4 to 20 %",
         ),
         Claim(
             "2.g prefilter",
-            "The prefilter corrects the errors of the model",
+            "Without friction the prefilter takes all but a sixth of the errors of the model",
             rule,
-            peaks[PLACED][0] / peaks[PLACED][1],
-            least=2.0,
-            expected="peak 5.7 -> 2.5 µm",
+            peaks[PLACED, False][0] / peaks[PLACED, False][1],
+            least=4.0,
+            most=8.0,
+            expected="no figure was given: what is left is of second order in the prefilter",
         ),
         Claim(
             "2.g prefilter, P-PI",
             "It finds less of that of P-PI",
             rule,
-            peaks[CASCADE][0] / peaks[CASCADE][1],
+            peaks[CASCADE, False][0] / peaks[CASCADE, False][1],
             least=1.2,
             most=2.0,
-            expected="peak 19.6 -> 14.4 µm",
+            expected="no figure was given",
+        ),
+        Claim(
+            "2.g friction",
+            "With friction fed forward the prefilter leaves of it the peak as the axis stops",
+            rubbing,
+            peaks[PLACED, True][1],
+            least=1.5,
+            most=3.5,
+            unit="µm",
+            expected="5.7 -> 2.5 µm, peaks known to 40 %",
+        ),
+        Claim(
+            "2.g friction, P-PI",
+            "and of that of P-PI",
+            rubbing,
+            peaks[CASCADE, True][1],
+            least=11.5,
+            most=17.3,
+            unit="µm",
+            expected="19.6 -> 14.4 µm, to 20 %",
         ),
         Claim(
             "2.g jitter",

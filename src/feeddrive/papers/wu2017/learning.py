@@ -107,16 +107,18 @@ def _set_valued(hard: dict[str, Trials], changing: dict[str, Trials]) -> list[Cl
             "the compensator lowers the final RMS: Coulomb over a, b",
             rule,
             coulomb / plain,
-            most=1.0,
-            expected="2.28/5.31 = 0.43",
+            least=0.33,
+            most=0.53,
+            expected="2.28/5.31 = 0.43; dwells and noise move each by 12 %",
         ),
         Claim(
             "4.f",
             "so does the Stribeck column: over Coulomb only",
             rule,
             stribeck / coulomb,
-            most=1.0,
-            expected="1.26/2.28 = 0.55",
+            least=0.42,
+            most=0.68,
+            expected="1.26/2.28 = 0.55; dwells and noise move each by 12 %",
         ),
         *(
             Claim(
@@ -419,6 +421,8 @@ def _circle_claims(smooth: dict[str, MeasuredCircle], hard: dict[str, MeasuredCi
             "the compensator lowers the RMS contour error",
             ordered,
             hard["+ Coulomb"].rms / hard["a, b"].rms,
-            most=1.0,
+            least=0.05,
+            most=0.3,
+            expected="at most 0.3, as with tanh friction; noise of 5 N alone leaves a twentieth",
         ),
     ]
