@@ -390,7 +390,7 @@ def judged(
         "late_status": coast,
         "drive_fault": coast,
         "second_master": coast,
-        "cable": racing * late + racing * MASS / VISCOUS + E,
+        "cable": racing * late + 0.5 * racing * racing / A + E,
     }.get(kind, v * REACTION + 0.5 * v * v / A + E)
     return Trial(kind, observed, commanded, moved, bound, reason)
 

@@ -302,6 +302,22 @@ def test_in_a_fault_the_axis_falls_until_its_brake_has_closed() -> None:
     assert fell == pytest.approx(pull * tau * (closes - tau * (1.0 - np.exp(-closes / tau))), rel=0.1)
 
 
+def test_in_a_fault_in_which_it_can_brake_a_drive_holds_the_axis_until_its_brake_has_closed() -> None:
+    """0x605E = 2, which is written before it is switched on; 50 ms of falling are 4 mm."""
+    bench = Bench(hanging(), brake=Brake(0.05, 0.05), faults=[InjectedFault("drive_fault", 800, float(0x8611))])
+    played = bench.play(move(rows=900, distance=0.0), hanging(with_control(bench_loop())))
+    assert played.aborted is not None
+    assert "0x8611" in played.aborted
+    for _ in range(100):
+        bench.firmware.cycle()
+    assert bench.firmware.state is PowerState.FAULT
+    assert played.log["reading_load"][-1] - bench.firmware.axis.last.position < 1e-3
+    stands = bench.firmware.axis.last.position
+    for _ in range(100):
+        bench.firmware.cycle()
+    assert bench.firmware.axis.last.position == stands
+
+
 class Pressed(Progress):
     """A person who stops the motion once the axis has moved."""
 

@@ -354,7 +354,7 @@ def test_a_drive_without_frames_stops_by_its_own_watchdog_after_a_tenth_of_a_sec
     )
     assert firmware.values["error_code"] == 0x7500
     assert firmware.faults.began is not None
-    assert states.index("FAULT") - firmware.faults.began == pytest.approx(100, abs=2)
+    assert states.index("FAULT_REACTION") - firmware.faults.began == pytest.approx(100, abs=2)
     assert frames.answers[-1] is None
 
 

@@ -81,10 +81,14 @@ OBJECTS: Mapping[str, Object] = {
         Object("controlword", 0x6040, 0, "u16", "commanded mode of operation"),
         Object("statusword", 0x6041, 0, "u16", "state of the drive"),
         Object("quick_stop_option", 0x605A, 0, "i16", "what a quick stop does"),
+        Object(
+            "fault_reaction_option", 0x605E, 0, "i16", "what a fault does: 0 force off, 2 as a quick stop, then off"
+        ),
         Object("mode", 0x6060, 0, "i8", "mode of operation that is wanted"),
         Object("mode_display", 0x6061, 0, "i8", "mode of operation that runs"),
         Object("position", 0x6064, 0, "i32", "actual position, increments"),
         Object("following_error_window", 0x6065, 0, "u32", "largest following error, increments"),
+        Object("following_error_timeout", 0x6066, 0, "u16", "for how long it may be larger before it is a fault, ms"),
         Object("velocity", 0x606C, 0, "i32", "actual velocity, increments/s"),
         Object("target_torque", 0x6071, 0, "i16", "for cyclic synchronous torque, 0.1 % of rated"),
         Object("max_torque", 0x6072, 0, "u16", "largest torque, 0.1 % of rated"),

@@ -126,8 +126,10 @@ _LOOSER = {
     "max_torque": 1,
     "max_motor_speed": 1,
     "following_error_window": 1,
+    "following_error_timeout": 0,
     "quick_stop_deceleration": -1,
     "quick_stop_option": 0,
+    "fault_reaction_option": 0,
     "position_least": -1,
     "position_most": 1,
 }
@@ -144,8 +146,10 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
         # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
         "max_torque": max(1, int(limits.force / scaling.newton)),
         "following_error_window": max(1, scaling.increments(limits.following_error)),
+        "following_error_timeout": 0,  # at once, as the monitor
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
         "quick_stop_option": 2,  # brake on that ramp, then switch off
+        "fault_reaction_option": 2,  # the same, in a fault in which the drive can
     }
     if scaling.turns:
         # rounded up: a slow axis has few turns a minute, and below its limit the drive would hold it back
