@@ -165,6 +165,15 @@ def test_a_drive_without_what_is_needed_is_refused_by_object(missing: str) -> No
         DriveClient(paper, drive("ethercat")).open()
 
 
+def test_a_stop_input_needs_the_digital_inputs_of_the_drive() -> None:
+    """Which are not mapped without one: many drives have three PDOs at most."""
+    for stop_input, wanted in ((None, "is driven"), (16, r"has no object 0x60FD:00 \(digital_inputs\)")):
+        client = DriveClient(Paper(**NEEDED), drive("ethercat", stop_input=stop_input))
+        with pytest.raises((BusError, AssertionError), match=wanted if stop_input else "not mapped"):
+            client.open()
+        assert ("digital_inputs" in client._back.names) == (stop_input is not None)
+
+
 def test_what_no_object_can_hold_is_refused() -> None:
     client = DriveClient(Paper(), drive("ethercat"))
     tried: list[Callable[[], float]] = [

@@ -37,7 +37,7 @@ from injected_faults import BUSES, KINDS, T, healthy, motion, played, trial, tri
 
 MODES = ("csp", "csv", "cst")
 ON = PowerState.ENABLED.status
-EACH = 34  # of 15 classes: 510 in each mode and on each bus
+EACH = 34  # of 16 classes: 544 in each mode and on each bus
 HEALTHY = 167  # in each mode and on each bus: 1,002
 
 
@@ -184,6 +184,29 @@ def test_state_mode_and_a_person_end_the_motion(changed: dict[str, Any], kind: s
     fault = watched(described(), [REST] * 5, **changed)
     assert (fault and fault.kind) == kind
     assert fault is None or reaction_to(fault) == reaction
+
+
+@pytest.mark.parametrize(
+    ("level", "inputs", "stops"),
+    [
+        (0, 1 << 16, False),
+        (0, ~(1 << 16) & 0xFFFFFFFF, True),
+        (1, 1 << 16, True),
+        (1, 1 << 15, False),
+        (0, None, False),
+    ],
+)
+def test_a_stop_input_ends_the_motion_on_the_ramp_at_its_level(level: int, inputs: int | None, stops: bool) -> None:
+    made = replace(described(), stop_input=16, stop_level=level)
+    fault = watched(made, [REST] * 5, inputs=inputs)
+    assert (fault is not None) == stops
+    assert fault is None or (fault.kind, reaction_to(fault)) == ("stop_input", BRAKE)
+    # without one no input stops
+    assert watched(described(), [REST] * 5, inputs=inputs) is None
+    # it stays pressed while the axis brakes
+    monitor = Monitor(made)
+    cycle = Cycle(Target(0.0, 0.0, 0.0), REST, ON, 8, inputs=inputs)
+    assert monitor.step(monitor.brakes(monitor.begin(REST)), cycle, braking=True)[1] is None
 
 
 def test_another_mode_is_one_that_lasts_for_longer_than_its_command_needs() -> None:

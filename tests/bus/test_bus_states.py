@@ -173,7 +173,7 @@ def test_without_power_stage_or_encoder_a_drive_brakes_in_no_fault(code: int) ->
 def test_a_control_that_its_guard_has_switched_off_brakes_nothing() -> None:
     """The reaction ends with the cycle in which it shows."""
     drive = moving(2, velocity_limit=0.2)
-    for k in range(10):
+    for _ in range(10):
         drive.take({"target_position": drive.values["target_position"] + 500_000})
         drive.cycle()
     assert (drive.state, drive.values["error_code"]) == (S.FAULT, 0x8400)

@@ -204,6 +204,7 @@ class ActualValues(NamedTuple):
     following_error: float | None
     second: float | None
     error_code: int
+    inputs: int | None = None  # 0x60FD
 
 
 class DriveClient:
@@ -226,7 +227,8 @@ class DriveClient:
         self.told: ActualValues | None = None
         self.mode = cia402.MODES[drive.mode]
         self._values = dict.fromkeys([name for group in cia402.SENT for name in group], 0)
-        self._sent, self._back = Layout(cia402.SENT), Layout(cia402.TOLD)
+        told = cia402.TOLD if drive.stop_input is None else (*cia402.TOLD, cia402.INPUTS)
+        self._sent, self._back = Layout(cia402.SENT), Layout(told)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
         self._mode = 0
@@ -279,6 +281,11 @@ class DriveClient:
         return 0 if self.told is None else self.told.status
 
     @property
+    def inputs(self) -> int | None:
+        """The last digital inputs of the drive (0x60FD), of a drive with a stop input."""
+        return None if self.told is None else self.told.inputs
+
+    @property
     def mode_shown(self) -> int:
         """The last mode of operation that the drive displayed (0x6061)."""
         return self._mode
@@ -310,9 +317,10 @@ class DriveClient:
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
         self.remarks += write_limits(transport, self.drive, own_force=self._own_force)
-        there = {name for group in (*cia402.SENT, *cia402.TOLD) for name in group if has_object(transport, name)}
+        there = {name for name in (*self._sent.names, *self._back.names) if has_object(transport, name)}
+        inputs = () if self.drive.stop_input is None else cia402.INPUTS
         target = _TARGETS.get(self.mode, "target_velocity")
-        missing = [name for name in (*cia402.NEEDED, target) if name not in there]
+        missing = [name for name in (*cia402.NEEDED, target, *inputs) if name not in there]
         if missing:
             places = ", ".join(f"{cia402.OBJECTS[name].place} ({name})" for name in missing)
             raise BusError(f"{transport.where}: has no object {places}, without which it cannot be driven")
@@ -388,6 +396,7 @@ class DriveClient:
             None if error is None else error * scaling.metre,
             None if second is None else second * scaling.metre,
             raw.get("error_code", 0),
+            raw.get("digital_inputs"),
         )
         self._here = raw["position"]
         self._mode = raw["mode_display"]

@@ -14,6 +14,7 @@ request to stop.  It shares no state with the client, the player or the drive, a
 Checks, in this order; the first that fails is the fault:
 
     stop           a person: Ctrl-C, a key, the loss of the terminal, or whatever the caller passes as `stop`
+    stop_input     a person at an input of the drive: its bit of 0x60FD has the level at which it stops
     frames         `lost_frames` cycles in a row without an answer
     drive, mode    statusword other than 'operation enabled'; 0x6061 other than the mode for more than `lag` cycles
     jump           |x - x_1 - u_1 t| > A t (t + n T) + JUMP c: no motion within the accelerations A gets there in the
@@ -119,6 +120,7 @@ class Cycle(NamedTuple):
 
     elapsed  time since the last cycle began, in cycles
     stop     why a person or a program asks for a stop; empty: nobody does
+    inputs   the digital inputs of the drive (0x60FD), None if they are not told
     """
 
     target: Target
@@ -127,6 +129,7 @@ class Cycle(NamedTuple):
     mode: int
     elapsed: float = 1.0
     stop: str = ""
+    inputs: int | None = None
 
 
 class Seen(NamedTuple):
@@ -228,6 +231,8 @@ class Monitor:
         )
         first = (
             self._stop(cycle, number)
+            # which stays as it is while the axis brakes
+            or (None if braking else self._pressed(cycle, number))
             or self._left(cycle, number)
             or (self._other_mode(cycle.mode, number) if strange > drive.lag + 1 else None)
         )
@@ -265,6 +270,14 @@ class Monitor:
 
     def _stop(self, cycle: Cycle, number: int) -> Fault | None:
         return Fault("stop", 1.0, 0.0, "", number, cycle.stop) if cycle.stop else None
+
+    def _pressed(self, cycle: Cycle, number: int) -> Fault | None:
+        """Return a fault if the stop input of the drive asks for a stop."""
+        drive = self.drive
+        if not drive.asks_stop(cycle.inputs):
+            return None
+        message = f"stopped by the stop input of the drive (bit {drive.stop_input} of 0x60FD is {drive.stop_level})"
+        return Fault("stop_input", float(drive.stop_level), float(1 - drive.stop_level), "", number, message)
 
     def _silent(self, lost: int, number: int) -> Fault | None:
         """Return a fault if too many frames in a row were lost."""

@@ -429,6 +429,7 @@ class Firmware:
             "supported_modes": 1 << (cia402.CSP - 1)
             | 1 << (cia402.CST - 1)
             | (1 << (cia402.CSV - 1) if velocity else 0),
+            "digital_inputs": 0xFFFF0000,  # contacts that are closed
             "cycle_value": cycle_value,
             "cycle_exponent": cycle_exponent,
         }
