@@ -21,7 +21,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.bus.cia402 import PowerState
+from feeddrive.bus.cia402 import SENT, TOLD, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, set_watchdog
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import drive_of, read_drive
@@ -574,13 +574,24 @@ def test_a_drive_is_listened_to_without_writing_to_it() -> None:
 
 
 def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
-    axis = axis_of(Bench(bench_loop()))
+    bench = Bench(bench_loop())
+    values = bench.firmware.values
+    values |= {"following_error_timeout": 100, "fault_reaction_option": 1, "quick_stop_option": 1, "max_torque": 2900}
+
+    def settings() -> dict[str, int]:
+        """All but what is exchanged in each cycle, whatever the axis takes for what it writes."""
+        exchanged = {name for group in (*SENT, *TOLD) for name in group} - {"mode"}
+        return {name: value for name, value in values.items() if name not in exchanged}
+
+    axis, before = axis_of(bench), settings()
     inside = dict(axis.inside())
     assert axis.play(move()).aborted is None
     assert axis.play(move(), None, with_control(bench_loop())).aborted is None
-    assert dict(axis.inside()) != inside
+    changed = {name for name, value in settings().items() if value != before[name]}
+    assert {"following_error_window", "following_error_timeout", "fault_reaction_option"} <= changed
     assert "its objects are as they were" in axis.restore(inside)
     assert dict(axis.inside()) == inside
+    assert settings() == before
 
 
 def test_a_control_that_is_kept_leaves_all_but_gains_as_it_was() -> None:
