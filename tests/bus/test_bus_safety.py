@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from bus_bench import LIMITS, drive
+from feeddrive.bus.cia402 import DISABLE_VOLTAGE, PowerState
 from feeddrive.bus.cia402 import MODES as NUMBERS
-from feeddrive.bus.cia402 import PowerState
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
 from feeddrive.bus.faults import KINDS as ACTED
 from feeddrive.bus.faults import read_fault
@@ -379,6 +379,23 @@ def test_a_drive_without_frames_stops_by_its_own_watchdog_after_a_tenth_of_a_sec
     assert firmware.faults.began is not None
     assert states.index("FAULT_REACTION") - firmware.faults.began == pytest.approx(100, abs=2)
     assert frames.answers[-1] is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_runaway_the_force_is_off_before_the_drive_brakes_by_itself(seed: int) -> None:
+    """With the wrong sign its own ramp would drive the axis on, and no command ends it: 0x6066 leaves the time."""
+    states = list[str]()
+    found, frames, firmware, _ = played(
+        "csp",
+        "ethercat",
+        motion(np.random.default_rng([seed, 3]), "csp"),
+        (read_fault("sign@200"),),
+        each=lambda firmware: states.append(firmware.state.name),
+    )
+    assert "runs away" in found.aborted
+    assert firmware.values["fault_reaction_option"] == 2
+    assert "FAULT_REACTION" not in states
+    assert frames.sent[-1]["controlword"] == DISABLE_VOLTAGE
 
 
 def test_a_brake_that_slips_is_held_for_a_second_where_nobody_waits() -> None:

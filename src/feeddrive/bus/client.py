@@ -11,6 +11,7 @@ from feeddrive.bus import cia402
 from feeddrive.bus.cia402 import Layout, PowerState
 from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.ethercat import EtherCAT, Segment
+from feeddrive.bus.monitor import reaction_time
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 from feeddrive.language.quantity import Quantity
@@ -146,7 +147,8 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
         # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
         "max_torque": max(1, int(limits.force / scaling.newton)),
         "following_error_window": max(1, scaling.increments(limits.following_error)),
-        "following_error_timeout": 0,  # at once, as the monitor
+        # ms: in a runaway the monitor switches the force off before the drive, whose own ramp would go on with it
+        "following_error_timeout": math.ceil(1e3 * reaction_time(drive) - 1e-9),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
         "quick_stop_option": 2,  # brake on that ramp, then switch off
         "fault_reaction_option": 2,  # the same, in a fault in which the drive can

@@ -182,8 +182,7 @@ class Monitor:
         self._response = max(watch.RESPONSE, self._window * drive.cycle_time)
         self._long = math.ceil(self._response / drive.cycle_time - 1e-9)
         self._memory = MEMORY * self._response
-        # the answer is `lag` cycles old, and the frames that carry the reaction may be lost
-        self._reaction = (drive.lag + self._window) * drive.cycle_time
+        self._reaction = reaction_time(drive)
 
     def begin(self, answer: Answer) -> State:
         """Return the initial state, for an axis that holds its position."""
@@ -494,8 +493,14 @@ class Monitor:
 
 def braking_distance(drive: BusDrive, speed: float) -> float:
     """Return the travel from a speed (m/s) to standstill, m: lag + lost_frames + 2 cycles of reaction, and v²/(2 a)."""
-    reaction = (drive.lag + drive.lost_frames + SPARE) * drive.cycle_time
-    return speed * reaction + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
+    return speed * reaction_time(drive) + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
+
+
+def reaction_time(drive: BusDrive) -> float:
+    """Return the longest time until a reaction acts, s: the answer is `lag` cycles old, and the frames that carry the
+    reaction may be lost.
+    """
+    return (drive.lag + drive.lost_frames + SPARE) * drive.cycle_time
 
 
 def _agree(seen: tuple[Seen, ...], n: int) -> bool:
