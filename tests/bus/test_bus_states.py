@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.bus.cia402 import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -27,7 +28,7 @@ from feeddrive.bus.cia402 import (
     state_of,
 )
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time, read_drive
-from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import Brake, DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
 
@@ -161,6 +162,27 @@ def test_in_a_fault_in_which_it_can_a_drive_brakes_if_it_is_told_to() -> None:
     way, coasted = (SCALING.metre * (d.values["position"] - b) for d, b in ((braked, begun), (free, others)))
     assert way < 0.01
     assert coasted == pytest.approx(0.033, rel=0.1)
+
+
+def test_after_its_reaction_to_a_fault_a_drive_carries_the_weight_until_its_brake_has_closed() -> None:
+    """400 N, carried for 50 ms; the brake is open while the drive brakes."""
+    loop = bench_loop()
+    loop = replace(loop, axis=replace(loop.axis, forces=(Gravity(force=-400.0),)))
+    drive = Firmware(DrivenAxis(loop), SCALING, T, brake=Brake(0.05, 0.05))
+    drive.values |= {"following_error_window": 0xFFFFFFFF, "fault_reaction_option": 2}
+    enabled(drive)
+    for _ in range(1000):
+        drive.cycle()
+    drive.lost()
+    while drive.state is S.FAULT_REACTION:
+        drive.cycle()
+    held = list[float]()
+    for _ in range(100):
+        drive.cycle()
+        held.append(drive.values["torque"] * SCALING.newton)
+    assert drive.state is S.FAULT
+    assert held[:48] == pytest.approx([400.0] * 48, abs=2.0)
+    assert held[52:] == [0.0] * 48
 
 
 @pytest.mark.parametrize("code", [0x2310, 0x7305])
