@@ -94,6 +94,7 @@ def test_a_gantry_is_two_drives_of_one_segment_or_a_machine_with_a_beam(tmp_path
 
 
 @pytest.mark.slow(reason="the whole chain on two virtual drives, their responses twice: 2 to 3 minutes")
+@pytest.mark.timeout(900)
 def test_a_gantry_is_commissioned_from_its_skew_to_its_trial(tmp_path: Path) -> None:
     (tmp_path / "portal.toml").write_text(machine_toml(gantry(), "portal"), encoding="utf-8")
     out = tmp_path / "out"
