@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -130,6 +131,7 @@ def test_a_gantry_is_commissioned_from_its_skew_to_its_trial(tmp_path: Path) -> 
 
 OVER_A_SEGMENT = """
 import json
+import sys
 from pathlib import Path
 from feeddrive.bus.drive_file import read_drive
 from feeddrive.bus.gantry import Gantry
@@ -138,13 +140,28 @@ from feeddrive.language.progress import Progress
 from feeddrive.workflow.commission import commission
 from feeddrive.workflow.commission_steps import CommissionRequest
 
+
+
+class Person(Progress):
+    left = int(sys.argv[1])
+
+    def confirm(self, question):
+        self.left -= 1
+        return self.left >= 0
+
+    def measured(self, question, expected, unit):
+        return expected
+
+
 first, second = (BusAxis(read_drive(f"drive_{name}.toml"), paced=False) for name in ("y", "y2"))
 axis = Gantry(first, second).common
 before = dict(axis.inside())
-result = commission.run(CommissionRequest(axis, yes=True, out=Path("out")), Progress()).result
+result = commission.run(CommissionRequest(axis, out=Path("out")), Person()).result
 names = ("following_rms", "stiffness", "skew_stiffness")
 found = {
     "where": axis.where,
+    "steps": [step.name for step in result.steps],
+    "figures": dict(result.figures),
     "refusal": result.refusal,
     "kept": result.kept,
     "ratios": None if result.trial is None else [result.trial.ratio(name) for name in names],
@@ -159,27 +176,37 @@ set -e
 served=$!
 trap 'kill -KILL $served 2>/dev/null || true' EXIT
 for attempt in $(seq 300); do grep -q Ready ready.txt && break; sleep 0.1; done
-{python} over_a_segment.py
+{python} over_a_segment.py {yes}
 kill -INT $served
 wait $served
 """
 
 
-@pytest.mark.slow(reason="the whole chain with every frame through two sockets: 4 to 6 minutes")
-@pytest.mark.timeout(1200)
-def test_a_gantry_is_commissioned_over_a_segment_with_two_stations(tmp_path: Path) -> None:
-    """Both drives in a process of their own on a veth pair, as a master meets them."""
-    (tmp_path / "portal.toml").write_text(machine_toml(gantry(), "portal"), encoding="utf-8")
+def over_a_segment(tmp_path: Path, yes: int) -> dict[str, Any]:
+    """What came of a commissioning of both drives, which a process of their own serves on a veth pair.
+
+    It is ended by the question after so many.
+    """
+    (tmp_path / "portal.toml").write_text(machine_toml(gantry(sample_time=SLOW), "portal"), encoding="utf-8")
     (tmp_path / "over_a_segment.py").write_text(OVER_A_SEGMENT, encoding="utf-8")
     feeddrive = f"{sys.executable} -c 'from feeddrive.cli import main; main()'"
-    script = SERVED.format(feeddrive=feeddrive, python=sys.executable)
+    script = SERVED.format(feeddrive=feeddrive, python=sys.executable, yes=yes)
     done = in_a_namespace("bash", "-c", script, timeout=1100.0, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr + (tmp_path / "ready.txt").read_text(encoding="utf-8")
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    return json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow(reason="three steps of a commissioning with every frame through two sockets: half a minute")
+@pytest.mark.timeout(600)
+def test_two_drives_of_a_segment_on_one_beam_are_commissioned_together(tmp_path: Path) -> None:
+    """Their skew and the first moves; whoever stops then has what was found, and drives that are as they were."""
+    found = over_a_segment(tmp_path, yes=2)
     assert found["where"] == "EtherCAT veth0, station 1 and EtherCAT veth0, station 2"
-    assert found["refusal"] == ""
-    assert found["kept"]
-    assert found["ratios"] == pytest.approx([1.0] * 3, abs=0.1)
+    assert found["steps"] == ["listen", "skew", "small_move", "start_law"]
+    assert found["figures"]["beam_stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
+    # roughly, from a push
+    assert found["figures"]["rough_mass"] == pytest.approx(sum(MASSES), rel=0.3)
+    assert "it was not confirmed" in found["refusal"]
     assert found["as_it_was"]
 
 
