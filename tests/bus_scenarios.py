@@ -155,7 +155,8 @@ def faults(bus: str) -> dict[str, Any]:
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
         master.enable()
         master.command(position=0.1)
-        for _ in range(3):
+        # the time out of the following error, and 0.2 s of standstill after the ramp of the reaction
+        for _ in range(400):
             master.cycle()
         found["trouble"] = master.trouble()
         found["state"] = bench.state
