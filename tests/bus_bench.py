@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -26,6 +26,7 @@ from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.bus.client import DriveClient, transport_of
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
+from feeddrive.bus.faults import InjectedFault
 from feeddrive.bus.virtual_drive import DrivenAxis, Firmware
 from feeddrive.bus.virtual_nodes import serve_canopen, serve_ethercat
 from feeddrive.loop.axis import Axis
@@ -96,7 +97,13 @@ def _look(firmware: Firmware, name: str) -> Any:
 
 
 @contextmanager
-def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None, stations: int = 1) -> Iterator[Bench]:
+def powered(
+    bus: str,
+    loop: Loop | None = None,
+    watchdog: float | None = None,
+    stations: int = 1,
+    faults: Sequence[InjectedFault] = (),
+) -> Iterator[Bench]:
     """A virtual drive: CANopen in a thread; EtherCAT in a process, since its master keeps other threads waiting.
 
     Of several stations the last is looked at.
@@ -106,7 +113,7 @@ def powered(bus: str, loop: Loop | None = None, watchdog: float | None = None, s
     def lose(cycle: int) -> bool:
         return 0 <= cycle - first.value < few.value
 
-    firmware = Firmware(DrivenAxis(loop or bench_loop()), SCALING, T)
+    firmware = Firmware(DrivenAxis(loop or bench_loop()), SCALING, T, faults)
     if bus == "canopen":
         ready, stop = threading.Event(), threading.Event()
         interface = f"virtual:bench{next(_buses)}"

@@ -31,6 +31,7 @@ from feeddrive.bus.cia402 import FAULT_RESET, OBJECTS, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, transport_of
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import DriveScaling
+from feeddrive.bus.faults import InjectedFault
 from feeddrive.bus.play import Profile, listened, play_profile, play_together
 from feeddrive.bus.transport import Claim, read_object, write_object
 from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, PdoMap
@@ -154,7 +155,8 @@ def faults(bus: str) -> dict[str, Any]:
     with powered(bus) as bench, client(drive(bus), bench.interface) as master:
         master.enable()
         master.command(position=0.1)
-        for _ in range(3):
+        # the time out of the following error, and 0.2 s of standstill after the ramp of the reaction
+        for _ in range(400):
             master.cycle()
         found["trouble"] = master.trouble()
         found["state"] = bench.state
@@ -195,6 +197,20 @@ def limits(bus: str) -> dict[str, Any]:
         for _ in range(50):
             master.cycle()
         found["drift"] = abs(bench.place - before)
+    return found
+
+
+def pressed(bus: str) -> dict[str, Any]:
+    """A person at a stop that is wired to the drive, whose inputs are mapped as well, in motion and after it."""
+    found: dict[str, Any] = {}
+    stops = drive(bus, stop_input=16)
+    with powered(bus, faults=(InjectedFault("stop_input", 300, 0.0),)) as bench:
+        with client(stops, bench.interface) as master:
+            played = play_profile(master, profile())
+            found["aborted"], found["state"], found["cause"] = played.aborted, bench.state, played.cause
+            found["rows"] = len(played.log)
+            found["refused"] = said(lambda: play_profile(master, profile()))
+        found["still"] = bench.state
     return found
 
 
@@ -573,6 +589,7 @@ SCENARIOS = (
     losses,
     faults,
     limits,
+    pressed,
     wrong,
     refusals,
     silence,

@@ -64,6 +64,7 @@ KINDS = (
     "cable",
     "travel",
     "person",
+    "stop_input",
 )
 
 
@@ -166,13 +167,16 @@ def played(
     loop: Loop | None = None,
     lost: Container[int] = (),
     each: Callable[[Firmware], None] = lambda _: None,
+    stop_input: int | None = None,
     **limits: Any,
 ) -> tuple[Any, Frames, Firmware, int]:
     """A motion on a virtual drive: what `play` gives, all frames, the firmware, and the frame of its first row."""
     firmware = Firmware(DrivenAxis(loop or bench_loop()), SCALING, T, fault)
     transport = BUSES[bus](firmware)
     frames = Frames(transport, lost, each)
-    described = drive(bus, mode=mode, limits=replace(LIMITED, **limits), lost_frames=LOST_FRAMES, lag=LAG)
+    described = drive(
+        bus, mode=mode, limits=replace(LIMITED, **limits), lost_frames=LOST_FRAMES, lag=LAG, stop_input=stop_input
+    )
     with virtual_time(transport), DriveClient(transport, described, paced=False) as client:
         set_watchdog(transport, described)
         client.enable()
@@ -227,6 +231,9 @@ def observable(
     off = earliest(left)
     if kind in ("jump", "lost", "cable"):
         return begins
+    if kind == "stop_input":
+        # a contact that opens
+        return earliest(lambda f: answers[f] is not None and not answers[f]["digital_inputs"] >> 16 & 1)  # type: ignore[index]
     if kind == "drive_fault" or (kind == "second_master" and size == 0.0):
         return off
     if kind == "second_master" and size == 2.0:
@@ -321,7 +328,9 @@ def trial(kind: str, mode: str, bus: str, seed: int) -> Trial:
         began = None
     else:
         at = 1 if kind == "brake_slip" else at
-        found, frames, firmware, first = played(mode, bus, profile, (InjectedFault(kind, at + LAG + 2, size),))
+        fault = InjectedFault(kind, at + LAG + 2, size)
+        bit = 16 if kind == "stop_input" else None
+        found, frames, firmware, first = played(mode, bus, profile, (fault,), stop_input=bit)
         began = firmware.faults.began
         assert began is not None, found.aborted
     return judged(kind, mode, found, frames, first, began, profile, size, firmware)
@@ -390,7 +399,7 @@ def judged(
         "late_status": coast,
         "drive_fault": coast,
         "second_master": coast,
-        "cable": racing * late + racing * MASS / VISCOUS + E,
+        "cable": racing * late + 0.5 * racing * racing / A + E,
     }.get(kind, v * REACTION + 0.5 * v * v / A + E)
     return Trial(kind, observed, commanded, moved, bound, reason)
 

@@ -55,6 +55,17 @@ def test_position_mode_is_the_simulation_to_half_an_increment(tried: Scenario) -
     assert found["force_per_mille"] <= half
 
 
+def test_a_stop_that_is_wired_to_the_drive_ends_the_motion_and_is_refused_before_the_next(tried: Scenario) -> None:
+    """It opens in the 300th cycle in operation, in the third of which the first row is sent."""
+    found = tried("pressed")
+    assert "stopped by the stop input of the drive (bit 16 of 0x60FD is 0)" in found["aborted"]
+    assert "switch on disabled" in found["aborted"]
+    assert found["cause"] == "person"
+    assert found["rows"] == pytest.approx(297, abs=3)
+    assert (found["state"], found["still"]) == ("SWITCH_ON_DISABLED",) * 2
+    assert "its stop input asks for a stop (bit 16 of 0x60FD is 0): release the stop" in found["refused"]
+
+
 def test_the_axes_of_a_plan_move_in_the_same_cycles() -> None:
     """Two stations of a segment follow their motions as each does alone, to half an increment, with no frame lost."""
     found = over_ethercat("plan")

@@ -116,14 +116,18 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
         ("quick_stop_option",),
         max_torque=0,
         following_error_window=0,
+        following_error_timeout=100,
         quick_stop_deceleration=0,
         quick_stop_option=0,
+        fault_reaction_option=0,
         max_motor_speed=0,
         position_most=0,
     )
     remarks = write_limits(paper, made)
     assert paper.values["max_torque"] == int(100.0 / made.scaling.newton)  # rounded towards the safe side
     assert paper.values["following_error_window"] == 200_000
+    # in a fault the axis brakes, but the monitor comes first, whose 6 cycles of 1 ms a runaway leaves it
+    assert (paper.values["following_error_timeout"], paper.values["fault_reaction_option"]) == (6, 2)
     assert paper.values["quick_stop_deceleration"] == 500_000_000
     assert paper.values["position_most"] == 30_000_000
     assert paper.values["max_motor_speed"] == 3000  # 0.5 m/s on a screw of 10 mm
@@ -161,6 +165,15 @@ def test_a_drive_without_what_is_needed_is_refused_by_object(missing: str) -> No
         DriveClient(paper, drive("ethercat")).open()
 
 
+def test_a_stop_input_needs_the_digital_inputs_of_the_drive() -> None:
+    """Which are not mapped without one: many drives have three PDOs at most."""
+    for stop_input, wanted in ((None, "is driven"), (16, r"has no object 0x60FD:00 \(digital_inputs\)")):
+        client = DriveClient(Paper(**NEEDED), drive("ethercat", stop_input=stop_input))
+        with pytest.raises((BusError, AssertionError), match=wanted if stop_input else "not mapped"):
+            client.open()
+        assert ("digital_inputs" in client._back.names) == (stop_input is not None)
+
+
 def test_what_no_object_can_hold_is_refused() -> None:
     client = DriveClient(Paper(), drive("ethercat"))
     tried: list[Callable[[], float]] = [
@@ -193,6 +206,8 @@ class Stubborn(Paper):
         ("max_motor_speed", 2900, "holds 2900 in 0x6080:00 (max motor speed), where 3000 was written"),
         ("quick_stop_deceleration", 600_000_000, "holds 600000000 in 0x6085:00"),
         ("quick_stop_option", 6, "holds 6 in 0x605A:00"),
+        ("following_error_timeout", 100, "holds 100 in 0x6066:00 (following error timeout), where 6 was written"),
+        ("fault_reaction_option", 0, "holds 0 in 0x605E:00 (fault reaction option), where 2 was written"),
         ("max_torque", 5000, "a looser limit"),
         ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 200000 and reads back"),
         ("max_motor_speed", 3001, "0x6080:00 (max motor speed) was set to 3000 and reads back as 3001"),

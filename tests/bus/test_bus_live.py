@@ -21,7 +21,7 @@ from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.bus.cia402 import PowerState
+from feeddrive.bus.cia402 import SENT, TOLD, PowerState
 from feeddrive.bus.client import DriveClient, driven_together, set_watchdog
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.bus.drive_file import drive_of, read_drive
@@ -302,6 +302,22 @@ def test_in_a_fault_the_axis_falls_until_its_brake_has_closed() -> None:
     assert fell == pytest.approx(pull * tau * (closes - tau * (1.0 - np.exp(-closes / tau))), rel=0.1)
 
 
+def test_in_a_fault_in_which_it_can_brake_a_drive_holds_the_axis_until_its_brake_has_closed() -> None:
+    """0x605E = 2, which is written before it is switched on; 50 ms of falling are 4 mm."""
+    bench = Bench(hanging(), brake=Brake(0.05, 0.05), faults=[InjectedFault("drive_fault", 800, float(0x8611))])
+    played = bench.play(move(rows=900, distance=0.0), hanging(with_control(bench_loop())))
+    assert played.aborted is not None
+    assert "0x8611" in played.aborted
+    for _ in range(100):
+        bench.firmware.cycle()
+    assert bench.firmware.state is PowerState.FAULT
+    assert played.log["reading_load"][-1] - bench.firmware.axis.last.position < 1e-3
+    stands = bench.firmware.axis.last.position
+    for _ in range(100):
+        bench.firmware.cycle()
+    assert bench.firmware.axis.last.position == stands
+
+
 class Pressed(Progress):
     """A person who stops the motion once the axis has moved."""
 
@@ -558,13 +574,24 @@ def test_a_drive_is_listened_to_without_writing_to_it() -> None:
 
 
 def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
-    axis = axis_of(Bench(bench_loop()))
+    bench = Bench(bench_loop())
+    values = bench.firmware.values
+    values |= {"following_error_timeout": 100, "fault_reaction_option": 1, "quick_stop_option": 1, "max_torque": 2900}
+
+    def settings() -> dict[str, int]:
+        """All but what is exchanged in each cycle, whatever the axis takes for what it writes."""
+        exchanged = {name for group in (*SENT, *TOLD) for name in group} - {"mode"}
+        return {name: value for name, value in values.items() if name not in exchanged}
+
+    axis, before = axis_of(bench), settings()
     inside = dict(axis.inside())
     assert axis.play(move()).aborted is None
     assert axis.play(move(), None, with_control(bench_loop())).aborted is None
-    assert dict(axis.inside()) != inside
+    changed = {name for name, value in settings().items() if value != before[name]}
+    assert {"following_error_window", "following_error_timeout", "fault_reaction_option"} <= changed
     assert "its objects are as they were" in axis.restore(inside)
     assert dict(axis.inside()) == inside
+    assert settings() == before
 
 
 def test_a_control_that_is_kept_leaves_all_but_gains_as_it_was() -> None:

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from bus_bench import LIMITS, drive
+from feeddrive.bus.cia402 import DISABLE_VOLTAGE, PowerState
 from feeddrive.bus.cia402 import MODES as NUMBERS
-from feeddrive.bus.cia402 import PowerState
 from feeddrive.bus.drive_file import BusDrive, BusLimits, DriveScaling
 from feeddrive.bus.faults import KINDS as ACTED
 from feeddrive.bus.faults import read_fault
@@ -37,7 +37,7 @@ from injected_faults import BUSES, KINDS, T, healthy, motion, played, trial, tri
 
 MODES = ("csp", "csv", "cst")
 ON = PowerState.ENABLED.status
-EACH = 34  # of 15 classes: 510 in each mode and on each bus
+EACH = 34  # of 16 classes: 544 in each mode and on each bus
 HEALTHY = 167  # in each mode and on each bus: 1,002
 
 
@@ -184,6 +184,29 @@ def test_state_mode_and_a_person_end_the_motion(changed: dict[str, Any], kind: s
     fault = watched(described(), [REST] * 5, **changed)
     assert (fault and fault.kind) == kind
     assert fault is None or reaction_to(fault) == reaction
+
+
+@pytest.mark.parametrize(
+    ("level", "inputs", "stops"),
+    [
+        (0, 1 << 16, False),
+        (0, ~(1 << 16) & 0xFFFFFFFF, True),
+        (1, 1 << 16, True),
+        (1, 1 << 15, False),
+        (0, None, False),
+    ],
+)
+def test_a_stop_input_ends_the_motion_on_the_ramp_at_its_level(level: int, inputs: int | None, stops: bool) -> None:
+    made = replace(described(), stop_input=16, stop_level=level)
+    fault = watched(made, [REST] * 5, inputs=inputs)
+    assert (fault is not None) == stops
+    assert fault is None or (fault.kind, reaction_to(fault)) == ("stop_input", BRAKE)
+    # without one no input stops
+    assert watched(described(), [REST] * 5, inputs=inputs) is None
+    # it stays pressed while the axis brakes
+    monitor = Monitor(made)
+    cycle = Cycle(Target(0.0, 0.0, 0.0), REST, ON, 8, inputs=inputs)
+    assert monitor.step(monitor.brakes(monitor.begin(REST)), cycle, braking=True)[1] is None
 
 
 def test_another_mode_is_one_that_lasts_for_longer_than_its_command_needs() -> None:
@@ -354,8 +377,25 @@ def test_a_drive_without_frames_stops_by_its_own_watchdog_after_a_tenth_of_a_sec
     )
     assert firmware.values["error_code"] == 0x7500
     assert firmware.faults.began is not None
-    assert states.index("FAULT") - firmware.faults.began == pytest.approx(100, abs=2)
+    assert states.index("FAULT_REACTION") - firmware.faults.began == pytest.approx(100, abs=2)
     assert frames.answers[-1] is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_in_a_runaway_the_force_is_off_before_the_drive_brakes_by_itself(seed: int) -> None:
+    """With the wrong sign its own ramp would drive the axis on, and no command ends it: 0x6066 leaves the time."""
+    states = list[str]()
+    found, frames, firmware, _ = played(
+        "csp",
+        "ethercat",
+        motion(np.random.default_rng([seed, 3]), "csp"),
+        (read_fault("sign@200"),),
+        each=lambda firmware: states.append(firmware.state.name),
+    )
+    assert "runs away" in found.aborted
+    assert firmware.values["fault_reaction_option"] == 2
+    assert "FAULT_REACTION" not in states
+    assert frames.sent[-1]["controlword"] == DISABLE_VOLTAGE
 
 
 def test_a_brake_that_slips_is_held_for_a_second_where_nobody_waits() -> None:

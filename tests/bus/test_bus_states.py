@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus_bench import SCALING, T, bench_loop
+from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.bus.cia402 import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -27,7 +28,7 @@ from feeddrive.bus.cia402 import (
     state_of,
 )
 from feeddrive.bus.drive_file import DriveScaling, interpolation_time, read_drive
-from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_drive import Brake, DrivenAxis, Firmware, drive_text, scaling_of
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
 
@@ -110,6 +111,94 @@ def test_the_drive_watches_over_its_own_limits(guard: dict[str, float], target: 
     assert drive.state is S.FAULT
     assert drive.values["error_code"] == code
     assert drive.values["torque"] == 0
+
+
+@pytest.mark.parametrize(("timeout", "cycles"), [(0, 1), (5, 6)])
+def test_a_following_error_is_a_fault_after_its_time_out(timeout: int, cycles: int) -> None:
+    """0x6066 in ms, in cycles of 1 ms: 10 mm off at once, window 2 mm; within it again, the time begins anew."""
+    drive = firmware()
+    drive.values |= {"following_error_window": 200_000, "following_error_timeout": timeout}
+    enabled(drive)
+    for _ in range(2):
+        for far in [10**6] * (cycles - 1) + [0]:
+            drive.take({"target_position": drive.values["position"] + far})
+            drive.cycle()
+    assert drive.state is S.ENABLED
+    for _ in range(cycles):
+        assert drive.state is S.ENABLED
+        drive.take({"target_position": drive.values["position"] + 10**6})
+        drive.cycle()
+    assert (drive.state, drive.values["error_code"]) == (S.FAULT, 0x8611)
+
+
+def moving(option: int, **guard: float) -> Firmware:
+    """A drive at 0.1 m/s with this fault reaction (0x605E)."""
+    drive = firmware(**guard)
+    drive.values |= {"following_error_window": 0xFFFFFFFF, "fault_reaction_option": option}
+    enabled(drive)
+    for k in range(400):
+        drive.take({"target_position": 10_000 * k, "velocity_offset": 10**7})
+        drive.cycle()
+    assert drive.values["velocity"] * SCALING.metre == pytest.approx(0.1, rel=0.05)
+    return drive
+
+
+def test_in_a_fault_in_which_it_can_a_drive_brakes_if_it_is_told_to() -> None:
+    """From 0.1 m/s at 5 m/s²: 1 mm, and what the position loop trails; on friction alone 33 mm, m/c = 0.33 s."""
+    braked, free = moving(2), moving(0)
+    begun, others = braked.values["position"], free.values["position"]
+    for drive in (braked, free):
+        drive.lost()
+    assert (braked.state, free.state) == (S.FAULT_REACTION, S.FAULT)
+    states = list[PowerState]()
+    for _ in range(2000):
+        for drive in (braked, free):
+            drive.cycle()
+        states.append(braked.state)
+    assert 200 <= states.index(S.FAULT) < 300  # the ramp, and 0.2 s
+    assert states[-1] is S.FAULT
+    assert braked.values["error_code"] == 0x7500
+    assert braked.values["torque"] == 0
+    way, coasted = (SCALING.metre * (d.values["position"] - b) for d, b in ((braked, begun), (free, others)))
+    assert way < 0.01
+    assert coasted == pytest.approx(0.033, rel=0.1)
+
+
+def test_after_its_reaction_to_a_fault_a_drive_carries_the_weight_until_its_brake_has_closed() -> None:
+    """400 N, carried for 50 ms; the brake is open while the drive brakes."""
+    loop = bench_loop()
+    loop = replace(loop, axis=replace(loop.axis, forces=(Gravity(force=-400.0),)))
+    drive = Firmware(DrivenAxis(loop), SCALING, T, brake=Brake(0.05, 0.05))
+    drive.values |= {"following_error_window": 0xFFFFFFFF, "fault_reaction_option": 2}
+    enabled(drive)
+    for _ in range(1000):
+        drive.cycle()
+    drive.lost()
+    while drive.state is S.FAULT_REACTION:
+        drive.cycle()
+    held = list[float]()
+    for _ in range(100):
+        drive.cycle()
+        held.append(drive.values["torque"] * SCALING.newton)
+    assert drive.state is S.FAULT
+    assert held[:48] == pytest.approx([400.0] * 48, abs=2.0)
+    assert held[52:] == [0.0] * 48
+
+
+@pytest.mark.parametrize("code", [0x2310, 0x7305])
+def test_without_power_stage_or_encoder_a_drive_brakes_in_no_fault(code: int) -> None:
+    drive = moving(2)
+    drive._fault(code)
+    assert drive.state is S.FAULT
+
+
+def test_a_control_that_its_guard_has_switched_off_brakes_nothing() -> None:
+    """The reaction ends with the cycle in which it shows."""
+    drive = moving(2, velocity_limit=0.2)
+    for _ in range(10):
+        drive.take({"target_position": drive.values["target_position"] + 500_000})
+        drive.cycle()
+    assert (drive.state, drive.values["error_code"]) == (S.FAULT, 0x8400)
 
 
 def test_a_software_limit_is_a_limit_of_the_target() -> None:

@@ -156,6 +156,8 @@ late_cycles = 5
 watchdog_ms = 200
 rotary = false
 brake_time_ms = 80
+stop_input = 16
+stop_level = 1
 [scaling]
 counts_per_turn = 1048576
 lead_mm = 10

@@ -42,7 +42,12 @@ class Drive:
     def __init__(self, text: str = TEXT, transport: Callable[[Firmware], Any] = VirtualEtherCAT) -> None:
         self.firmware = Firmware(DrivenAxis(LOOP), SCALING, 1e-3)
         # as somebody has set it by the maker's tool
-        self.firmware.values |= {"max_torque": 2900, "following_error_window": 170_000}
+        self.firmware.values |= {
+            "max_torque": 2900,
+            "following_error_window": 170_000,
+            "following_error_timeout": 100,
+            "fault_reaction_option": 1,
+        }
         whole = BusAxis(drive_of(parse_toml(text, "drive.toml")), lambda _: transport(self.firmware), paced=False)
         self.axis = self.within(whole, travel=0.1)
         self.before = {} if self.firmware.state is PowerState.ENABLED else dict(self.axis.inside())

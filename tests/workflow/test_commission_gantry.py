@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from feeddrive.bus.drive_file import drive_of
+from bus_bench import in_a_namespace
+from feeddrive.bus.drive_file import drive_of, read_drive
 from feeddrive.bus.gantry import Gantry
 from feeddrive.bus.live import BusAxis
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
 from feeddrive.bus.virtual_drive import Firmware, drive_text, scaling_of
-from feeddrive.bus.virtual_gantry import DrivenGantry, DrivenSide, virtual_gantry
+from feeddrive.bus.virtual_gantry import SKEW, DrivenGantry, DrivenSide, virtual_gantry
 from feeddrive.files.machine import machine_toml, read_machine
 from feeddrive.files.toml_file import TomlEdit, parse_toml
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.commission import commission
 from feeddrive.workflow.commission_steps import CommissionRequest
+from feeddrive.workflow.play import VirtualDriveRequest, virtual_drive
 from gantries import COULOMB, MASSES, STIFFNESS, gantry
 
 SLOW = 1e-3  # s, the cycle of the drives of the quick tests
@@ -91,6 +95,7 @@ def test_a_gantry_is_two_drives_of_one_segment_or_a_machine_with_a_beam(tmp_path
 
 
 @pytest.mark.slow(reason="the whole chain on two virtual drives, their responses twice: 2 to 3 minutes")
+@pytest.mark.timeout(900)
 def test_a_gantry_is_commissioned_from_its_skew_to_its_trial(tmp_path: Path) -> None:
     (tmp_path / "portal.toml").write_text(machine_toml(gantry(), "portal"), encoding="utf-8")
     out = tmp_path / "out"
@@ -122,6 +127,100 @@ def test_a_gantry_is_commissioned_from_its_skew_to_its_trial(tmp_path: Path) -> 
     again = commission.run(CommissionRequest(virtual=tmp_path / "portal.toml", yes=True, out=out), Listening())
     assert sum("done before" in each for each in said) == len(result.steps) - 1
     assert again.judgment is Judgment.COMMISSIONED
+
+
+OVER_A_SEGMENT = """
+import json
+import sys
+from pathlib import Path
+from feeddrive.bus.drive_file import read_drive
+from feeddrive.bus.gantry import Gantry
+from feeddrive.bus.live import BusAxis
+from feeddrive.language.progress import Progress
+from feeddrive.workflow.commission import commission
+from feeddrive.workflow.commission_steps import CommissionRequest
+
+
+
+class Person(Progress):
+    left = int(sys.argv[1])
+
+    def confirm(self, question):
+        self.left -= 1
+        return self.left >= 0
+
+    def measured(self, question, expected, unit):
+        return expected
+
+
+first, second = (BusAxis(read_drive(f"drive_{name}.toml"), paced=False) for name in ("y", "y2"))
+axis = Gantry(first, second).common
+before = dict(axis.inside())
+result = commission.run(CommissionRequest(axis, out=Path("out")), Person()).result
+names = ("following_rms", "stiffness", "skew_stiffness")
+found = {
+    "where": axis.where,
+    "steps": [step.name for step in result.steps],
+    "figures": dict(result.figures),
+    "refusal": result.refusal,
+    "kept": result.kept,
+    "ratios": None if result.trial is None else [result.trial.ratio(name) for name in names],
+    "as_it_was": dict(axis.inside()) == before,
+}
+Path("found.json").write_text(json.dumps(found), encoding="utf-8")
+"""
+SERVED = """
+set -e
+: > ready.txt
+{feeddrive} virtual-drive portal.toml --interface veth1 --master veth0 --drive-file drive.toml > ready.txt 2>&1 &
+served=$!
+trap 'kill -KILL $served 2>/dev/null || true' EXIT
+for attempt in $(seq 300); do grep -q Ready ready.txt && break; sleep 0.1; done
+{python} over_a_segment.py {yes}
+kill -INT $served
+wait $served
+"""
+
+
+def over_a_segment(tmp_path: Path, yes: int) -> dict[str, Any]:
+    """What came of a commissioning of both drives, which a process of their own serves on a veth pair.
+
+    It is ended by the question after so many.
+    """
+    (tmp_path / "portal.toml").write_text(machine_toml(gantry(sample_time=SLOW), "portal"), encoding="utf-8")
+    (tmp_path / "over_a_segment.py").write_text(OVER_A_SEGMENT, encoding="utf-8")
+    feeddrive = f"{sys.executable} -c 'from feeddrive.cli import main; main()'"
+    script = SERVED.format(feeddrive=feeddrive, python=sys.executable, yes=yes)
+    done = in_a_namespace("bash", "-c", script, timeout=1100.0, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr + (tmp_path / "ready.txt").read_text(encoding="utf-8")
+    return json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow(reason="three steps of a commissioning with every frame through two sockets: half a minute")
+@pytest.mark.timeout(600)
+def test_two_drives_of_a_segment_on_one_beam_are_commissioned_together(tmp_path: Path) -> None:
+    """Their skew and the first moves; whoever stops then has what was found, and drives that are as they were."""
+    found = over_a_segment(tmp_path, yes=2)
+    assert found["where"] == "EtherCAT veth0, station 1 and EtherCAT veth0, station 2"
+    assert found["steps"] == ["listen", "skew", "small_move", "start_law"]
+    assert found["figures"]["beam_stiffness"] == pytest.approx(STIFFNESS, rel=0.05)
+    # roughly, from a push
+    assert found["figures"]["rough_mass"] == pytest.approx(sum(MASSES), rel=0.3)
+    assert "it was not confirmed" in found["refusal"]
+    assert found["as_it_was"]
+
+
+def test_two_drives_that_are_served_have_one_plant_and_a_file_each(tmp_path: Path) -> None:
+    """Their files say what a gantry needs; the interface is none, and so the serving ends there."""
+    (tmp_path / "portal.toml").write_text(machine_toml(gantry(), "portal"), encoding="utf-8")
+    asked = VirtualDriveRequest(tmp_path / "portal.toml", interface="none0", drive_file=tmp_path / "drive.toml")
+    with pytest.raises(FeeddriveError):
+        virtual_drive.run(asked, Progress())
+    one, other = (read_drive(tmp_path / f"drive_{name}.toml") for name in ("y", "y2"))
+    assert (one.drive.station, other.drive.station, one.axis, other.axis) == (1, 2, "y", "y2")
+    assert Gantry(BusAxis(one), BusAxis(other)).skew == SKEW
+    with pytest.raises(ParameterError, match=r"portal\.toml: the drives of a gantry begin at 0: leave out --position"):
+        virtual_drive.run(replace(asked, position=0.1), Progress())
 
 
 def test_a_machine_with_a_beam_is_two_drives() -> None:

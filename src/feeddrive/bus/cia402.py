@@ -81,10 +81,12 @@ OBJECTS: Mapping[str, Object] = {
         Object("controlword", 0x6040, 0, "u16", "commanded mode of operation"),
         Object("statusword", 0x6041, 0, "u16", "state of the drive"),
         Object("quick_stop_option", 0x605A, 0, "i16", "what a quick stop does"),
+        Object("fault_reaction_option", 0x605E, 0, "i16", "what a fault does: 0 force off, 2 braked as a quick stop"),
         Object("mode", 0x6060, 0, "i8", "mode of operation that is wanted"),
         Object("mode_display", 0x6061, 0, "i8", "mode of operation that runs"),
         Object("position", 0x6064, 0, "i32", "actual position, increments"),
         Object("following_error_window", 0x6065, 0, "u32", "largest following error, increments"),
+        Object("following_error_timeout", 0x6066, 0, "u16", "for how long it may be larger before it is a fault, ms"),
         Object("velocity", 0x606C, 0, "i32", "actual velocity, increments/s"),
         Object("target_torque", 0x6071, 0, "i16", "for cyclic synchronous torque, 0.1 % of rated"),
         Object("max_torque", 0x6072, 0, "u16", "largest torque, 0.1 % of rated"),
@@ -107,6 +109,7 @@ OBJECTS: Mapping[str, Object] = {
         Object("cycle_exponent", 0x60C2, 2, "i8", "bus cycle: power of ten of its unit in s"),
         Object("second_position", 0x60E4, 1, "i32", "additional position: the other encoder, increments"),
         Object("following_error", 0x60F4, 0, "i32", "target - actual position, increments"),
+        Object("digital_inputs", 0x60FD, 0, "u32", "inputs of the drive, a bit each: 16 and above are the maker's"),
         Object("target_velocity", 0x60FF, 0, "i32", "for cyclic synchronous velocity, increments/s"),
         Object("supported_modes", 0x6502, 0, "u32", "bit n - 1: mode n"),
     )
@@ -127,6 +130,7 @@ TOLD = (
     ("velocity", "following_error"),
     ("torque", "error_code", "second_position"),
 )
+INPUTS = ("digital_inputs",)  # told as well, only by a drive with a stop input: many have three PDOs at most
 NEEDED = ("controlword", "mode", "statusword", "mode_display", "position", "torque")  # a drive without them is refused
 
 

@@ -11,6 +11,7 @@ from feeddrive.bus import cia402
 from feeddrive.bus.cia402 import Layout, PowerState
 from feeddrive.bus.drive_file import BusDrive, DriveScaling, interpolation_time
 from feeddrive.bus.ethercat import EtherCAT, Segment
+from feeddrive.bus.monitor import reaction_time
 from feeddrive.bus.transport import Pace, RefusedError, Transport, has_object, read_object, write_object
 from feeddrive.language.errors import BusError
 from feeddrive.language.quantity import Quantity
@@ -126,8 +127,10 @@ _LOOSER = {
     "max_torque": 1,
     "max_motor_speed": 1,
     "following_error_window": 1,
+    "following_error_timeout": 0,
     "quick_stop_deceleration": -1,
     "quick_stop_option": 0,
+    "fault_reaction_option": 0,
     "position_least": -1,
     "position_most": 1,
 }
@@ -144,8 +147,11 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
         # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
         "max_torque": max(1, int(limits.force / scaling.newton)),
         "following_error_window": max(1, scaling.increments(limits.following_error)),
+        # ms: in a runaway the monitor switches the force off before the drive, whose own ramp would go on with it
+        "following_error_timeout": math.ceil(1e3 * reaction_time(drive) - 1e-9),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
         "quick_stop_option": 2,  # brake on that ramp, then switch off
+        "fault_reaction_option": 2,  # the same, in a fault in which the drive can
     }
     if scaling.turns:
         # rounded up: a slow axis has few turns a minute, and below its limit the drive would hold it back
@@ -200,6 +206,7 @@ class ActualValues(NamedTuple):
     following_error: float | None
     second: float | None
     error_code: int
+    inputs: int | None = None  # 0x60FD
 
 
 class DriveClient:
@@ -222,7 +229,8 @@ class DriveClient:
         self.told: ActualValues | None = None
         self.mode = cia402.MODES[drive.mode]
         self._values = dict.fromkeys([name for group in cia402.SENT for name in group], 0)
-        self._sent, self._back = Layout(cia402.SENT), Layout(cia402.TOLD)
+        told = cia402.TOLD if drive.stop_input is None else (*cia402.TOLD, cia402.INPUTS)
+        self._sent, self._back = Layout(cia402.SENT), Layout(told)
         self._timeout = max(2e-3, 2.0 * drive.cycle_time) if paced else 1.0
         self._operating = self._unreachable = False
         self._mode = 0
@@ -275,6 +283,11 @@ class DriveClient:
         return 0 if self.told is None else self.told.status
 
     @property
+    def inputs(self) -> int | None:
+        """The last digital inputs of the drive (0x60FD), of a drive with a stop input."""
+        return None if self.told is None else self.told.inputs
+
+    @property
     def mode_shown(self) -> int:
         """The last mode of operation that the drive displayed (0x6061)."""
         return self._mode
@@ -306,9 +319,10 @@ class DriveClient:
         write_object(transport, "mode", self.mode)
         write_cycle_time(transport, self.drive)
         self.remarks += write_limits(transport, self.drive, own_force=self._own_force)
-        there = {name for group in (*cia402.SENT, *cia402.TOLD) for name in group if has_object(transport, name)}
+        there = {name for name in (*self._sent.names, *self._back.names) if has_object(transport, name)}
+        inputs = () if self.drive.stop_input is None else cia402.INPUTS
         target = _TARGETS.get(self.mode, "target_velocity")
-        missing = [name for name in (*cia402.NEEDED, target) if name not in there]
+        missing = [name for name in (*cia402.NEEDED, target, *inputs) if name not in there]
         if missing:
             places = ", ".join(f"{cia402.OBJECTS[name].place} ({name})" for name in missing)
             raise BusError(f"{transport.where}: has no object {places}, without which it cannot be driven")
@@ -384,6 +398,7 @@ class DriveClient:
             None if error is None else error * scaling.metre,
             None if second is None else second * scaling.metre,
             raw.get("error_code", 0),
+            raw.get("digital_inputs"),
         )
         self._here = raw["position"]
         self._mode = raw["mode_display"]

@@ -100,6 +100,14 @@ class BusDrive(Section):
         most=10.0,
         default=0.0,
     )
+    stop_input: int | None = choice(
+        "bit of the drive's digital inputs (0x60FD) that stops a motion; absent: none", least=0, most=31, default=None
+    )
+    stop_level: int = choice(
+        "level of that input at which it stops; 0: a contact that opens, and so a broken wire, stops",
+        options=(0, 1),
+        default=0,
+    )
     scaling: DriveScaling = part("increments and rated torque")
     limits: BusLimits = part("where a motion is aborted")
 
@@ -132,6 +140,12 @@ class BusDrive(Section):
                     f"limits.{name} = {Quantity(getattr(self.limits, name), 'm'):6 SI} is less than one increment, "
                     f"{Quantity(self.scaling.metre, 'm'):6 SI}: look at scaling.counts_per_turn, lead and increment"
                 )
+
+    def asks_stop(self, inputs: int | None) -> bool:
+        """Return True if the digital inputs of the drive (0x60FD) ask for a stop; None: they are not known."""
+        if self.stop_input is None or inputs is None:
+            return False
+        return inputs >> self.stop_input & 1 == self.stop_level
 
     @property
     def watchdog_time(self) -> float:

@@ -42,6 +42,7 @@ KINDS: Mapping[str, Kind] = {
         0.0,
     ),
     "cable": Kind("the cable is pulled: no frame passes either way", "", 0.0),
+    "stop_input": Kind("a person at the stop of the drive: all its digital inputs (0x60FD) change", "", 0.0),
 }
 """The faults by name."""
 
@@ -163,6 +164,8 @@ class FaultActor:
             told["position"] += round(jump / self._metre)
         if self.since("zero_error"):
             told["following_error"] = 0
+        if self.since("stop_input"):
+            told["digital_inputs"] = values["digital_inputs"] ^ 0xFFFFFFFF
         late = self.size("late_status")
         if late is not None and self.since("late_status") <= late:
             told |= {name: self._kept["late_status"][name] for name in ("statusword", "error_code")}

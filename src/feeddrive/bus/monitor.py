@@ -14,6 +14,7 @@ request to stop.  It shares no state with the client, the player or the drive, a
 Checks, in this order; the first that fails is the fault:
 
     stop           a person: Ctrl-C, a key, the loss of the terminal, or whatever the caller passes as `stop`
+    stop_input     a person at an input of the drive: its bit of 0x60FD has the level at which it stops
     frames         `lost_frames` cycles in a row without an answer
     drive, mode    statusword other than 'operation enabled'; 0x6061 other than the mode for more than `lag` cycles
     jump           |x - x_1 - u_1 t| > A t (t + n T) + JUMP c: no motion within the accelerations A gets there in the
@@ -119,6 +120,7 @@ class Cycle(NamedTuple):
 
     elapsed  time since the last cycle began, in cycles
     stop     why a person or a program asks for a stop; empty: nobody does
+    inputs   the digital inputs of the drive (0x60FD), None if they are not told
     """
 
     target: Target
@@ -127,6 +129,7 @@ class Cycle(NamedTuple):
     mode: int
     elapsed: float = 1.0
     stop: str = ""
+    inputs: int | None = None
 
 
 class Seen(NamedTuple):
@@ -179,8 +182,7 @@ class Monitor:
         self._response = max(watch.RESPONSE, self._window * drive.cycle_time)
         self._long = math.ceil(self._response / drive.cycle_time - 1e-9)
         self._memory = MEMORY * self._response
-        # the answer is `lag` cycles old, and the frames that carry the reaction may be lost
-        self._reaction = (drive.lag + self._window) * drive.cycle_time
+        self._reaction = reaction_time(drive)
 
     def begin(self, answer: Answer) -> State:
         """Return the initial state, for an axis that holds its position."""
@@ -228,6 +230,8 @@ class Monitor:
         )
         first = (
             self._stop(cycle, number)
+            # which stays as it is while the axis brakes
+            or (None if braking else self._pressed(cycle, number))
             or self._left(cycle, number)
             or (self._other_mode(cycle.mode, number) if strange > drive.lag + 1 else None)
         )
@@ -265,6 +269,14 @@ class Monitor:
 
     def _stop(self, cycle: Cycle, number: int) -> Fault | None:
         return Fault("stop", 1.0, 0.0, "", number, cycle.stop) if cycle.stop else None
+
+    def _pressed(self, cycle: Cycle, number: int) -> Fault | None:
+        """Return a fault if the stop input of the drive asks for a stop."""
+        drive = self.drive
+        if not drive.asks_stop(cycle.inputs):
+            return None
+        message = f"stopped by the stop input of the drive (bit {drive.stop_input} of 0x60FD is {drive.stop_level})"
+        return Fault("stop_input", float(drive.stop_level), float(1 - drive.stop_level), "", number, message)
 
     def _silent(self, lost: int, number: int) -> Fault | None:
         """Return a fault if too many frames in a row were lost."""
@@ -481,8 +493,14 @@ class Monitor:
 
 def braking_distance(drive: BusDrive, speed: float) -> float:
     """Return the travel from a speed (m/s) to standstill, m: lag + lost_frames + 2 cycles of reaction, and v²/(2 a)."""
-    reaction = (drive.lag + drive.lost_frames + SPARE) * drive.cycle_time
-    return speed * reaction + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
+    return speed * reaction_time(drive) + 0.5 * speed * speed / drive.limits.quick_stop_deceleration
+
+
+def reaction_time(drive: BusDrive) -> float:
+    """Return the longest time until a reaction acts, s: the answer is `lag` cycles old, and the frames that carry the
+    reaction may be lost.
+    """
+    return (drive.lag + drive.lost_frames + SPARE) * drive.cycle_time
 
 
 def _agree(seen: tuple[Seen, ...], n: int) -> bool:

@@ -272,7 +272,8 @@ _HELD = 1.0  # s for which a virtual drive without a clock is held, as nobody wa
 class Played:
     """The log of a motion, the reason for an early end (None if completed), lost frames, lateness, and remarks.
 
-    cause  of an early end: "person", "guard" (of a control on trial), "bus", or the kind of the monitor's fault
+    cause  of an early end: "person" (at an input of the drive as well), "guard" (of a control on trial), "bus", or the
+           kind of the monitor's fault
     """
 
     log: Log
@@ -402,6 +403,7 @@ def play_together(
     lag, count = max(client.drive.lag for client in clients), max(profile.excitation.size for profile in profiles)
     report_every = max(1, round(0.1 / drive.cycle_time))
     aborted, cause, reactions = "", "", [BRAKE] * len(clients)
+    _refuse_stopped(clients)
     with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
         held = _switch_on(
             first,
@@ -430,8 +432,11 @@ def play_together(
                 faults[0] = skew.fault(kept[0].last.position, kept[1].last.position, k)
             if any(faults):
                 aborted, reactions = _trouble(kept, faults), _reactions(faults)
-                told = "person" if by_hand else "guard" if any(row.tripped for row in sent) else ""
-                cause = told or next(fault.kind for fault in faults if fault is not None)
+                kinds = [fault.kind for fault in faults if fault is not None]
+                if by_hand or "stop_input" in kinds:
+                    cause = "person"
+                else:
+                    cause = "guard" if any(row.tripped for row in sent) else kinds[0]
                 break
             if progress is not None and k % report_every == 0:
                 # unlike `step`, it never raises: a cancel must end the motion by a quick stop
@@ -480,6 +485,17 @@ def play_together(
         )
         played.append(Played(log, end or None, lost, lateness, tuple(remarks), cause))
     return played
+
+
+def _refuse_stopped(clients: Sequence[DriveClient]) -> None:
+    """Raise BusError for a drive whose stop input asks for a stop before it is switched on."""
+    for client in clients:
+        drive = client.drive
+        if drive.asks_stop(client.inputs):
+            raise BusError(
+                f"{client.transport.where}: its stop input asks for a stop (bit {drive.stop_input} of 0x60FD is "
+                f"{drive.stop_level}): release the stop, or look at the wiring, stop_input and stop_level"
+            )
 
 
 def _shown(end: str, drive: BusDrive) -> str:
@@ -674,7 +690,9 @@ def _weigh(
         first.cycle()
         for i, (client, (monitor, state, target)) in enumerate(zip(clients, watching, strict=True)):
             answer = None if client.answer is None else answer_of(client, client.answer)
-            cycle = Cycle(target, answer, client.statusword, client.mode_shown, first.pace.elapsed)
+            cycle = Cycle(
+                target, answer, client.statusword, client.mode_shown, first.pace.elapsed, inputs=client.inputs
+            )
             after, fault = monitor.step(state, cycle)
             watching[i] = monitor, after, target
             if fault is not None:
@@ -881,7 +899,7 @@ class _Rows:
     def _checked(self, target: Target, elapsed: float, stop: str, *, braking: bool = False) -> Fault | None:
         client = self.client
         answer = None if client.answer is None else self._answer(client.answer)
-        cycle = Cycle(target, answer, client.statusword, client.mode_shown, elapsed, stop)
+        cycle = Cycle(target, answer, client.statusword, client.mode_shown, elapsed, stop, client.inputs)
         self._state, fault = self._monitor.step(self._state, cycle, braking=braking)
         return fault
 

@@ -283,12 +283,16 @@ _TRIPPED = {
 _NO_WINDOW = 0xFFFFFFFF  # of 0x6065: it disables the following error window (CiA 402); of 0x6080 no limit, either
 # the axis trails the ramp of its setpoint, and the position loop brings it to rest meanwhile
 _STANDSTILL = 0.2  # s that a quick stop holds the axis after its ramp
+# faults in which position and power stage are sound: the drive brakes in them if 0x605E says so
+_BRAKED = frozenset((0x7500, 0x8400, 0x8611, 0x8612))
 _WRITABLE = {
     "controlword",
     "connection_option",
     "quick_stop_option",
+    "fault_reaction_option",
     "mode",
     "following_error_window",
+    "following_error_timeout",
     "target_torque",
     "max_torque",
     "target_position",
@@ -358,7 +362,8 @@ class Firmware:
     while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`, and act from the next sample on.
 
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
-    in 0x6085 and then switches off; a fault removes the force immediately.  `faults` are acted out in operation.
+    in 0x6085 and then switches off.  A fault does the same if 0x605E = 2 and the drive can still brake, and removes the
+    force immediately otherwise.  `faults` are acted out in operation.
     """
 
     def __init__(
@@ -395,6 +400,7 @@ class Firmware:
         self._target: float | None = None  # m, where the last straight line ended
         self._braking: tuple[float, float] | None = None  # set position and velocity of a quick stop
         self._still = 0.0  # s since its ramp ended
+        self._beyond = 0.0  # s for which the following error is beyond its window
         self.values = self._beginning()
         self._shares = np.arange(1, self.samples + 1) / self.samples
         self._show(axis.last.position, axis.last.second, 0.0, 0)
@@ -423,6 +429,7 @@ class Firmware:
             "supported_modes": 1 << (cia402.CSP - 1)
             | 1 << (cia402.CST - 1)
             | (1 << (cia402.CSV - 1) if velocity else 0),
+            "digital_inputs": 0xFFFF0000,  # contacts that are closed
             "cycle_value": cycle_value,
             "cycle_exponent": cycle_exponent,
         }
@@ -520,6 +527,11 @@ class Firmware:
             self._begin_braking()
         if self.state is PowerState.QUICK_STOP:
             error = self._brake()
+        elif self.state is PowerState.FAULT_REACTION:
+            # what it cannot brake ends as a fault without a reaction
+            if self._brake():
+                self.state = PowerState.FAULT
+            error = 0
         elif self.state is PowerState.ENABLED:
             error = self._obey(values["mode_display"], fresh=before is not PowerState.ENABLED)
         else:
@@ -535,7 +547,11 @@ class Firmware:
         values["statusword"] = self._status()
 
     def _fault(self, code: int) -> None:
-        self.state = PowerState.FAULT
+        operates = self.state in (PowerState.ENABLED, PowerState.QUICK_STOP)
+        brakes = operates and code in _BRAKED and self.values["fault_reaction_option"] == 2
+        if brakes and self.state is PowerState.ENABLED:
+            self._begin_braking()
+        self.state = PowerState.FAULT_REACTION if brakes else PowerState.FAULT
         self.values["error_code"] = code
         self.values["statusword"] = self._status()
 
@@ -555,7 +571,8 @@ class Firmware:
             return self._coast(slip or 0.0)
         if self._clamped:
             return self._stand(0.0)
-        if self.state is PowerState.FAULT:
+        # after its reaction it holds the axis meanwhile, too
+        if self.state is PowerState.FAULT and self._kept is None:
             return self._coast(0.0)
         self._target = None
         self._kept = self.axis.last.position if self._kept is None else self._kept
@@ -573,7 +590,7 @@ class Firmware:
         """Let the brake open or close, which takes its time."""
         if self.brake is None:
             return
-        opens = self.state in (PowerState.ENABLED, PowerState.QUICK_STOP)
+        opens = self.state in (PowerState.ENABLED, PowerState.QUICK_STOP, PowerState.FAULT_REACTION)
         if opens:
             self._kept = None
         if opens != self._clamped:
@@ -622,10 +639,11 @@ class Firmware:
         line[-1] = target
         self._target = target
         error = self._moved(line, values["velocity_offset"] * scaling.metre, offset, enable=True)
-        far = abs(counts - values["position"])
         window = values["following_error_window"]
+        far = window != _NO_WINDOW and abs(counts - values["position"]) > window
+        self._beyond = self._beyond + self.cycle_time if far else 0.0
         values["following_error"] = _within("following_error", counts - values["position"])
-        return error or (0x8611 if window != _NO_WINDOW and far > window else 0)
+        return error or (0x8611 if self._beyond > 1e-3 * values["following_error_timeout"] else 0)
 
     def _push(self, per_mille: int) -> int:
         most = self.values["max_torque"]
@@ -668,9 +686,12 @@ class Firmware:
         self._braking = position, velocity
         error = self._moved(line, speeds, 0.0, enable=True)
         self._still += self.cycle_time if velocity == 0.0 else 0.0
-        # CiA 402: with options 5 to 8 a drive stays in quick stop active
-        if self._still >= _STANDSTILL and self.values["quick_stop_option"] < 5:
-            self.state = PowerState.SWITCH_ON_DISABLED
+        if self._still >= _STANDSTILL:
+            if self.state is PowerState.FAULT_REACTION:
+                self.state, self._kept = PowerState.FAULT, self.axis.last.position
+            # CiA 402: with options 5 to 8 a drive stays in quick stop active
+            elif self.values["quick_stop_option"] < 5:
+                self.state = PowerState.SWITCH_ON_DISABLED
         return error
 
     def _moved(

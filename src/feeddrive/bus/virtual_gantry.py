@@ -167,24 +167,38 @@ def virtual_gantry(machine: Machine, *, skew: float = SKEW, seed: int = 0) -> Ga
 
     Raises StructureError for a machine without a beam.
     """
+    driven = driven_gantry(machine, seed)
+    sides = [_axis_of(side, station, skew) for station, side in enumerate(driven.sides, start=1)]
+    return Gantry(sides[0], sides[1])
+
+
+def driven_gantry(machine: Machine, seed: int = 0) -> DrivenGantry:
+    """Return the two drives of a machine with a `CrossBeam`; its other axes and the couplings to them are left out.
+
+    Raises StructureError for a machine without a beam.
+    """
     beam = beam_of(machine)
     if beam is None:
         raise StructureError("a virtual gantry needs a machine with a cross_beam between its two drives")
     names = beam.axes()
     couplings = tuple(coupling for coupling in machine.couplings if set(coupling.axes()) <= set(names))
     loops = {name: loop for name, loop in machine.loops().items() if name in names}
-    driven = DrivenGantry(Machine.of(loops, couplings), seed)
-    sides = [_axis_of(side, station, skew) for station, side in enumerate(driven.sides, start=1)]
-    return Gantry(sides[0], sides[1])
+    return DrivenGantry(Machine.of(loops, couplings), seed)
 
 
-def _axis_of(side: DrivenSide, station: int, skew: float) -> BusAxis:
-    scaling = scaling_of(side.loop)
-    cycle_time = virtual_cycle_time(side.loop)
-    firmware = Firmware(side, scaling, cycle_time)
-    edit = TomlEdit(drive_text(side.loop, scaling, "ethercat", "virtual", station, cycle_time), f"drive of {side.name}")
+def side_text(side: DrivenSide, interface: str, station: int, cycle_time: float, skew: float = SKEW) -> str:
+    """Return the text of the drive file of one side, with limits.skew (m)."""
+    text = drive_text(side.loop, scaling_of(side.loop), "ethercat", interface, station, cycle_time)
+    edit = TomlEdit(text, f"drive of {side.name}")
     edit.set(("lag",), _LAG)
     edit.set(("axis",), side.name)
     edit.set(("limits", "skew"), skew, "m")
-    file = drive_of(parse_toml(edit.text, f"virtual drive of axis {side.name}"))
+    return edit.text
+
+
+def _axis_of(side: DrivenSide, station: int, skew: float) -> BusAxis:
+    cycle_time = virtual_cycle_time(side.loop)
+    firmware = Firmware(side, scaling_of(side.loop), cycle_time)
+    text = side_text(side, "virtual", station, cycle_time, skew)
+    file = drive_of(parse_toml(text, f"virtual drive of axis {side.name}"))
     return BusAxis(file, lambda _: VirtualEtherCAT(firmware, station), paced=False)

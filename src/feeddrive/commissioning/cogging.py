@@ -7,7 +7,8 @@ The momentum balance is taken in weak form, over windows with a smooth weight w,
 
 with the force as it acts, a dead time after it was commanded.  For each period P of a grid it is a linear least-squares
 problem; the period that leaves least is taken, if g as it is found in one direction of motion explains the other one,
-too: vibrations and friction, which the best of so many periods fits as well, do not repeat with the position.  A travel
+too: vibrations and friction, which the best of so many periods fits as well, do not repeat with the position.  Nor is a
+force taken that the windows average away, whose size would be extrapolated from what they leave of it.  A travel
 that is shorter than a period tells the force along it all the same, and not what repeats beyond it.
 
 Source: the weighted integrals, Shinbrot 1957 (modulating functions).
@@ -27,6 +28,7 @@ from feeddrive.loop.loop import Loop
 
 ORDERS = 3  # harmonics of a period
 KEPT = 0.5  # of the squares of one direction: what a force that was found in the other must leave less of
+SHOWN = 0.03  # of the squares of a force: what the windows must show of it, which average fast waves away
 _WINDOW, _ROW = 0.06, 2e-3  # s of a window, and of the means that it weighs
 _SLOW, _STICKY = 0.02, 0.05  # of the largest set speed: slower rows are left out; over which friction falls
 _LONGEST, _SHORTEST, _STEP = 0.5, 100.0, 0.1  # periods in the travel that are tried, and their step
@@ -47,7 +49,7 @@ def periodic_force(log: Log, dead_time: float) -> Cogging | None:
     fine = rough + _STEP * np.linspace(-1.0, 1.0, 2 * _FINER + 1)
     fine = fine[fine >= _LONGEST]
     best = float(fine[int(np.argmin([balance.left(waves) for waves in fine]))])
-    return balance.cogging(best) if balance.kept(best) < KEPT else None
+    return balance.cogging(best) if balance.kept(best) < KEPT and balance.shown(best) > SHOWN else None
 
 
 class _Balance:
@@ -120,6 +122,14 @@ class _Balance:
             without += self._left_of(~known, 0.0)
             left += self._left_of(~known, columns[~known] @ found)
         return left / without if without > 0.0 else 1.0
+
+    def shown(self, waves: float) -> float:
+        """Return the mean square of a force along the travel in the windows over that of its largest harmonic, A²/2."""
+        columns = self._waves(waves)
+        found = np.linalg.lstsq(self._rest(columns), self._rest(self.force), rcond=None)[0]
+        seen = columns @ found / self._weight.sum()
+        largest = float(np.max(np.hypot(found[::2], found[1::2])))
+        return float(np.mean(seen**2)) / (0.5 * largest**2) if largest > 0.0 else 0.0
 
     def _left_of(self, rows: np.ndarray, pull: np.ndarray | float) -> float:
         force, others = self.force[rows] - pull, self.others[rows]

@@ -24,10 +24,11 @@ from feeddrive.bus.play import (
 )
 from feeddrive.bus.transport import Lateness
 from feeddrive.bus.virtual_drive import DrivenAxis, Firmware, drive_text, scaling_of
+from feeddrive.bus.virtual_gantry import DrivenSide, beam_of, driven_gantry, side_text
 from feeddrive.bus.virtual_nodes import serve_canopen, serve_ethercat
 from feeddrive.files.atomic_io import new_directory, write_whole
 from feeddrive.files.log import write_log
-from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.part_program import PLAN, SETPOINTS
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
@@ -306,6 +307,16 @@ class VirtualDriveRequest(Request):
             )
 
 
+def _sides(machine: MachineFile, request: VirtualDriveRequest) -> dict[str, DrivenSide]:
+    """Return the two drives on the beam of a machine, which have one plant, by axis; empty for one without a beam."""
+    whole = machine.machine() if machine.couplings else None
+    if whole is None or beam_of(whole) is None:
+        return {}
+    if request.position != 0.0:
+        raise ParameterError(f"{machine.file.name}: the drives of a gantry begin at 0: leave out --position")
+    return {side.name: side for side in driven_gantry(whole, request.seed).sides}
+
+
 @command(VirtualDriveRequest)
 def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[int]:
     """Act as a CiA 402 drive with the plant and the control of a machine file, until Ctrl-C or cancellation.
@@ -314,16 +325,21 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
     """
     machine = read_machine(request.machine)
     several = request.bus == "ethercat" and request.axis is None
-    loops = (
-        {name: machine.loop(name) for name in machine.loops}
-        if several
-        else {request.axis or "": machine.loop(request.axis)}
-    )
+    sides = _sides(machine, request) if several else {}
+    if sides:
+        loops = {name: side.loop for name, side in sides.items()}
+        others = [name for name in machine.loops if name not in sides]
+        if others:
+            progress.remark(f"- Of the gantry alone, without {', '.join(others)}.")
+    elif several:
+        loops = {name: machine.loop(name) for name in machine.loops}
+    else:
+        loops = {request.axis or "": machine.loop(request.axis)}
     drives: dict[str, Firmware] = {}
     faults = [read_fault(text) for text in request.fault]
     for name, loop in loops.items():
         cycle_time = float(loop.sample_time) if request.cycle_us is None else request.cycle_us
-        axis = DrivenAxis(loop, request.position, request.seed)
+        axis = sides[name] if sides else DrivenAxis(loop, request.position, request.seed)
         # one axis of several: its fault is seen beside healthy ones
         drives[name] = Firmware(axis, scaling_of(loop), cycle_time, () if drives else faults)
 
@@ -355,9 +371,13 @@ def virtual_drive(request: VirtualDriveRequest, progress: Progress) -> Outcome[i
                 path = file if len(drives) == 1 else file.with_stem(f"{file.stem}_{name}")
                 # EtherCAT counts stations by their position on the segment, CANopen by a number that is set
                 station = 1 + place if request.bus == "ethercat" else request.station
-                described = (request.bus, request.master or request.interface, station, firmware.cycle_time)
-                text = drive_text(loops[name], firmware.scaling, *described)
-                write_whole(path, f'axis = "{name}"\n{text}' if name else text)
+                where = request.master or request.interface
+                if sides:
+                    write_whole(path, side_text(sides[name], where, station, firmware.cycle_time))
+                else:
+                    described = (request.bus, where, station, firmware.cycle_time)
+                    text = drive_text(loops[name], firmware.scaling, *described)
+                    write_whole(path, f'axis = "{name}"\n{text}' if name else text)
                 progress.remark(f"Written: {path}")
         if request.bus == "ethercat":
             serve_ethercat(firmwares, request.interface, ready=ready, stopped=stopped, watchdog=request.watchdog_ms)
