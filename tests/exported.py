@@ -95,6 +95,21 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
+    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie both slopes and the held end
+    "gain_schedule": loop(
+        TWO,
+        fd.blocks.GainSchedule(
+            places=tuple(
+                fd.blocks.SchedulePlace(
+                    position=position,
+                    law=fd.blocks.PolePlacement(
+                        model=dataclasses.replace(MODEL, stiffness=stiffness), bandwidth=bandwidth, rigid_damping=0.6
+                    ),
+                )
+                for position, stiffness, bandwidth in ((-0.3, 2.4e7, 34.0), (0.1, 1.8e7, 30.0), (0.4, 1.4e7, 27.0))
+            )
+        ),
+    ),
     "super_twisting": loop(ONE, SUPER_TWISTING),
     "lqg": loop(ONE, fd.blocks.LQG(model=fd.blocks.Rigid(mass=MASS, viscous=VISCOUS), omega_c=80.0, omega_o=300.0)),
     "lqg, two masses": loop(TWO, LQG_TWO),

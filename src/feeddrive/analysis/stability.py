@@ -128,7 +128,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 def _slower(law: Law) -> str:
     """Return a phrase with the gains to reduce and the time constants to increase: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
+    units = {name: tree.declaration(law, name).unit for name in law.tuned() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
     times = [name for name, unit in units.items() if unit == "s"]
     return (" and ".join(reversed(gains)) or "the gains") + (f", or lengthen {' and '.join(times)}" if times else "")
@@ -141,7 +141,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     """
     law = loop.control.law
     values = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
+    units = {name: tree.declaration(law, name).unit for name in law.tuned() if isinstance(values.get(name), float)}
     # a time constant is made longer; a ratio such as a damping stays
     powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 
