@@ -95,18 +95,16 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
-    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie both slopes and the held end
+    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie the slope and both held ends
     "gain_schedule": loop(
-        TWO,
+        ONE,
         fd.blocks.GainSchedule(
-            places=tuple(
+            places=(
+                fd.blocks.SchedulePlace(position=-0.3, law=DADSC),
                 fd.blocks.SchedulePlace(
-                    position=position,
-                    law=fd.blocks.PolePlacement(
-                        model=dataclasses.replace(MODEL, stiffness=stiffness), bandwidth=bandwidth, rigid_damping=0.6
-                    ),
-                )
-                for position, stiffness, bandwidth in ((-0.3, 2.4e7, 34.0), (0.1, 1.8e7, 30.0), (0.4, 1.4e7, 27.0))
+                    position=0.4,
+                    law=dataclasses.replace(DADSC, tracking_rate=90.0, reaching_rate=140.0, adaptation_rate=45.0),
+                ),
             )
         ),
     ),

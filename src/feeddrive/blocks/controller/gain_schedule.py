@@ -52,7 +52,7 @@ class GainSchedule(Law):
     )
 
     class Prepared(NamedTuple):
-        """The sample time (s); the width (m) of each interval between two places; the slopes (1/m) of all parameters."""
+        """The sample time (s); the width (m) of each interval between places; the slopes of all parameters per m."""
 
         T: Number
         widths: tuple[Number, ...]
