@@ -9,7 +9,6 @@ import numpy as np
 from feeddrive.language.errors import NotIdentifiableError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
-from feeddrive.language.text import Text
 
 FEWEST, MOST = 3, 10  # places: with fewer nothing contradicts a curve, and with more each place is its own measurement
 _DEGREE = 2  # highest power: the compliance of a screw that is held at both ends is x (L - x)/(L E A)
@@ -175,7 +174,9 @@ def _fit(x: np.ndarray, q: np.ndarray, weight: np.ndarray, degree: int) -> _Poly
     # a residual of a place that is left out is that of the fit over 1 - its leverage
     leverage = np.einsum("ij,ji->i", rows, inverse)
     left_out = residual / weight / np.maximum(1.0 - leverage, 1e-12)
-    return _Polynomial(coefficients, inverse @ inverse.T, float(residual @ residual), float(np.sqrt(np.mean(left_out**2))))
+    return _Polynomial(
+        coefficients, inverse @ inverse.T, float(residual @ residual), float(np.sqrt(np.mean(left_out**2)))
+    )
 
 
 def _check(
@@ -196,9 +197,8 @@ def _check(
         positive = what == "error" or (what == "value" and inverse)
         wrong = np.zeros(0) if row is None or not positive else np.flatnonzero(row <= 0.0)
         if row is not None and wrong.size:
-            raise ParameterError(
-                f"{name}: {what} {wrong[0] + 1} of {x.size} is {Quantity(float(row[wrong[0]]), unit_):6 SI}; it must be > 0"
-            )
+            shown = Quantity(float(row[wrong[0]]), unit_)
+            raise ParameterError(f"{name}: {what} {wrong[0] + 1} of {x.size} is {shown:6 SI}; it must be > 0")
     twice = np.flatnonzero(np.diff(np.sort(x)) == 0.0)
     if twice.size:
         place = float(np.sort(x)[twice[0]])

@@ -158,6 +158,10 @@ class GainSchedule(Law):
         held = law.retune(state.law, before, before.prepare(old_prepared.T), law.prepare(prepared.T))
         return state._replace(law=held)
 
+    def law_at(self, position: float) -> Law:
+        """Return the law with its parameters at a position (m): the schedule, for an axis that stays there."""
+        return self._at(self.prepare(1.0), position)
+
     def _at(self, prepared: Prepared, position: Number) -> Law:
         """Return the law with its parameters at a position (m)."""
         numbers = _numbers(self.places[0].law)
