@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from feeddrive.analysis.stability import stability
 from feeddrive.benchmark.rules import read_rules
 from feeddrive.blocks import GainSchedule, PolePlacement
+from feeddrive.certificate.systems import deployed
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, StructureError
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning import Travel, TunedTravel, along_travel, frozen, tune_travel
+from feeddrive.tuning import Travel, TunedTravel, along_travel, frozen, tune_control, tune_travel
 from feeddrive.tuning.candidates import control_with
 
 BASE: Loop = read_rules(1).plants["screw_long"].loop
@@ -142,3 +144,19 @@ def test_the_errors_of_the_measurements_reach_the_numbers_between_them() -> None
     value, error = travel.fits["axis.x.plant.stiffness"].at(1.5)
     # a line through three values of equal relative error: in the middle about the error of their mean
     assert 0.02 * value / math.sqrt(3.0) * 0.8 < error < 0.02 * value
+
+
+def test_what_has_no_position_refuses_a_schedule_and_a_run_needs_every_place_to_be_stable(tuned: TunedTravel) -> None:
+    loop = replace(BASE, control=tuned.control)
+    with pytest.raises(ParameterError, match=r"'gain_schedule' depends on the position of the axis: tune it over the"):
+        tune_control(loop)
+    with pytest.raises(ParameterError, match=r"'gain_schedule' depends on the position.*certify the law of each place"):
+        deployed(tuned.control, float(BASE.sample_time))
+    assert stability(loop).stable
+    law = tuned.control.law
+    assert isinstance(law, GainSchedule)
+    fast = replace(law.places[2], law=replace(law.places[2].law, Kp=1e8))  # type: ignore[call-arg]
+    wild = replace(loop, control=replace(tuned.control, law=replace(law, places=(*law.places[:2], fast))))
+    assert not stability(wild).stable
+    # at the first place alone it is stable: the linear model of position 0
+    assert linearize(wild, ["set_position"], ["force"]).is_stable()

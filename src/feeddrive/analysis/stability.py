@@ -74,14 +74,21 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
     """Assess the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
+    Under a gain schedule it is made at each of its places, axis by axis, and the least stable one counts.
     """
     if isinstance(system, StateSpace):
-        model = system
-    else:
-        check_system(system)
-        inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
-        excited, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
-        model = linearize(system, excited, seen, velocity=velocity)
+        return _of_model(system)
+    check_system(system)
+    inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
+    excited, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
+    places = {axis: loop.control.law.scheduled_at() for axis, loop in system.loops().items()}
+    first = {axis: float(found[0]) for axis, found in places.items() if found}
+    positions = [first | {axis: float(place)} for axis, found in places.items() for place in found] or [first]
+    models = (linearize(system, excited, seen, velocity=velocity, position=position) for position in positions)
+    return max(map(_of_model, models), key=lambda verdict: verdict.growth)
+
+
+def _of_model(model: StateSpace) -> Stability:
     poles = model.poles()
     return Stability(model, complex(poles[0]) if poles.size else 0j)
 

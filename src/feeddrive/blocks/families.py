@@ -4,7 +4,7 @@ A block is final: it implements the abstract methods and overrides no other meth
 `prepare`, `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`,
 `listen` and `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`,
 `suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `subtracts`, `tuned`, `at_one_rate`,
-`carries` and `moved`.
+`scheduled_at`, `carries` and `moved`.
 
     prepare(T)   returns a named tuple of values that depend on parameters only; called once per run
     start(...)   returns the steady state of a block at rest
@@ -277,6 +277,10 @@ class Law(Block, Retuned, ABC):
         observer = getattr(self, "observer", None)
         within = (f"observer.{name}" for name in observer.tunables) if isinstance(observer, Observer) else ()
         return (*self.to_tune(), *within)
+
+    def scheduled_at(self) -> tuple[Number, ...]:
+        """Return the positions (m) of a law whose parameters depend on the position; by default it depends on none."""
+        return ()
 
     def settled(self) -> Self:
         """Return the law without its internal limits, for linear models; by default the law itself."""

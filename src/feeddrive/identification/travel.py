@@ -79,7 +79,7 @@ class TravelFit(Result):
             for place, value, error, fitted, of_fit in zip(self.places, self.values, errors, *self.fitted, strict=True)
         ]
         columns = [
-            Column("place", self.over),
+            Column("place", self.over, "5 SI"),
             Column("measured", self.unit),
             Column("standard error", self.unit),
             Column("fitted", self.unit),

@@ -102,7 +102,13 @@ class Travel(Result):
             for path, fit in self.fits.items()
             for place, value, error in zip(fit.places, *fit.fitted, strict=True)
         ]
-        columns = ["parameter", Column("position", "m"), Column("value", ""), Column("standard error", ""), "unit"]
+        columns = [
+            "parameter",
+            Column("position", "m", "5 mm"),
+            Column("value", ""),
+            Column("standard error", ""),
+            "unit",
+        ]
         return Table("the axis along its travel", columns, rows)
 
 
@@ -224,7 +230,7 @@ class TunedTravel(Result):
             for old, new in zip(self.before, self.after, strict=True)
         ]
         columns = [
-            Column("position", "m"),
+            Column("position", "m", "5 mm"),
             Column(f"{self.goal.title}, fixed", self.goal.unit),
             Column("schedule", self.goal.unit),
             Column("better by", "share"),

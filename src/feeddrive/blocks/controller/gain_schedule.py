@@ -158,6 +158,9 @@ class GainSchedule(Law):
         held = law.retune(state.law, before, before.prepare(old_prepared.T), law.prepare(prepared.T))
         return state._replace(law=held)
 
+    def scheduled_at(self) -> tuple[Number, ...]:
+        return tuple(place.position for place in self.places)
+
     def law_at(self, position: float) -> Law:
         """Return the law with its parameters at a position (m): the schedule, for an axis that stays there."""
         return self._at(self.prepare(1.0), position)
