@@ -313,16 +313,18 @@ def tune_travel(
     same: dict[str, Any] = {"goal": goal, "limits": kept, "band": band, "velocity": velocity, "progress": progress}
     before = along_travel(travel, fixed.control, every, **same)
     of_place = [kept] * len(places)
-    for turn in range(_ROUNDS + 1):
-        control = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
-        after = along_travel(travel, control, every, **same)
-        tightened = {} if turn == _ROUNDS else _tightened(after, positions, of_place)
+    scheduled = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
+    after = along_travel(travel, scheduled, every, **same)
+    for _ in range(_ROUNDS):
+        tightened = _tightened(after, positions, of_place)
         if not tightened:
             break
         for i, narrower in tightened.items():
             of_place[i] = narrower
             places[i] = tune_control(places[i].control, loops[i], limits=narrower, filters="kept", **arguments)
-    return TunedTravel(control, fixed, tuple(places), before, after, _goal(goal))
+        scheduled = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
+        after = along_travel(travel, scheduled, every, **same)
+    return TunedTravel(scheduled, fixed, tuple(places), before, after, _goal(goal))
 
 
 def _schedule(positions: np.ndarray, laws: Sequence[Law]) -> GainSchedule:
