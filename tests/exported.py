@@ -95,6 +95,19 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
+    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie the slope and both held ends
+    "gain_schedule": loop(
+        ONE,
+        fd.blocks.GainSchedule(
+            places=(
+                fd.blocks.SchedulePlace(position=-0.3, law=DADSC),
+                fd.blocks.SchedulePlace(
+                    position=0.4,
+                    law=dataclasses.replace(DADSC, tracking_rate=90.0, reaching_rate=140.0, adaptation_rate=45.0),
+                ),
+            )
+        ),
+    ),
     "super_twisting": loop(ONE, SUPER_TWISTING),
     "lqg": loop(ONE, fd.blocks.LQG(model=fd.blocks.Rigid(mass=MASS, viscous=VISCOUS), omega_c=80.0, omega_o=300.0)),
     "lqg, two masses": loop(TWO, LQG_TWO),

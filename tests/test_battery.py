@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from feeddrive.blocks.catalogue import catalogue
+from feeddrive.blocks.controller.gain_schedule import GainSchedule
 from feeddrive.blocks.controller.lqg import LQG
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator
 from feeddrive.blocks.force.harmonic import Harmonic
@@ -19,8 +20,10 @@ from feeddrive.testing import battery
 from feeddrive.testing.battery import check_slopes
 from feeddrive.testing.exercise import Exercise, Inputs, run_of
 
-TestBlock = battery(*(block for members in catalogue().values() for block in members.values() if block is not LQG))
-TestLargeBlock = pytest.mark.slow(reason="both Riccati equations of two masses are 40,000 operations")(battery(LQG))
+# both Riccati equations of two masses are 40,000 operations, and a schedule may hold two to four of them
+LARGE = (LQG, GainSchedule)
+TestBlock = battery(*(block for members in catalogue().values() for block in members.values() if block not in LARGE))
+TestLargeBlock = pytest.mark.slow(reason="both Riccati equations of two masses are 40,000 operations")(battery(*LARGE))
 
 
 def test_a_block_whose_answers_need_no_number_is_compiled_for_lanes() -> None:

@@ -24,6 +24,7 @@ from feeddrive.papers import claims as papers
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.path import setpoints
 from small_axis import MACHINE as SMALL
+from workflow.test_travel_command import PLACES, machine_files
 
 T = 1e-3  # s
 MASS, COULOMB, VISCOUS = 140.0, 55.0, 310.0  # kg, N, N s/m
@@ -271,6 +272,15 @@ def tuned(recipe: str, source: str = "machine.toml", **gains: float) -> list[str
     return ["tune", source, "--recipe", recipe]
 
 
+def traveled(rounds: int | None = None) -> list[str]:
+    """A schedule over the travel of a long screw; without rounds no place gives way to the positions between."""
+    if rounds is not None:
+        PATCH.setattr("feeddrive.tuning.travel._ROUNDS", rounds)
+    files = machine_files(Path())
+    positions = [word for x in PLACES for word in ("--position", str(1000.0 * x))]
+    return ["travel", *files, *positions, "--starts", "1", "--between", "1"]
+
+
 def compared(starts: int, *, today: bool = False) -> list[str]:
     """P-PI against today's gains, which keep their place alone if its snap is made the larger one."""
     machine(bound=50.0)
@@ -351,6 +361,8 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.LEAVE_CONTROL: lambda: tuned("margins-robust", "ball_screw"),
     Judgment.DO_NOT_USE_TUNING: lambda: tuned("kv-rule", Kv=100.0, Kp=1e5),
     Judgment.FEWER_ARE_GOOD: robust,
+    Judgment.TAKE_SCHEDULE: traveled,
+    Judgment.DO_NOT_USE_SCHEDULE: lambda: traveled(0),
     Judgment.CORRECTED: lambda: corrected("--box", NO_BOX),
     Judgment.NOT_CORRECTED: lambda: corrected("--box", SMOOTH),
     Judgment.LEARNED: learned,
@@ -488,6 +500,7 @@ def commands() -> dict[str, Callable[[], list[str]]]:
         "friction": lambda: speeds(*ALL),
         "cogging": lambda: turns(0.0, 0.3),
         "tune": lambda: tuned("kv-rule"),
+        "travel": traveled,
         "run": lambda: job(5.0),
         "plan": part,
         "lobes": lambda: cut(0.3),
@@ -520,6 +533,7 @@ def test_a_command_prints_json(streams, command: str) -> None:
         "friction",
         "cogging",
         "tune",
+        "travel",
         "run",
         "plan",
         "lobes",

@@ -53,7 +53,7 @@ def path_of(control: Control, set_position: np.ndarray, sample_time: float) -> R
     A controller that feeds forward gets their central differences, whose Taylor expansion has the same backward
     differences; all others get the positions alone, bit-identical.
     """
-    if not control.feedforward and not control.law.feeds:
+    if not control.feedforward and not control.law.fed():
         return Recorded(position=set_position, sample_time=sample_time)
     T, around = sample_time, np.pad(set_position, 1, mode="edge")
     velocity = (around[2:] - around[:-2]) / (2.0 * T)

@@ -74,14 +74,21 @@ def stability(system: StateSpace | System, *, velocity: float = 0.05) -> Stabili
     """Assess the stability of a sampled model, or of a loop or machine moving with `velocity` (m/s; 0: the axes stick).
 
     The test covers all states that are reachable from setpoint or load force and observable in position or force.
+    Under a gain schedule it is made at each of its places, axis by axis, and the least stable one counts.
     """
     if isinstance(system, StateSpace):
-        model = system
-    else:
-        check_system(system)
-        inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
-        excited, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
-        model = linearize(system, excited, seen, velocity=velocity)
+        return _of_model(system)
+    check_system(system)
+    inputs, outputs = ("set_position", "load_force"), ("position_motor", "position_load", "force")
+    excited, seen = ([f"{port}{name}" for port in system.ports() for name in names] for names in (inputs, outputs))
+    places = {axis: loop.control.law.scheduled_at() for axis, loop in system.loops().items()}
+    first = {axis: float(found[0]) for axis, found in places.items() if found}
+    positions = [first | {axis: float(place)} for axis, found in places.items() for place in found] or [first]
+    models = (linearize(system, excited, seen, velocity=velocity, position=position) for position in positions)
+    return max(map(_of_model, models), key=lambda verdict: verdict.growth)
+
+
+def _of_model(model: StateSpace) -> Stability:
     poles = model.poles()
     return Stability(model, complex(poles[0]) if poles.size else 0j)
 
@@ -128,7 +135,7 @@ def require_stable(system: StateSpace | System, *, velocity: float = 0.05, where
 def _slower(law: Law) -> str:
     """Return a phrase with the gains to reduce and the time constants to increase: `Kp and Kv, or lengthen Tn`."""
     there = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if name in there}
+    units = {name: tree.declaration(law, name).unit for name in law.tuned() if name in there}
     gains = [name for name, unit in units.items() if unit not in ("", "s")]
     times = [name for name, unit in units.items() if unit == "s"]
     return (" and ".join(reversed(gains)) or "the gains") + (f", or lengthen {' and '.join(times)}" if times else "")
@@ -141,7 +148,7 @@ def _nearest_stable(loop: Loop, velocity: float) -> str:
     """
     law = loop.control.law
     values = dict(tree.leaves(law))
-    units = {name: tree.declaration(law, name).unit for name in law.to_tune() if isinstance(values.get(name), float)}
+    units = {name: tree.declaration(law, name).unit for name in law.tuned() if isinstance(values.get(name), float)}
     # a time constant is made longer; a ratio such as a damping stays
     powers = {name: -1.0 if unit == "s" else 1.0 for name, unit in units.items() if unit}
 

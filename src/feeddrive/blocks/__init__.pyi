@@ -16,11 +16,13 @@ from feeddrive.blocks.controller.active_disturbance_rejection import (
 )
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI as CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC as DADSC
+from feeddrive.blocks.controller.gain_schedule import GainSchedule as GainSchedule
 from feeddrive.blocks.controller.generalized_predictive import GeneralizedPredictive as GeneralizedPredictive
 from feeddrive.blocks.controller.linear_adrc import LinearADRC as LinearADRC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.lqg import LQG as LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
+from feeddrive.blocks.controller.schedule_place import SchedulePlace as SchedulePlace
 from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid
 from feeddrive.blocks.controller.super_twisting import SuperTwisting as SuperTwisting

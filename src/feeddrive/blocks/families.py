@@ -3,7 +3,8 @@
 A block is final: it implements the abstract methods and overrides no other methods except these, which have defaults:
 `prepare`, `start` of forces and feedforward, `start` and `step` of couplings with `modes`, `springs`, `follows`,
 `listen` and `correct`, `retune`, `period`, `check`, `rules`, `sampled_rules`, `substep_rules`, `fed`, `lag`, `settled`,
-`suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `carries` and `moved`.
+`suits`, `fits`, `begin`, `goes_beside`, `stretches`, `position_gain`, `positions`, `subtracts`, `tuned`, `at_one_rate`,
+`scheduled_at`, `carries` and `moved`.
 
     prepare(T)   returns a named tuple of values that depend on parameters only; called once per run
     start(...)   returns the steady state of a block at rest
@@ -262,6 +263,24 @@ class Law(Block, Retuned, ABC):
     def positions(self) -> int:
         """Return the number of positions that the law needs as separate measurements; by default `encoders`."""
         return self.encoders
+
+    def fed(self) -> tuple[str, ...]:
+        """Return the parts of the set motion that the law feeds forward; by default `feeds`."""
+        return self.feeds
+
+    def subtracts(self) -> bool:
+        """Return True if the law subtracts the estimate of an observer; by default `rejects`."""
+        return self.rejects
+
+    def tuned(self) -> tuple[str, ...]:
+        """Return the dotted names of the parameters to tune; by default `to_tune` and those of an observer."""
+        observer = getattr(self, "observer", None)
+        within = (f"observer.{name}" for name in observer.tunables) if isinstance(observer, Observer) else ()
+        return (*self.to_tune(), *within)
+
+    def scheduled_at(self) -> tuple[Number, ...]:
+        """Return the positions (m) of a law whose parameters depend on the position; by default it depends on none."""
+        return ()
 
     def settled(self) -> Self:
         """Return the law without its internal limits, for linear models; by default the law itself."""

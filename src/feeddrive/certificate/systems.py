@@ -77,6 +77,11 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     Raises ParameterError for a law with more than 64 samples per period, and for a controller with more than 60 states.
     """
     law = control.law
+    if law.scheduled_at():
+        raise ParameterError(
+            f"the law '{law.kind}' depends on the position of the axis, and a certificate is that of one linear "
+            f"control: certify the law of each place (tuning.frozen)"
+        )
     if law.period() > MOST:
         raise ParameterError(
             f"the law '{law.kind}' repeats itself every {law.period()} samples, and a certificate takes at most "

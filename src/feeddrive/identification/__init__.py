@@ -21,5 +21,6 @@ make_lazy(
         "pitch": "LearnedPitch learned_from learned_from_circles learned_pitch",
         "response.modal_fit": "fit_modes",
         "response.plant_fit": "fit_axis fit_modal_axis fit_plant fit_two_mass",
+        "travel": "TravelFit fit_over_travel",
     },
 )

@@ -45,3 +45,5 @@ from feeddrive.identification.response.plant_fit import fit_axis as fit_axis
 from feeddrive.identification.response.plant_fit import fit_modal_axis as fit_modal_axis
 from feeddrive.identification.response.plant_fit import fit_plant as fit_plant
 from feeddrive.identification.response.plant_fit import fit_two_mass as fit_two_mass
+from feeddrive.identification.travel import TravelFit as TravelFit
+from feeddrive.identification.travel import fit_over_travel as fit_over_travel

@@ -49,6 +49,7 @@ class Declaration:
     infinite   True if an infinite value is allowed
     shortest   minimum number of entries of a table, or of named sections
     inline     True if the fields of this part appear among those of the block or section that contains it
+    alike      True if the blocks of this tuple differ in numbers only
     example    example of a value in file syntax, for messages and documentation
     pattern    regular expression that the names of sections or values must match
     """
@@ -64,6 +65,7 @@ class Declaration:
     infinite: bool = False
     shortest: int = 0
     inline: bool = False
+    alike: bool = False
     example: str = ""
     pattern: str = ""
 
@@ -245,12 +247,13 @@ def table(
     return field(default=default, metadata={"declaration": declaration})
 
 
-def part(meaning: str, *, default: Any = MISSING, inline: bool = False) -> Any:
+def part(meaning: str, *, default: Any = MISSING, inline: bool = False, alike: bool = False) -> Any:
     """Declare a nested block, a tuple of blocks, or None for an absent part.
 
-    The leaves of an inline part are named as if the fields of this part belonged to the enclosing block.
+    The leaves of an inline part are named as if the fields of this part belonged to the enclosing block. The blocks of
+    a tuple that is `alike` differ in numbers only; the enclosing block checks it.
     """
-    declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline)
+    declaration = Declaration(role="part", unit="", meaning=meaning, inline=inline, alike=alike)
     return field(default=default, metadata={"declaration": declaration})
 
 

@@ -44,6 +44,8 @@ class Judgment(Enum):
         "fewer fresh machines are good than under today's control; no machine file was written",
         1,
     )
+    TAKE_SCHEDULE = "travel", "the schedule keeps all limits", 0
+    DO_NOT_USE_SCHEDULE = "travel", "the schedule does not keep its limits", 1
     CORRECTED = "setpath", "The part is corrected", 0
     NOT_CORRECTED = "setpath", "No share of the correction is safe on every machine of the box", 1
     LEARNED = "setpath --from-log", "Learned from the log", 0

@@ -66,7 +66,7 @@ def error_model(
     if form == "axis_model":
         return true_error_model(loop)
     block = next((block for block in loop.control.feedforward if isinstance(block, DisturbanceCompensator)), None)
-    if plant is not None or block is None or block.mass is None or loop.control.law.encoders > 1:
+    if plant is not None or block is None or block.mass is None or loop.control.law.positions() > 1:
         return _required(loop, plant)
     mass = max(block.mass, least_mass, _TINY * float(loop.axis.plant.rigid_mass()))
     return _required(loop, Rigid(mass=mass, viscous=block.viscous or 0.0))
@@ -372,7 +372,7 @@ def _usual(loop: Loop) -> tuple[str, ...]:
         "velocity": ("viscous",),
         "friction": ("coulomb_positive", "coulomb_negative"),
     }
-    return tuple(name for what, names in by_term.items() if what not in loop.control.law.feeds for name in names)
+    return tuple(name for what, names in by_term.items() if what not in loop.control.law.fed() for name in names)
 
 
 SATURATION = ("refused", "left_out")
@@ -614,7 +614,7 @@ def _matters(start: np.ndarray, used: np.ndarray) -> bool:
 def _likely_model(loop: Loop) -> StateSpace | Lifted | None:
     """Return Ĝ_d of a rigid axis with the mass and viscous friction that a loop feeds forward, or None."""
     block = compensator(loop)
-    if not block.mass or loop.control.law.encoders > 1:
+    if not block.mass or loop.control.law.positions() > 1:
         return None
     try:
         return _required(loop, Rigid(mass=block.mass, viscous=block.viscous or 0.0))

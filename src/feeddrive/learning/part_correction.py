@@ -342,7 +342,7 @@ def feeds_friction(loop: Loop) -> str:
     """
     blocks = (block for block in loop.control.feedforward if "friction" in block.fed())
     kinds = [block.kind for block in blocks if _levels(block)]
-    return ", ".join([*kinds, *([loop.control.law.kind] if "friction" in loop.control.law.feeds else [])])
+    return ", ".join([*kinds, *([loop.control.law.kind] if "friction" in loop.control.law.fed() else [])])
 
 
 def _levels(block: Block) -> bool:

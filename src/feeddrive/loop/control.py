@@ -113,12 +113,12 @@ class Control(Block):
         """Reject duplicate feedforward terms and compensations that this law does not support."""
         for block in self.compensation:
             block.suits(self.law)
-        if self.feedback_delay is not None and self.law.feeds:
+        if self.feedback_delay is not None and self.law.fed():
             raise StructureError(
                 f"control.feedback_delay delays the set motion of {self.law.kind}, which feeds the "
-                f"{' and the '.join(self.law.feeds)} forward itself: leave it out, or take a law without feedforward"
+                f"{' and the '.join(self.law.fed())} forward itself: leave it out, or take a law without feedforward"
             )
-        fed = dict.fromkeys(self.law.feeds, self.law.kind)
+        fed = dict.fromkeys(self.law.fed(), self.law.kind)
         for i, block in enumerate(self.feedforward):
             for name in (name for name in FEEDS if name in block.fed()):
                 if name in fed:

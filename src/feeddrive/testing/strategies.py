@@ -41,6 +41,7 @@ _USUAL: dict[str, tuple[float, float]] = {
     "": (1e-2, 2.0),
 }
 _TRIES = 40
+_SAMPLE = 2e-4  # s: the longest sample time of the exercises, at which variants of one block must be valid
 _EITHER, _SELDOM = st.booleans(), st.integers(0, 3)
 # not down to 5e-324: so small a share of a range is no magnitude of a drive
 _SHARES = st.floats(0.0, 1.0).map(lambda share: share if share > 1e-6 else 0.0)
@@ -148,7 +149,7 @@ def _field(declared: Declaration, hint: Any, needed: bool) -> _Draw:
         case "label":
             return _always(st.just("y"))
         case _:
-            return _parts(hint)
+            return _alike(hint) if declared.alike else _parts(hint)
 
 
 def _always(strategy: st.SearchStrategy[Any]) -> _Draw:
@@ -243,6 +244,17 @@ def _rows(declared: Declaration) -> st.SearchStrategy[np.ndarray]:
     if declared.unit == "s":  # times follow each other
         return st.lists(entries, min_size=2, max_size=5, unique=True).map(sorted).map(np.array)
     return st.lists(entries, min_size=2, max_size=5).map(np.array)
+
+
+def _alike(hint: Any) -> _Draw:
+    """Return a function that draws a tuple of two to four blocks that differ in numbers only."""
+    (kind, *_), counts = get_args(hint), st.integers(2, 4)
+
+    def value(draw: st.DrawFn, turn: int) -> tuple[Any, ...]:
+        first = draw(blocks_of(kind, _SAMPLE))
+        return (first, *(draw(variants_of(first, _SAMPLE)) for _ in range(draw(counts) - 1)))
+
+    return value
 
 
 def _parts(hint: Any) -> _Draw:

@@ -10,6 +10,7 @@ make_lazy(
         "poles": "Placement placement",
         "recipes": "Recipe half_antiresonance kv_rule makers_rule margin_goals symmetric_optimum",
         "scaling": "DelayMap delay_map",
+        "travel": "Travel TunedTravel along_travel frozen tune_travel",
         "tune": "Tuned assess tune_control",
         "worst": "OverBox",
     },

@@ -16,6 +16,11 @@ from feeddrive.tuning.recipes import margin_goals as margin_goals
 from feeddrive.tuning.recipes import symmetric_optimum as symmetric_optimum
 from feeddrive.tuning.scaling import DelayMap as DelayMap
 from feeddrive.tuning.scaling import delay_map as delay_map
+from feeddrive.tuning.travel import Travel as Travel
+from feeddrive.tuning.travel import TunedTravel as TunedTravel
+from feeddrive.tuning.travel import along_travel as along_travel
+from feeddrive.tuning.travel import frozen as frozen
+from feeddrive.tuning.travel import tune_travel as tune_travel
 from feeddrive.tuning.tune import Tuned as Tuned
 from feeddrive.tuning.tune import assess as assess
 from feeddrive.tuning.tune import tune_control as tune_control

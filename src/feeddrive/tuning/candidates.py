@@ -228,9 +228,9 @@ def _with_law(loop: Loop, axis: AxisModel, start: Start) -> Loop:
     prefilter are removed.
     """
     law, motion = start.law, start.feedforward
-    taken = {*law.feeds} if motion is None else {*law.feeds, *_MOTION}
+    taken = {*law.fed()} if motion is None else {*law.fed(), *_MOTION}
     blocks = [kept for block in loop.control.feedforward if (kept := _without(block, taken)) is not None]
-    if motion is None and not {*law.feeds, *(term for block in blocks for term in block.fed())} & {*_MOTION}:
+    if motion is None and not {*law.fed(), *(term for block in blocks for term in block.fed())} & {*_MOTION}:
         motion = Inertia(mass=axis.mass, viscous=axis.viscous)
     if motion is not None:
         blocks.append(motion)

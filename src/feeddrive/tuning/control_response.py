@@ -217,6 +217,11 @@ class ControlResponse:
     """
 
     def __init__(self, control: Control, sample_time: float, tunables: Sequence[str], velocity: float = 0.05) -> None:
+        if control.law.scheduled_at():
+            raise ParameterError(
+                f"the response of the law '{control.law.kind}' depends on the position of the axis: tune it over the "
+                f"travel (feeddrive travel, tuning.tune_travel), or take the law of one position (tuning.frozen)"
+            )
         self.period = control.law.period()
         if self.period > MOST:
             raise ParameterError(

@@ -71,12 +71,11 @@ def own_tunables(control: Control) -> tuple[str, ...]:
     If the law declares none, its positive parameters without a default take their place.
     """
     law, there = control.law, dict(tree.leaves(control))
-    names = [f"law.{name}" for name in law.to_tune()]
-    blocks = [("law", law), *((f"compensation.{i}", block) for i, block in enumerate(control.compensation))]
-    for where, block in blocks:
+    names = [f"law.{name}" for name in law.tuned()]
+    for i, block in enumerate(control.compensation):
         observer = getattr(block, "observer", None)
         if isinstance(observer, Observer):
-            names += [f"{where}.observer.{name}" for name in observer.tunables]
+            names += [f"compensation.{i}.observer.{name}" for name in observer.tunables]
     return tuple(dict.fromkeys(name for name in names if name in there))
 
 

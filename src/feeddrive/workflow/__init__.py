@@ -32,6 +32,7 @@ make_lazy(
         "run_job": "cosimulate demo run write_results",
         "sweep": "sweep",
         "tour": "tour",
+        "travel": "travel",
         "tune": "tune",
     },
 )

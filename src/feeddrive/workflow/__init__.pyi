@@ -38,4 +38,5 @@ from feeddrive.workflow.run_job import write_results as write_results
 from feeddrive.workflow.setpath import setpath as setpath
 from feeddrive.workflow.sweep import sweep as sweep
 from feeddrive.workflow.tour import tour as tour
+from feeddrive.workflow.travel import travel as travel
 from feeddrive.workflow.tune import tune as tune

@@ -696,6 +696,12 @@ COMMANDS: dict[str, Listed] = {
             "--study ball_screw_series --out robust",
         ),
     ),
+    "travel": Listed(
+        "travel",
+        "Tune a law over the travel: gains at each position, interpolated in the step; limits kept between them.",
+        "Tune and compare",
+        ("near.toml middle.toml far.toml --position 400 --position 1500 --position 2700 --out schedule.toml",),
+    ),
     "adjust": Listed(
         "adjust",
         "Set named numbers of a control within their bounds; all else in the machine file stays as it is written.",

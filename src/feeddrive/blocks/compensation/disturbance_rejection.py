@@ -86,7 +86,7 @@ class DisturbanceRejection(Compensation):
 
     def suits(self, law: Law) -> None:
         """Raise StructureError for a law that subtracts a disturbance estimate itself."""
-        if law.rejects:
+        if law.subtracts():
             raise StructureError(
                 f"control.compensation: disturbance_rejection under {law.kind}, which subtracts the disturbance of its "
                 f"own observer already: the force would act twice; leave the rejection out"
