@@ -301,7 +301,7 @@ def test_an_offset_of_the_encoders_does_not_move_the_table(screw: Loop, draws: M
 
 
 def test_what_is_left_out_of_a_law_keeps_still(screw: Loop, draws: ModuleType) -> None:
-    """Of all laws: states without part in the loop are constants or decay, but for a sum of set motion that is clipped."""
+    """Of all laws: states without part in the loop are constants or decay; one law has a clipped sum of set motion."""
     few, grown = draws.Draws(screw, Box(0.0, 0.0, 0), 2), list[str]()
     for found in candidates(screw)[0]:
         law = draws.linear_law(found.loop.control, few.T, 0.05)
