@@ -229,6 +229,16 @@ def test_cells_that_are_too_small_to_be_halved_are_undecided(motor: Loop, monkey
     assert "too near to the bound" in found.reason
 
 
+def test_a_plant_within_the_bound_of_the_images_is_undecided_at_once(motor: Loop) -> None:
+    """The images of this axis take 1e-4 of Ms, and halving does not lower them: no million cells are tried."""
+    box = Box(0.0, 0.0, 0)
+    found = prove_over_box(motor, box, sensitivity_peak=peak_of(motor) * (1.0 + 2e-5))
+    assert found.proven is None
+    assert "the model is too near to the bound at 318" in found.reason
+    assert found.cells < 5000
+    assert prove_over_box(motor, box, sensitivity_peak=peak_of(motor) * (1.0 + 1e-3)).proven is True
+
+
 def refused(loop: Loop, match: str, box: Box | None = None, **asked: Any) -> None:
     with pytest.raises(ParameterError, match=match):
         prove_over_box(loop, box or Box(), **asked)

@@ -49,6 +49,7 @@ _IMAGES = 2  # images on either side whose bound is that of the cell; the rest i
 _ROUND = 1e-12  # of the sum of all terms of a polynomial: more than their rounding, 30 terms of 2^-53 each
 # a cell this small at which the proof fails is not halved again: share of its frequency, and of half of a dimension
 _NARROW, _SMALL = 1e-7, 1e-5
+_NEAR = 1e-3, 0.02  # the same, of a cell with a corner that cannot be proven even alone
 _COMPARED = 60  # frequencies at which the sampled model is compared
 _AGREES = 1e-6  # largest relative difference of the sampled model of the loop from the sum over images
 
@@ -234,12 +235,14 @@ class Judged(NamedTuple):
     holds     True where the proof holds
     worst     the corner whose |1 + L| at ω0 is least
     violated  True where this corner violates the bound itself
+    open      True where this corner alone cannot be proven at ω0: the bound of the images is larger than its margin
     side      the dimension along which to halve; the number of dimensions stands for the frequency
     """
 
     holds: np.ndarray
     worst: np.ndarray
     violated: np.ndarray
+    open: np.ndarray
     side: np.ndarray
 
 
@@ -358,14 +361,16 @@ class Prover:
             distance = np.where(size > 0.0, np.abs(f.value) / np.maximum(np.abs(D.value) * size, 1e-300), np.inf)
             most = np.abs(f.value) + images * size
             worst = np.argmin(distance, axis=1)
-            violated = (most < (1.0 - 1e-9) * self.least * np.abs(D.value) * size)[np.arange(worst.size), worst]
+            bound, every = self.least * np.abs(D.value) * size, np.arange(worst.size)
+            violated = (most < (1.0 - 1e-9) * bound)[every, worst]
+            open_ = (np.abs(f.value) - images * size <= bound)[every, worst]
         # the change of f between the ends of each dimension, and over the interval
         values = f.value.reshape(cells.omega.size, *(2,) * count)
         changes = [
             np.max(np.abs(np.diff(values, axis=1 + i)).reshape(cells.omega.size, -1), axis=1) for i in range(count)
         ]
         changes.append(np.max(2.0 * np.abs(f.slope) * delta + 4.0 * f.rest, axis=1))
-        return Judged(holds, worst, violated, np.argmax(np.array(changes), axis=0))
+        return Judged(holds, worst, violated, open_, np.argmax(np.array(changes), axis=0))
 
 
 def _least_of_hull(line: Line, delta: np.ndarray) -> np.ndarray:
@@ -579,22 +584,23 @@ class _Search:
             left = np.flatnonzero(~judged.holds)
             if not left.size:
                 continue
-            cells, side = cells.take(left), judged.side[left]
-            if self._stuck(cells, side):
+            cells, judged = cells.take(left), Judged(*(part[left] for part in judged))
+            if self._stuck(cells, judged):
                 return
-            waiting.append(_halved(cells, side))
+            waiting.append(_halved(cells, judged.side))
 
-    def _stuck(self, cells: Cells, side: np.ndarray) -> bool:
-        """Return True, with the reason noted, if a cell is too small to be halved along its side."""
+    def _stuck(self, cells: Cells, judged: Judged) -> bool:
+        """Return True, with the reason noted, if a cell is too small to be halved, or small and open at a corner."""
         count = self.prover.family.count
-        width = np.concatenate(
-            [cells.high - cells.low, (cells.delta / np.maximum(cells.omega, 1e-300))[:, None]], axis=1
-        )
-        least = np.append(np.full(count, _SMALL), _NARROW)
+        share = (cells.delta / np.maximum(cells.omega, 1e-300))[:, None]
+        width = np.concatenate([cells.high - cells.low, share], axis=1)
+        least, small = np.append(np.full(count, _SMALL), _NARROW), np.append(np.full(count, _NEAR[1]), _NEAR[0])
         # below a billionth of Nyquist the first interval has no relative width
-        tiny = (width < least)[np.arange(side.size), side] | (cells.omega * self.prover.T < 1e-9 * np.pi)
-        for i in np.flatnonzero(tiny)[:1]:
-            corner, frequency = _middle(cells, i), float(cells.omega[i] / (2.0 * np.pi))
+        stuck = (width < least)[np.arange(share.size), judged.side] | (cells.omega * self.prover.T < 1e-9 * np.pi)
+        # halving lowers the bound of the images hardly any more
+        stuck |= judged.open & np.all(width < small, axis=1)
+        for i in np.flatnonzero(stuck)[:1]:
+            corner, frequency = _corner(cells, i, int(judged.worst[i])), float(cells.omega[i] / (2.0 * np.pi))
             if not self._refuted(corner, frequency):
                 self.proven, self.plant = None, corner
                 self.reason = Text(

@@ -281,14 +281,7 @@ class Box:
 
     def named(self, axis: Axis, corner: Corner) -> Text:
         """Return a plant of the box in words, such as `mass_load -30 %, 1 sample later`."""
-        parts = [
-            Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
-            for d, u in zip(self.dimensions(axis), corner.place, strict=True)
-            if abs(u) > 1e-3
-        ]
-        if corner.late:
-            parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
-        return joined(", ", parts) or Text("the model")
+        return named(self.dimensions(axis), corner)
 
     def drawn(self, axis: Axis, count: int, seed: int) -> Iterator[Corner]:
         """Yield plants drawn at random: evenly from all of the box, every other one with some parameters at an end.
@@ -302,6 +295,18 @@ class Box:
             at_end = (random.random(n) < 0.5) & (i % 2 == 1)
             place = np.where(at_end, np.sign(place), place)
             yield Corner(tuple(place.tolist()), int(random.integers(0, self.dead_time + 1)))
+
+
+def named(dimensions: Sequence[Dimension], corner: Corner) -> Text:
+    """Return a plant in words, by the dimensions of its box, such as `mass_load -30 %, 1 sample later`."""
+    parts = [
+        Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
+        for d, u in zip(dimensions, corner.place, strict=True)
+        if abs(u) > 1e-3
+    ]
+    if corner.late:
+        parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
+    return joined(", ", parts) or Text("the model")
 
 
 def _signed(axis: Axis, path: str) -> bool:
