@@ -301,7 +301,7 @@ class Prover:
         safe = np.where(small, 1.0, x)
         sinc = np.where(small, 1.0 - x * x / 6.0, np.sin(safe) / safe)
         slope = np.where(small, -x / 3.0, (np.cos(safe) - np.sin(safe) / safe) / safe)
-        # |sinc''| <= 1/3; 1e-13: the next terms of the series, and rounding
+        # |sinc''| <= 1/3; 1e-12: the next terms of the series, and rounding
         held = Line(sinc, slope * half, (half * delta) ** 2 / 6.0 + 1e-12)
         behind = half + self.dead_time + late * self.T
         turned = np.exp(-1j * omega * behind)
@@ -555,15 +555,12 @@ class _Search:
         count, corners = self.prover.family.count, 2**self.prover.family.count
         lates = np.arange(self.box.dead_time + 1.0)
         n = len(grid) * lates.size
-        middle, half = (
-            np.tile(np.mean(grid, axis=1), lates.size),
-            np.tile(0.5 * np.diff(grid, axis=1)[:, 0], lates.size),
-        )
-        waiting = (
-            [Cells(middle, half, -np.ones((n, count)), np.ones((n, count)), np.repeat(lates, len(grid)))]
-            if self.proven
-            else []
-        )
+        # wider by more than the rounding of their middles, so that neighbors overlap
+        half = 0.5 * np.diff(grid, axis=1)[:, 0] * (1.0 + 1e-12)
+        middle, half = np.tile(np.mean(grid, axis=1), lates.size), np.tile(half, lates.size)
+        every = Cells(middle, half, -np.ones((n, count)), np.ones((n, count)), np.repeat(lates, len(grid)))
+        # a plant at which the claim is wrong was found before
+        waiting = [every] if self.proven else []
         most = max(1, _CHUNK // corners)
         while waiting:
             cells = waiting.pop()
