@@ -772,10 +772,9 @@ def _fit(
     size = float(np.sqrt(np.mean(force**2)))
     # the bias due to quantization is not removed but counts as an error, and so does that of doubtful bending
     robust = solved.covariance + np.outer(shifts, shifts)
-    if terms.suspected:
-        bent = replace(terms, bends=True).columns(log, rows, log.position)[used, -1:]
-        moved = np.linalg.lstsq(np.column_stack([solved.columns, bent]), force, rcond=None)[0][:-1] - solved.values
-        robust += np.outer(moved, moved)
+    if free and not terms.bends:
+        shift = _shift_by_bending(log, rows, used, terms, solved)
+        robust += np.outer(shift, shift)
     ols = regression.errors(regression.ols_covariance(solved.projected, residual))
     frame = log.frame
     special = {"mass": frame.inertia, "viscous": frame.viscous, "slope": f"{frame.force}/{frame.position}"}
@@ -813,6 +812,25 @@ def _fit(
         # quantization acts alike in used and in unused rows
         counts=(counted / size, counted / size),
     )
+
+
+def _shift_by_bending(log: MotionLog, rows: Prepared, used: np.ndarray, terms: Terms, solved: _Solved) -> np.ndarray:
+    """Return by how much elasticity that is not a term of the fit shifts each of its values by least squares.
+
+    The shift d is that of one more column, reduced by what chance makes of it: d² - |error² - error_wider²|, or 0, as
+    between two fits of which one is more precise (Hausman 1978). It is not reduced where elasticity is suspected.
+    """
+    bent = replace(terms, bends=True).columns(log, rows, log.position)[used, -1:]
+    wide = np.column_stack([solved.columns, bent])
+    if _dependent(wide):
+        return np.zeros(solved.values.size)
+    values = np.linalg.lstsq(wide, solved.force, rcond=None)[0]
+    shift = values[:-1] - np.linalg.lstsq(solved.columns, solved.force, rcond=None)[0]
+    if terms.suspected:
+        return values[:-1] - solved.values
+    before = np.diag(covariance_of(solved.columns, solved.residual))
+    after = np.diag(covariance_of(wide, solved.force - wide @ values))[:-1]
+    return np.sqrt(np.maximum(shift**2 - np.abs(before - after), 0.0)) * np.sign(shift)
 
 
 def _with_counts(
