@@ -145,7 +145,7 @@ class Family:
         random = np.random.default_rng(0)
         for _ in range(4):
             place = random.uniform(-1.0, 1.0, self.count)
-            value, size = self._at(axis, box, place, readings)
+            value, size = self._at(axis, box, place.tolist(), readings)
             if np.any(np.abs(self.corners(place[None], place[None])[0, 0] - value) > 1e-9 * (size + 1e-300)):
                 raise ParameterError(_not_affine(axis, "a parameter enters in another way than as a mass or a spring"))
 
@@ -279,7 +279,6 @@ class Prover:
 
     def _polynomials(self, corners: np.ndarray, omega: np.ndarray, delta: np.ndarray) -> list[Line]:
         """Return den and numᵢ on intervals, each of shape (cells, corners)."""
-        n = self.powers.size
         powers = omega[:, None] ** self.powers
         gap = np.abs(self.powers[:, None] - self.powers)
         around = self._binomials * np.where(self.powers[:, None] >= self.powers, powers[:, gap], 0.0)
@@ -287,7 +286,7 @@ class Prover:
         rounding = _ROUND * (((np.abs(omega) + delta)[:, None] ** self.powers) @ self.family.sizes.T)  # (cells, rows)
         # j^m of (jω)^m, real and imaginary apart: the coefficients are real
         taylor = np.einsum("bvrm,bmk->bvrk", corners * (1j**self.powers), around)
-        rest = np.einsum("bvrk,bk->bvr", np.abs(taylor[..., 2:]), steps[:, 2:]) if n > 2 else 0.0
+        rest = np.einsum("bvrk,bk->bvr", np.abs(taylor[..., 2:]), steps[:, 2:])
         return [
             Line(taylor[:, :, r, 0], taylor[:, :, r, 1], rest[:, :, r] + rounding[:, r, None])
             for r in range(corners.shape[2])

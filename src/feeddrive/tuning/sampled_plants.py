@@ -78,10 +78,12 @@ class SampledPlants:
         """Return the sampled model of a plant from command and table force to both readings and the table."""
         from scipy.linalg import expm
 
-        M, C, K = self._middle + sum((u * change for u, change in zip(corner.place, self._changes, strict=True)), 0.0)
+        moved = self._middle.copy()
+        for u, change in zip(corner.place, self._changes, strict=True):
+            moved += u * change
         S = self._basis
         n = S.shape[0]
-        M, C, K = (S.T @ part @ S for part in (M, C, K))
+        M, C, K = (S.T @ part @ S for part in moved)
         if self._free:
             K[:, self._first] = K[self._first] = 0.0
         size = 2 * n + (self._lag is not None)
