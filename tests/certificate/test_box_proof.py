@@ -268,6 +268,12 @@ def test_friction_that_is_not_viscous_is_refused(table: Loop) -> None:
     )
 
 
+def test_viscous_friction_is_part_of_the_damping() -> None:
+    """The friction of the EMPS axis is its only damping: without it the sum over images is another plant."""
+    loop = fd.read_machine("emps").loop("x")
+    assert prove_over_box(loop, Box()).proven is True
+
+
 @pytest.mark.slow(reason="10,000 draws for each of three machines against the proven bound, by other means, 60 s")
 @pytest.mark.parametrize(("machine", "box"), [
     ("linear_motor", Box()), ("machining_center", Box()), ("ball_screw", Box(0.1, 0.1, 1)),

@@ -26,7 +26,7 @@ def apart(loop: Loop, corner: Corner, box: Box) -> float:
     other = linearize(box.plant(loop, corner), list(INPUTS), list(OUTPUTS))
     model = SampledPlants(box, loop).model(corner)
     pairs = [
-        (system.response(f, output, source).response for system in (model, other))
+        tuple(system.response(f, output, source).response for system in (model, other))
         for output in OUTPUTS
         for source in INPUTS
     ]
