@@ -953,6 +953,9 @@ CLEAR = 0.9  # largest ratio of the residuals of two delays at which the better 
 # s: unknown forces and counts shift the delay of a closed loop by as much
 _EARLY = 1e-3
 _CERTAIN = 4.0  # joint standard errors by which the delays of two halves differ if the clocks drift
+_FASTER = (
+    0.03  # of the largest speed: rows above it decide whether a delay that no drive has is a fault of the recorder
+)
 _DRIFT = 2  # times that, and samples, by which the delays of the two halves of a log differ if they drift
 
 
@@ -1023,6 +1026,19 @@ def find_delay(
     on two clocks.
     """
     how = replace(how or Preparation(), delay=motion_log.HOLD)
+    try:
+        return _delay(log, friction, how, clocks=clocks)
+    except NotIdentifiableError as refusal:
+        # friction that holds an axis while the force changes looks like a force on another clock: the log is refused
+        # only if its faster rows say so, too
+        try:
+            return _delay(log, friction, replace(how, rest=max(how.rest, _FASTER)), clocks=clocks)
+        except (LogError, NotIdentifiableError):
+            raise refusal from None
+
+
+def _delay(log: MotionLog, friction: str, how: Preparation, *, clocks: bool) -> DelayFit:
+    """Find the delay in the rows of one preparation; for the rest see `find_delay`."""
     delays = np.arange(-REACH, REACH + 1)
     base = motion_log.prepare(log, how)
     columns = columns_of(base, friction)
