@@ -186,14 +186,14 @@ def test_polynomials_hold_on_their_interval(table: Loop) -> None:
     lines = tested.control.on(omega, delta)
     cube = -np.ones((4, 3)), np.ones((4, 3))
     corners = tested.family.corners(*cube)
-    plant = tested._polynomials(corners, omega, delta)
+    plant = tested.polynomials(corners, omega, delta)
     G = tested.drive(omega, delta, np.ones(4))
     for t in random.uniform(-1.0, 1.0, 20):
         there, none = omega + t * delta, np.zeros(4)
         exact = [*tested.control.on(there, none), tested.drive(there, none, np.ones(4))]
         for line, point in zip([*lines, G], exact, strict=True):
             assert np.all(np.abs(point.value - line.value - line.slope * t * delta) <= line.rest + point.rest)
-        for line, point in zip(plant, tested._polynomials(corners, there, none), strict=True):
+        for line, point in zip(plant, tested.polynomials(corners, there, none), strict=True):
             apart = np.abs(point.value - line.value - line.slope * (t * delta)[:, None])
             assert np.all(apart <= line.rest + point.rest)
 
@@ -206,7 +206,7 @@ def test_corners_of_cells_are_those_of_the_plant(table: Loop) -> None:
     found = family.corners(low, high)[0]
     for k, ends in enumerate(product((0, 1), repeat=3)):
         place = [float((low, high)[end][0, i]) for i, end in enumerate(ends)]
-        assert found[k] == pytest.approx(Family._at(table.axis, box, place, ("reading_load",))[0], rel=1e-12)
+        assert found[k] == pytest.approx(Family.at(table.axis, box, place, ("reading_load",))[0], rel=1e-12)
 
 
 def test_used_up_work_is_undecided(table: Loop, draws: ModuleType) -> None:

@@ -111,14 +111,14 @@ class Family:
         self.count, self.outputs = len(self.dimensions), len(readings)
         if any(d.power != 1.0 for d in self.dimensions):
             raise ParameterError(_not_affine(axis, "the frequency of a mode changes its damping as well"))
-        corners = [self._at(axis, box, place, readings) for place in product((-1.0, 1.0), repeat=self.count)]
+        corners = [self.at(axis, box, place, readings) for place in product((-1.0, 1.0), repeat=self.count)]
         shape = (2,) * self.count
         self.values = np.array([value for value, _ in corners]).reshape(*shape, 1 + self.outputs, -1)
         self.sizes = np.max(np.array([size for _, size in corners]), axis=0)
         self._check_affine(axis, box, readings)
 
     @staticmethod
-    def _at(axis: Axis, box: Box, place: Sequence[float], readings: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    def at(axis: Axis, box: Box, place: Sequence[float], readings: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return den and numᵢ at a place of the box, and the sums of the magnitudes of their terms."""
         # of the axis: the viscous part of its friction belongs to the damping
         mechanics = replace(axis, plant=box.plant_of(axis, place)).mechanics()
@@ -145,7 +145,7 @@ class Family:
         random = np.random.default_rng(0)
         for _ in range(4):
             place = random.uniform(-1.0, 1.0, self.count)
-            value, size = self._at(axis, box, place.tolist(), readings)
+            value, size = self.at(axis, box, place.tolist(), readings)
             if np.any(np.abs(self.corners(place[None], place[None])[0, 0] - value) > 1e-9 * (size + 1e-300)):
                 raise ParameterError(_not_affine(axis, "a parameter enters in another way than as a mass or a spring"))
 
@@ -277,7 +277,7 @@ class Prover:
         above = np.sum(sizes[1:, : top - 1] * first ** (self.powers[: top - 1] - float(top - 2)), axis=1)
         return above / (leading - others)
 
-    def _polynomials(self, corners: np.ndarray, omega: np.ndarray, delta: np.ndarray) -> list[Line]:
+    def polynomials(self, corners: np.ndarray, omega: np.ndarray, delta: np.ndarray) -> list[Line]:
         """Return den and numᵢ on intervals, each of shape (cells, corners)."""
         powers = omega[:, None] ** self.powers
         gap = np.abs(self.powers[:, None] - self.powers)
@@ -323,7 +323,7 @@ class Prover:
         for k in [k for k in range(-_IMAGES, _IMAGES + 1) if k]:
             # real polynomials have the same magnitude at -ω
             omega = np.abs(cells.omega + k * rate)
-            den, *nums = self._polynomials(corners, omega, cells.delta)
+            den, *nums = self.polynomials(corners, omega, cells.delta)
             least = _least_of_hull(den, cells.delta)
             low = omega - cells.delta
             gain = 2.0 * stop / (low * self.T) * (1.0 if self.lag is None else self.lag / np.hypot(self.lag, low))
@@ -337,7 +337,7 @@ class Prover:
         """Return which cells are proven."""
         delta, count = cells.delta[:, None], self.family.count
         corners = self.family.corners(cells.low, cells.high)
-        den, *nums = self._polynomials(corners, cells.omega, cells.delta)
+        den, *nums = self.polynomials(corners, cells.omega, cells.delta)
         D, *Ns = (Line(*(part[:, None] for part in line)) for line in self.control.on(cells.omega, cells.delta))
         G = Line(*(part[:, None] for part in self.drive(cells.omega, cells.delta, cells.late)))
         f = D.times(den, delta)
