@@ -188,15 +188,26 @@ def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarr
     return (np.einsum("n,lnr->rl", c, x) + d[:, None]).reshape(2, *f.shape).transpose(1, 0, 2)
 
 
+def constants(law: Sequence[np.ndarray]) -> np.ndarray:
+    """Return a mask of the numbers that a law stored at its start and never writes again, such as an encoder's offset.
+
+    Such a state keeps its value whatever the readings and the other states are, so its row of A is a row of the
+    identity and its row of B is 0.  The matrix of the whole loop is then block triangular: it has the eigenvalue 1 of
+    the constant, which acts on the rest as a constant input does, and the eigenvalues of the rest.  1e-6: the rows are
+    differences of floats.
+    """
+    A, B, _, _ = law
+    apart = np.max(np.abs(np.hstack([A - np.eye(A.shape[0]), B])), axis=1, initial=0.0)
+    return apart < 1e-6
+
+
 def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the largest |z| of the closed loop of every plant, without states that never reach the force."""
+    """Return the largest |z| of the closed loop of every plant, with all states of the law but its constants.
+
+    States that never reach the force count as well: one that grows would overflow.
+    """
     A, B, c, d = law
-    live = c != 0.0
-    while True:
-        more = live | np.any(A[live] != 0.0, axis=0)
-        if np.array_equal(more, live):
-            break
-        live = more
+    live = ~constants(law)
     inner, entered, c = A[np.ix_(live, live)], B[live], c[live]
     n, q, deep = plants.A.shape[1], inner.shape[0], int(np.max(plants.late)) + 2
     largest = np.empty(plants.A.shape[0])

@@ -68,6 +68,10 @@ def test_a_given_machine_keeps_its_comments_and_the_rest_of_its_values(tmp_path:
     assert repr(after.control) == repr(before.control)
     assert repr(after.axis.encoder_load) == repr(before.axis.encoder_load)
     assert tree.get(after, "axis.x.plant.mass") == pytest.approx(TRUTH["mass"], rel=3e-3)
+    # of all estimates, in SI although the mass stands in g
+    errors = read_machine(tmp_path / "out" / "machine.toml").errors["x"]
+    assert {"plant.mass", "friction_load.coulomb", "friction_load.viscous"} <= set(errors)
+    assert abs(tree.get(after, "axis.x.plant.mass") - TRUTH["mass"]) < 4.0 * errors["plant.mass"] < 0.02 * TRUTH["mass"]
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

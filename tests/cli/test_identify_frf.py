@@ -72,7 +72,14 @@ Tn = 0.02
     made = (tmp_path / "o" / "machine.toml").read_text(encoding="utf-8")
     assert "as the drawing says; standard error" in made
     assert "stiffness_N_per_um = 18.0" in made
-    loop = read_machine(tmp_path / "o" / "machine.toml").loop("x")
+    machine = read_machine(tmp_path / "o" / "machine.toml")
+    loop = machine.loop("x")
+    # the errors that `--box identified` is made of: those in the comments, in SI
+    assert {"plant.mass_motor", "plant.mass_load", "plant.stiffness"} <= set(machine.errors["x"])
+    box = machine.box("identified", "x")
+    assert box is not None
+    assert dict(box.known)["stiffness"] == pytest.approx(2.0 * machine.errors["x"]["plant.stiffness"] / 1.8e7, rel=0.02)
+    assert 0.0 < dict(box.known)["stiffness"] < 0.05
     assert tree.get(loop, "axis.x.plant.mass_motor") == pytest.approx(130.0, rel=0.01)
     assert tree.get(loop, "axis.x.plant.viscous_load") == 0.0
     assert loop.control.law.Kv == 40.0  # type: ignore[attr-defined]

@@ -233,6 +233,9 @@ resolution_mdeg = 0.01
 """
 
 MADE_FROM = f"""
+[axis.x.standard_errors]
+"plant.mass_load" = 0.3
+
 [[made_from]]
 file = "x_axis.csv"
 sha256 = "{64 * "0"}"

@@ -31,13 +31,16 @@ def screw() -> Loop:
         ("none", None),
         ("mass=15%", Box(0.0, 0.15, 0)),
         ("dead_time=2samples, stiffness = 0.1", Box(0.1, 0.0, 2)),
+        ("identified", Box(0.2, 0.3, 1, 2.0)),
+        ("identified=3", Box(0.2, 0.3, 1, 3.0)),
+        ("dead_time=2samples,identified=1.5", Box(0.0, 0.0, 2, 1.5)),
     ],
 )
 def test_a_text_is_a_box(text: str, box: Box | None) -> None:
     assert Box.parse(text) == box
 
 
-@pytest.mark.parametrize("box", [Box(), Box(0.1, 0.0, 0), Box(0.0, 0.5, 3)])
+@pytest.mark.parametrize("box", [Box(), Box(0.1, 0.0, 0), Box(0.0, 0.5, 3), Box(0.2, 0.3, 1, 2.5)])
 def test_the_text_of_a_box_is_read_as_this_box(box: Box) -> None:
     assert Box.parse(str(box)) == box
 
@@ -55,6 +58,10 @@ def test_the_text_of_a_box_is_read_as_this_box(box: Box) -> None:
         ("mass=nan", "mass = nan must be a share"),
         ("mass=0.1,mass=0.2", "mass is stated twice"),
         ("dead_time=0.5sample", "the dead time is a whole number of samples, such as 1sample"),
+        ("identified=0", "identified is stated once, with a number of standard errors > 0: write identified"),
+        ("identified=many", "identified is stated once, with a number of standard errors > 0"),
+        ("identified,identified=3", "identified is stated once"),
+        ("none,identified", "identified is stated once"),
         ("dead_time=101samples", "dead_time = 101 must be a whole number of samples from 0 to 100"),
     ],
 )
@@ -148,3 +155,40 @@ def test_a_plant_is_named_by_what_differs(screw: Loop) -> None:
     named = Box().named(screw.axis, Corner((1.0, 0.0, -0.5, 0.0, 0.0), 1))
     assert str(named) == "mass_motor +30 %, mass_load -15 %, 1 sample later"
     assert str(Box().named(screw.axis, Corner((0.0,) * 5, 0))) == "the model"
+
+
+def test_identified_values_spread_by_their_standard_errors(screw: Loop) -> None:
+    """Two standard errors in place of the tolerance, also for the root of a stiffness that a frequency is."""
+    errors = {"plant.mass_load": 0.33, "plant.stiffness": 0.9e6, "friction_motor.coulomb": 2.0}
+    box = Box(0.2, 0.3, 1, 2.0).with_errors(screw.axis, errors, "axis.toml")
+    spreads = {d.path: d.spread for d in box.dimensions(screw.axis)}
+    assert spreads == pytest.approx(
+        {"mass_motor": 0.3, "mass_screw": 0.3, "mass_load": 0.02, "coupling_stiffness": 0.2, "stiffness": 0.1}
+    )
+    assert "identified values ±2 standard errors" in str(box.sentence)
+    only = Box(0.0, 0.0, 0, 3.0).with_errors(screw.axis, errors, "axis.toml")
+    assert {d.path: d.spread for d in only.dimensions(screw.axis)} == pytest.approx(
+        {"mass_load": 0.03, "stiffness": 0.15}
+    )
+    plant = Modal(mass=100.0, modes=(Mode(frequency=200.0, mass=50.0),))
+    axis = replace(screw.axis, plant=plant, friction_motor=None, friction_load=None)
+    (mode,) = Box(0.0, 0.0, 0, 2.0).with_errors(axis, {"plant.modes.0.frequency": 1.0}, "a.toml").dimensions(axis)
+    # to first order: ±2 Hz of 200 Hz
+    assert (mode.at(-1.0), mode.at(1.0)) == pytest.approx((198.0, 202.0), abs=0.02)
+
+
+def test_a_box_without_errors_is_not_changed_by_those_of_the_file(screw: Loop) -> None:
+    assert Box().with_errors(screw.axis, {"plant.mass_load": 0.33}, "axis.toml") == Box()
+
+
+@pytest.mark.parametrize(
+    ("errors", "message"),
+    [
+        ({}, r"axis.toml states no standard error of a mass or stiffness, \[axis.NAME.standard_errors\]: identify"),
+        ({"friction_motor.coulomb": 2.0}, "states no standard error of a mass or stiffness"),
+        ({"plant.mass_load": 17.0}, "2 standard errors of mass_load are 103 % of its value: measure longer"),
+    ],
+)
+def test_errors_that_are_no_box_are_refused(errors: dict[str, float], message: str, screw: Loop) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Box(deviations=2.0).with_errors(screw.axis, errors, "axis.toml")

@@ -14,11 +14,13 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.signals import Setpoint
 from feeddrive.figures.of_loops import DELAY_MARGIN, SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import UnstableError
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
 from feeddrive.tuning.worst import Examination, OverBox, box_plants, over_box
@@ -237,3 +239,73 @@ def test_no_plant_of_ten_thousand_exceeds_the_limit(machine: str, draws: ModuleT
     drawn = draws.Draws(loop, Box(), 10_000, seed=11).under(found.control)
     assert drawn.peak <= 2.0
     assert drawn.growth < 1.0
+
+
+@pytest.fixture(scope="module")
+def screw() -> Loop:
+    return fd.read_machine("ball_screw").loop("x")
+
+
+def traced_states(loop: Loop) -> tuple[str, ...]:
+    """The names of the states of a control, in the order of its linear model."""
+    control = replace(loop.control, guard=None, force_limit=None)
+    start = control.start(control.prepare(float(loop.sample_time)), Setpoint(0.0), 0.0, 0.0)
+    return tuple(name for name, _ in tree.leaves(start))
+
+
+def placed(loop: Loop) -> Loop:
+    """The loop under pole placement, with the gains that the law starts from."""
+    return next(found.loop for found in candidates(loop)[0] if found.name == "pole placement")
+
+
+def test_a_number_that_a_law_stored_at_its_start_is_no_pole(screw: Loop, draws: ModuleType) -> None:
+    """Pole placement subtracts the offset of its encoders, which it never writes again: an eigenvalue of exactly 1."""
+    loop = placed(screw)
+    law = draws.linear_law(loop.control, float(loop.sample_time), 0.05)
+    names = traced_states(loop)
+    assert [names[i] for i in np.flatnonzero(draws.constants(law))] == ["memory.law.offset"]
+    few = draws.Draws(screw, Box(0.0, 0.0, 0), 2)
+    assert few.under(loop.control).growth == pytest.approx(stability(loop).growth, abs=1e-7)
+    # bit by bit: whatever the readings are, the law does not write it
+    control = replace(loop.control, guard=None, force_limit=None)
+    prepared = control.prepare(float(loop.sample_time))
+    state = control.start(prepared, Setpoint(0.0), 3e-6, 1e-6)
+    random = np.random.default_rng(4)
+    for motor, load in random.normal(0.0, 1e-4, (200, 2)):
+        state, _ = control.step(prepared, state, Setpoint(0.0), float(motor), float(load), 1.0, float(loop.sample_time))
+        assert state.memory.law.offset == 3e-6 - 1e-6
+
+
+def test_an_offset_of_the_encoders_does_not_move_the_table(screw: Loop, draws: ModuleType) -> None:
+    """The constant acts as a force of K1 times the offset, which the integral takes over: nothing drifts."""
+    loop = placed(screw)
+    T = float(loop.sample_time)
+    law = draws.linear_law(loop.control, T, 0.05)
+    A, B, c, d = law
+    held = draws.constants(law)
+    plants = draws.Draws(screw, Box(0.0, 0.0, 0), 2).plants
+    (P, B0, B1, late), C = (part[0] for part in (plants.A, plants.B0, plants.B1, plants.late)), plants.C
+    ends = list[float]()
+    for offset in (0.0, 1e-6):
+        x, xi = np.zeros(len(P)), np.where(held, offset, 0.0)
+        sent = np.zeros(int(late) + 2)
+        for _ in range(12_000):
+            read = C @ x
+            sent = np.array([c @ xi + d @ read, *sent[:-1]])
+            xi = A @ xi + B @ read
+            x = P @ x + B0 * sent[int(late)] + B1 * sent[int(late) + 1]
+        ends.append(float((C @ x)[1]))
+        assert xi[held] == pytest.approx(offset)
+    # 1e-11 m: the slowest pole, 0.9977, leaves 1e-12 of the offset after 12,000 samples
+    assert abs(ends[1] - ends[0]) < 1e-11
+
+
+def test_what_is_left_out_of_a_law_keeps_still(screw: Loop, draws: ModuleType) -> None:
+    """Of all laws: states without part in the loop are constants or decay; one law has a clipped sum of set motion."""
+    few, grown = draws.Draws(screw, Box(0.0, 0.0, 0), 2), list[str]()
+    for found in candidates(screw)[0]:
+        law = draws.linear_law(found.loop.control, few.T, 0.05)
+        growth = float(np.max(draws.closed_eigenvalues(few.plants, law)))
+        if growth != pytest.approx(stability(found.loop).growth, abs=1e-6):
+            grown.append(found.name)
+    assert grown == ["P-PI + learned stops"]

@@ -11,11 +11,14 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
 from feeddrive.loop.box import Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.study.robust import tune_robust
+from feeddrive.workflow.certify import CertifyRequest, certify
+from feeddrive.workflow.command import AT_THE_MODEL
 from feeddrive.workflow.tune import NO_MODEL, TuneRequest, tune
 
 
@@ -71,3 +74,82 @@ def test_one_control_for_a_study_holds_over_the_box_of_its_job_too(tmp_path: Pat
     assert boxed.tuned.box.holds is True
     assert "2 samples later" in str(boxed.tuned.box.plant)
     assert boxed.tuned.after[0].rope_snap > 1.05 * plain.tuned.after[0].rope_snap
+
+
+ERRORS = """
+[axis.x.standard_errors]
+"plant.mass" = 0.8
+"friction_load.viscous" = 2.0
+"""
+
+
+def with_errors(folder: Path, errors: str = ERRORS) -> Path:
+    path = folder / "axis.toml"
+    bundled = fd.read_machine("linear_motor").file.text
+    path.write_text(bundled + errors, encoding="utf-8")
+    return path
+
+
+def test_the_box_of_an_identified_machine_is_that_of_its_errors(tmp_path: Path) -> None:
+    """40 kg with a standard error of 0.8 kg: the limits hold from 38.4 to 41.6 kg."""
+    path = with_errors(tmp_path)
+    found = tune.run(TuneRequest(path, box="identified", filters="kept", starts=1)).result
+    assert found.box.holds is True
+    assert "mass 38.4 to 41.6 kg" in str(found.box.text)
+    ends = [spread for spread in found.box.spreads if spread.figure.key == "sensitivity_peak"]
+    assert ends[0].worst > 1.01 * ends[0].nominal
+
+
+def test_errors_are_asked_of_the_file_that_holds_them(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=r"linear_motor.toml states no standard error of a mass or stiffness"):
+        tune.run(TuneRequest("linear_motor", box="identified"))
+    with pytest.raises(ParameterError, match="--box identified takes the standard errors of a machine file"):
+        tune.run(TuneRequest(fd.read_machine("linear_motor").loop("x"), box="identified"))
+    with pytest.raises(ParameterError, match="a study varies its machines by what it states"):
+        tune.run(TuneRequest(study="ball_screw_series", box="identified"))
+
+
+@pytest.mark.parametrize(
+    ("errors", "message"),
+    [
+        ('"plant.mas" = 0.8', r"standard_errors: 'plant.mas' is no parameter of the axis; did you mean plant.mass"),
+        ('"plant.mass" = 0', r"standard_errors: that of plant.mass = 0.0 must be above 0, in the SI unit of its value"),
+        ('"plant.mass" = "much"', r"'plant.mass' must be a number in SI, not 'much': standard errors by path"),
+    ],
+)
+def test_errors_that_cannot_be_are_named(errors: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=message):
+        fd.read_machine(with_errors(tmp_path, f"[axis.x.standard_errors]\n{errors}\n"))
+
+
+def test_without_a_box_the_limits_are_said_to_hold_at_the_model() -> None:
+    outcome = tune.run(TuneRequest("linear_motor", recipe="kv-rule"))
+    assert AT_THE_MODEL in outcome.notes
+    boxed = tune.run(TuneRequest("linear_motor", recipe="kv-rule", box="mass=0.05"))
+    assert AT_THE_MODEL not in boxed.notes
+
+
+def test_a_box_is_proven_refuted_or_refused(tmp_path: Path) -> None:
+    request = CertifyRequest("linear_motor", box="standard", max_ms=2.3, out=tmp_path / "proof")
+    proven = certify.run(request)
+    assert proven.judgment is Judgment.BOX_PROVEN
+    assert proven.verdict == (
+        "Proven: the loop is stable and has Ms <= 2.3 at every plant of the box, each constant in time."
+    )
+    kept = json.loads((tmp_path / "proof" / "box_proof.json").read_text(encoding="utf-8"))
+    assert kept["verdict"] == "proven"
+    assert "mass 28 to 52 kg" in kept["parameters"]
+    assert "at every plant of the box" in (tmp_path / "proof" / "report.html").read_text(encoding="utf-8")
+    refuted = certify.run(CertifyRequest("linear_motor", box="standard", max_ms=1.9))
+    assert refuted.judgment is Judgment.BOX_NOT_PROVEN
+    assert refuted.failure
+    assert str(refuted.verdict).startswith("The box is not proven: at mass -30 %, 1 sample later |S| is ")
+    identified = certify.run(CertifyRequest(with_errors(tmp_path), box="identified", max_ms=2.1))
+    assert "mass 38.4 to 41.6 kg" in str(identified.result.text)
+    for options, message in (
+        ({"max_ms": 2.0}, "--max-ms is proven over a box"),
+        ({"box": "standard", "radius": 0.1}, "--radius is about discs, and --box proves the plants of a model"),
+        ({"box": "standard", "fit": True}, "--fit is about discs"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            CertifyRequest("linear_motor", **options)  # type: ignore[arg-type]

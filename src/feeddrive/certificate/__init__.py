@@ -6,6 +6,7 @@ make_lazy(
     __name__,
     {
         "certificate": "Certificate",
+        "box_proof": "BoxProof prove_over_box",
         "certify": "certify_loop",
     },
 )

@@ -2,5 +2,7 @@
 
 # written by `make stubs`
 
+from feeddrive.certificate.box_proof import BoxProof as BoxProof
+from feeddrive.certificate.box_proof import prove_over_box as prove_over_box
 from feeddrive.certificate.certificate import Certificate as Certificate
 from feeddrive.certificate.certify import certify_loop as certify_loop

@@ -21,6 +21,7 @@ file = "x_axis.csv"
 sha256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,14 +31,16 @@ from typing import Any, TypeAlias
 from feeddrive.blocks.coupling.geometry import Geometry
 from feeddrive.blocks.families import Coupling
 from feeddrive.files.origins import Origin
-from feeddrive.files.section import Section, named, read_section, text, to_toml
-from feeddrive.files.toml_file import Key, TomlFile, parse_toml, quoted, read_toml, with_values
+from feeddrive.files.section import Section, named, numbers, read_section, text, to_toml
+from feeddrive.files.toml_file import Key, TomlEdit, TomlFile, parse_toml, quoted, read_toml, with_values
+from feeddrive.language import tree
 from feeddrive.language.block import Number, parameter, part
 from feeddrive.language.errors import FileError, ParameterError, StructureError, nearest, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -52,6 +55,28 @@ class AxisSection(Section):
     physics: Axis = part("the physics, whose keys stand here", inline=True)
     control: Control = part("today's control")
     limits: AxisLimits | None = part("limits of planned motions", default=None)
+    standard_errors: Mapping[str, float] | None = numbers(
+        "standard errors of values that were identified, in SI, by path",
+        default=None,
+        example='standard errors by path, such as "plant.mass" = 0.3',
+    )
+
+    def check(self) -> None:
+        """Raise ParameterError for an error that is not above 0, and for one of no parameter of the axis."""
+        there = [name for name, _ in tree.leaves(self.physics)]
+        for path, error in (self.standard_errors or {}).items():
+            if path not in there:
+                raise self.error(
+                    f"standard_errors: '{path}' is no parameter of the axis{nearest(path, there)}: write its path, "
+                    "such as plant.mass, or leave it out",
+                    "standard_errors",
+                )
+            if not 0.0 < error < math.inf:
+                raise self.error(
+                    f"standard_errors: that of {path} = {error} must be above 0, in the SI unit of its value: leave it "
+                    "out if it is not known",
+                    "standard_errors",
+                )
 
 
 class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine files
@@ -90,7 +115,8 @@ class LimitsSection(Section):
 class MachineFile(Result):
     """The content of a machine file: a loop for each axis, the couplings, and the source of the numbers.
 
-    `loops` are the individual axes, without couplings; `limits` are the limits of planned motions, where stated.
+    `loops` are the individual axes, without couplings; `limits` are the limits of planned motions, where stated;
+    `errors` are the standard errors of identified values in SI, by axis and path.
     """
 
     name: str
@@ -102,6 +128,7 @@ class MachineFile(Result):
     limits: Mapping[str, AxisLimits] = field(default_factory=dict[str, AxisLimits])
     geometry: Geometry | None = None
     made_from: tuple[Origin, ...] = ()
+    errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
     @property
     def quoted(self) -> tuple[str, ...]:
@@ -157,6 +184,17 @@ class MachineFile(Result):
         if axis not in self.loops:
             raise ParameterError(f"{self.file.name}: axis '{axis}' is not there{nearest(axis, self.loops)}")
         return axis
+
+    def box(self, text: str, axis: str | None) -> Box | None:
+        """Return the box that a text describes for an axis; the text may refer to the standard errors in the file.
+
+        Raises ParameterError like `Box.parse` and `Box.with_errors`.
+        """
+        box = Box.parse(text)
+        if box is None:
+            return None
+        name = self.named(axis)
+        return box.with_errors(self.loops[name].axis, self.errors.get(name, {}), self.file.name)
 
     def coupled(self, axis: str) -> str:
         """Return a clause that names the first coupling of an axis, or an empty string if the axis is not coupled."""
@@ -225,7 +263,22 @@ def _machine(file: TomlFile) -> MachineFile:
         limits,
         section.geometry,
         section.made_from,
+        {name: axis.standard_errors for name, axis in section.axis.items() if axis.standard_errors},
     )
+
+
+def with_standard_errors(edit: TomlEdit, axis: str, errors: Mapping[str, float]) -> None:
+    """Write the standard errors of identified values of an axis, in SI by path, in place of those in the file.
+
+    Errors that are 0 or not finite are left out: such a value was not estimated from the data.
+    """
+    rows = [f"{quoted(path)} = {error:.3g}" for path, error in errors.items() if 0.0 < error < math.inf]
+    key = ("axis", axis, "standard_errors")
+    if rows:
+        head = f"[axis.{axis}.standard_errors]  # SI, by path: the box `identified` is made of them"
+        edit.replace(key, "\n".join([head, *rows]))
+    else:
+        edit.remove(key)
 
 
 def machine_toml(

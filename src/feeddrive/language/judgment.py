@@ -46,6 +46,9 @@ class Judgment(Enum):
     )
     TAKE_SCHEDULE = "travel", "the schedule keeps all limits", 0
     DO_NOT_USE_SCHEDULE = "travel", "the schedule does not keep its limits", 1
+    BOX_PROVEN = "certify --box", "at every plant of the box", 0
+    BOX_NOT_PROVEN = "certify --box", "The box is not proven", 1
+    BOX_UNDECIDED = "certify --box", "The box is undecided", 1
     CORRECTED = "setpath", "The part is corrected", 0
     NOT_CORRECTED = "setpath", "No share of the correction is safe on every machine of the box", 1
     LEARNED = "setpath --from-log", "Learned from the log", 0

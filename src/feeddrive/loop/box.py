@@ -1,13 +1,14 @@
 """A box of plants: the tolerances of an axis within which the bounds of a control shall hold."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Self
 
 import numpy as np
 
+from feeddrive.blocks.families import Plant
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
@@ -19,6 +20,7 @@ from feeddrive.loop.loop import Loop
 # of a frequency is a stiffness over a mass
 _MASS = {"kg": 1.0, "kg m2": 1.0}
 _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
+_DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
 _EDGES = 256  # largest number of edges whose middles are examined
 
@@ -100,6 +102,8 @@ class Box:
     stiffness  relative spread of every stiffness of the plant, and of the square of every frequency of a mode
     mass       relative spread of every mass and inertia of the plant
     dead_time  additional dead time of the actuator, whole samples: a control is never earlier than its model says
+    deviations if above 0, a value that was identified spreads by so many of its standard errors instead (`with_errors`)
+    known      relative spread of each such value, by its path within the plant
 
     Friction, damping, encoders and the current loop are those of the model.  A mass that may be negative, such as an
     off-diagonal term of the mass matrix, changes with the geometric mean of the masses.
@@ -110,8 +114,14 @@ class Box:
     stiffness: float = 0.2
     mass: float = 0.3
     dead_time: int = 1
+    deviations: float = 0.0
+    known: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
+        if not (math.isfinite(self.deviations) and self.deviations >= 0.0):
+            raise ParameterError(
+                f"box: identified = {self.deviations} must be a number of standard errors > 0, such as 2 for 95 %"
+            )
         for name in ("stiffness", "mass"):
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
@@ -126,10 +136,28 @@ class Box:
         """Return the box of a text such as `stiffness=0.2,mass=0.3,dead_time=1sample`; None for `none`.
 
         What is not named has no tolerance; `standard` is the standard box, and ±20 % may be written as 20%.
+        `identified` is the standard box in which values with a standard error spread by two of them, `identified=3` by
+        three; behind other tolerances it does the same with these.
         Raises ParameterError for any other text.
         """
         if text.strip() == "none":
             return None
+        words = [word.strip() for word in text.split(",")]
+        of_errors = [word for word in words if word.partition("=")[0].strip() == "identified"]
+        if of_errors:
+            rest = ",".join(word for word in words if word not in of_errors)
+            size = of_errors[0].partition("=")[2].strip() or str(_DEVIATIONS)
+            plain = cls.parse(rest or "standard")
+            try:
+                deviations = float(size)
+            except ValueError:
+                deviations = math.nan
+            if len(of_errors) > 1 or plain is None or not deviations > 0.0:
+                raise ParameterError(
+                    f"box '{text}': identified is stated once, with a number of standard errors > 0: write identified, "
+                    "identified=3, or stiffness=0.2,mass=0.3,dead_time=1sample,identified=3"
+                )
+            return replace(plain, deviations=deviations)
         if text.strip() == "standard":
             return cls()
         values = tolerances(text, ("stiffness", "mass", "dead_time"), "stiffness=0.2,mass=0.3,dead_time=1sample")
@@ -139,7 +167,40 @@ class Box:
         """Return the text from which `parse` makes this box."""
         unit = "sample" if self.dead_time == 1 else "samples"
         stated = f"stiffness={number(self.stiffness, 6)},mass={number(self.mass, 6)}"
-        return f"{stated},dead_time={self.dead_time}{unit}"
+        of_errors = f",identified={number(self.deviations, 6)}" if self.deviations else ""
+        return f"{stated},dead_time={self.dead_time}{unit}{of_errors}"
+
+    def with_errors(self, axis: Axis, errors: Mapping[str, float], where: str) -> Self:
+        """Return the box in which each value with a standard error spreads by `deviations` of them.
+
+        errors  standard errors in SI by path, such as plant.mass
+        where   name of the file in messages
+
+        A box without `deviations` is returned unchanged.  Raises ParameterError if no mass and no stiffness has an
+        error, and for errors so large that the value might be 0.
+        """
+        if not self.deviations:
+            return self
+        # of the whole plant, whichever of both tolerances the box has
+        every = replace(self, stiffness=0.5, mass=0.5, known=()).dimensions(axis)
+        known = {d.path: self.deviations * errors[f"plant.{d.path}"] for d in every if f"plant.{d.path}" in errors}
+        if not known:
+            raise ParameterError(
+                f"box '{self}': {where} states no standard error of a mass or stiffness, [axis.NAME.standard_errors]: "
+                "identify the axis (feeddrive identify), or take --box standard"
+            )
+        spreads = list[tuple[str, float]]()
+        for d in every:
+            if d.path in known:
+                # of a frequency, whose square is a stiffness, twice its own share
+                spread = known[d.path] / d.value / d.power
+                if not spread < 1.0:
+                    raise ParameterError(
+                        f"box '{self}': {where}: {number(self.deviations, 3)} standard errors of {d.path} are "
+                        f"{number(100.0 * spread, 3)} % of its value: measure longer, or take --box standard"
+                    )
+                spreads.append((d.path, spread))
+        return replace(self, known=tuple(spreads))
 
     @property
     def sentence(self) -> Text:
@@ -150,14 +211,18 @@ class Box:
             for name, size in (("stiffness", self.stiffness), ("mass", self.mass))
             if size
         ]
+        if self.deviations:
+            parts.append(f"identified values ±{Quantity(self.deviations):3} standard errors")
         return joined(", ", [Text(part) for part in (*parts, *([late] if self.dead_time else []))]) or Text("no spread")
 
     def dimensions(self, axis: Axis) -> tuple[Dimension, ...]:
         """Return the uncertain parameters of the plant of an axis: its masses first, then its stiffnesses."""
         found: list[Dimension] = []
-        for powers, spread in ((_MASS, self.mass), (_STIFFNESS, self.stiffness)):
+        known = dict(self.known)
+        for powers, usual in ((_MASS, self.mass), (_STIFFNESS, self.stiffness)):
             for path, value in tree.leaves(axis.plant):
                 declared = tree.declaration(axis.plant, path)
+                spread = known.get(path, usual)
                 # a parameter of 0 is absent, and one that may be negative is a product of two masses
                 if declared.unit in powers and spread and value > 0.0 and not _signed(axis, path):
                     unit = tree.declaration(axis, f"plant.{path}").unit
@@ -169,18 +234,22 @@ class Box:
         ends = joined("; ", [dimension.text for dimension in self.dimensions(axis)])
         return Text(f"{self.sentence}{Text(f' ({ends})') if ends else ''}")
 
+    def plant_of(self, axis: Axis, place: Sequence[float]) -> Plant:
+        """Return the plant of an axis at a place of the box, from -1 to 1 for each dimension."""
+        dimensions = self.dimensions(axis)
+        changes = {d.path: d.at(u) for d, u in zip(dimensions, place, strict=True)}
+        masses = [changes[d.path] / d.value for d in dimensions if d.unit in _MASS]
+        mean = math.exp(sum(map(math.log, masses)) / len(masses)) if masses else 1.0
+        changes |= {path: value * mean for path, value in tree.leaves(axis.plant) if _signed(axis, path)}
+        return tree.vary(axis.plant, changes) if changes else axis.plant
+
     def plant(self, loop: Loop, corner: Corner) -> Loop:
         """Return the loop with a plant of the box. Its control is unchanged, with the model that it was told.
 
         Raises ParameterError if the axis cannot be built, for example for a dead time above 1000 samples.
         """
-        axis, dimensions = loop.axis, self.dimensions(loop.axis)
-        changes = {d.path: d.at(u) for d, u in zip(dimensions, corner.place, strict=True)}
-        masses = [changes[d.path] / d.value for d in dimensions if d.unit in _MASS]
-        mean = math.exp(sum(map(math.log, masses)) / len(masses)) if masses else 1.0
-        changes |= {path: value * mean for path, value in tree.leaves(axis.plant) if _signed(axis, path)}
-        plant = tree.vary(axis.plant, changes) if changes else axis.plant
-        return replace(loop, axis=replace(axis, plant=plant)).later(corner.late)
+        plant = self.plant_of(loop.axis, corner.place)
+        return replace(loop, axis=replace(loop.axis, plant=plant)).later(corner.late)
 
     def corners(self, axis: Axis) -> Iterator[Corner]:
         """Yield the corners of the box of an axis; of more than 64, those that few changes of sign lead to.
@@ -212,14 +281,7 @@ class Box:
 
     def named(self, axis: Axis, corner: Corner) -> Text:
         """Return a plant of the box in words, such as `mass_load -30 %, 1 sample later`."""
-        parts = [
-            Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
-            for d, u in zip(self.dimensions(axis), corner.place, strict=True)
-            if abs(u) > 1e-3
-        ]
-        if corner.late:
-            parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
-        return joined(", ", parts) or Text("the model")
+        return named(self.dimensions(axis), corner)
 
     def drawn(self, axis: Axis, count: int, seed: int) -> Iterator[Corner]:
         """Yield plants drawn at random: evenly from all of the box, every other one with some parameters at an end.
@@ -233,6 +295,18 @@ class Box:
             at_end = (random.random(n) < 0.5) & (i % 2 == 1)
             place = np.where(at_end, np.sign(place), place)
             yield Corner(tuple(place.tolist()), int(random.integers(0, self.dead_time + 1)))
+
+
+def named(dimensions: Sequence[Dimension], corner: Corner) -> Text:
+    """Return a plant in words, by the dimensions of its box, such as `mass_load -30 %, 1 sample later`."""
+    parts = [
+        Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
+        for d, u in zip(dimensions, corner.place, strict=True)
+        if abs(u) > 1e-3
+    ]
+    if corner.late:
+        parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
+    return joined(", ", parts) or Text("the model")
 
 
 def _signed(axis: Axis, path: str) -> bool:

@@ -246,14 +246,22 @@ def position_loop(point: OperatingPoint, whole: Response, inner: Response) -> FR
     return FRF(f[below], gain[below], "velocity command", "velocity command", "", step)
 
 
-def modelled_point(loop: Loop, name: str = "model", *, velocity: float = 0.05, coarse: bool = False) -> OperatingPoint:
+def modelled_point(
+    loop: Loop,
+    name: str = "model",
+    *,
+    velocity: float = 0.05,
+    coarse: bool = False,
+    model: StateSpace | None = None,
+) -> OperatingPoint:
     """Return the operating point of the axis of a loop, linearized while it slides at `velocity` (m/s).
 
     The responses include dead time, current loop and encoders.
 
     coarse  True for a third of the lines, as to find the worst of many plants
+    model   the linear model of the axis, if it is known already
     """
-    model = linearize(
+    model = model or linearize(
         loop, ["cut", "load_force"], ["reading_motor", "reading_load", "position_load"], velocity=velocity
     )
     T = float(loop.sample_time)

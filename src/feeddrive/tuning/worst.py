@@ -21,13 +21,14 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
 from feeddrive.language.table import UNIT, Cell, Result, Table
 from feeddrive.language.text import Text, joined
-from feeddrive.loop.box import Box, Corner
+from feeddrive.loop.box import Box, Corner, named
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import Answer, Figures, figures, reported
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, Limits, bounds_of
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
+from feeddrive.tuning.sampled_plants import SampledPlants
 
 _STARTS = 3  # worst corners from which a search within the box starts
 _NEARLY, _MOST = 0.9, 16  # of the worst: middles of edges from which a search starts; the largest number of them
@@ -44,6 +45,9 @@ class BoxPlants:
 
     def __init__(self, box: Box, loop: Loop, name: str, velocity: float) -> None:
         self.box, self.loop, self.name, self.velocity = box, loop, name, velocity
+        sampled = SampledPlants(box, loop)
+        self._sampled = sampled if sampled.agree(box, velocity) else None
+        self._dimensions = box.dimensions(loop.axis)
         self.corners = tuple(box.corners(loop.axis))
         self.inside = tuple(box.drawn(loop.axis, _INSIDE, 0))
         self.edges = tuple(box.edges(loop.axis))
@@ -59,8 +63,10 @@ class BoxPlants:
         """Return the operating point of a plant, on few lines."""
 
         def made() -> OperatingPoint:
-            loop = self.box.plant(self.loop, corner)
-            return modelled_point(loop, self.named(corner), velocity=self.velocity, coarse=True)
+            name, model = self.named(corner), None if self._sampled is None else self._sampled.model(corner)
+            # only the model of its axis is needed of the loop, where it is known
+            loop = self.loop if model is not None else self.box.plant(self.loop, corner)
+            return modelled_point(loop, name, velocity=self.velocity, coarse=True, model=model)
 
         return (self._corners if corner in self._fixed else self._others).get(corner, made)
 
@@ -71,7 +77,7 @@ class BoxPlants:
 
     def named(self, corner: Corner) -> Text:
         """Return the name of a plant: that of the operating point, and how the plant differs from the model."""
-        return Text(f"{self.name}: {self.box.named(self.loop.axis, corner)}")
+        return Text(f"{self.name}: {named(self._dimensions, corner)}")
 
 
 _PLANTS = Recent[BoxPlants](8)

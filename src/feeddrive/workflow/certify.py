@@ -6,6 +6,7 @@ accepts it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,6 +16,7 @@ from typing import Any
 
 from feeddrive import plot
 from feeddrive.certificate import check
+from feeddrive.certificate.box_proof import prove_over_box
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.certify import PlantLike, certify_loop, point_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
@@ -22,11 +24,13 @@ from feeddrive.files.frf import FrfLike, encoders, read_frf, read_frfs
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.origins import digest_of, origins
 from feeddrive.language.errors import FeeddriveError, FileError, ParameterError, sentence
+from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Column, Table
 from feeddrive.language.text import Text, capitalized
 from feeddrive.language.units import turning
+from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
@@ -37,6 +41,12 @@ from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, 
 from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"
+BOX_FILE = "box_proof.json"
+OUTSIDE_OF_BOX = (
+    "changes in time, saturation, friction other than its slope, rounding of signals, and what is no parameter of the "
+    "model, such as a further mode"
+)
+_BOX = {True: Judgment.BOX_PROVEN, False: Judgment.BOX_NOT_PROVEN, None: Judgment.BOX_UNDECIDED}
 
 
 class CertifyRequest(Request):
@@ -59,6 +69,12 @@ class CertifyRequest(Request):
     float32: bool = option("the same as --arithmetic float32", default=False)
     confidence: float = option("probability that all measured lines lie in the discs", default=0.95)
     velocity: float = option("velocity of the axis at which it is proven", default=0.05, unit="m/s")
+    box: str = option(
+        "prove every plant of these tolerances instead, each constant in time: "
+        "stiffness=0.2,mass=0.3,dead_time=1sample (that is standard), identified, or none",
+        default="none",
+    )
+    max_ms: float | None = option("with --box: the Ms that no plant may exceed", above=1.0, default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     @property
@@ -66,13 +82,31 @@ class CertifyRequest(Request):
         """The name of the machine file or object."""
         return called(self.source)
 
+    def check(self) -> None:
+        """Raise ParameterError for a box that cannot be read, and for options that do not belong to it, or to none."""
+        boxed = Box.parse(self.box) is not None
+        of_discs = {
+            "at": self.at,
+            "measured": self.measured,
+            "motor": self.motor,
+            "fit": self.fit,
+            "radius": self.radius,
+        }
+        for name, value in of_discs.items():
+            if boxed and value not in ((), None, False):
+                raise ParameterError(f"--{name} is about discs, and --box proves the plants of a model: leave one out")
+        if self.max_ms is not None and not boxed:
+            raise ParameterError("--max-ms is proven over a box: add --box standard, or leave it out")
+
     def usual_out(self) -> Path:
         return Path("results") / f"certify_{Path(self.name).stem}"
 
 
 @command(CertifyRequest)
-def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]:
+def certify(request: CertifyRequest, progress: Progress) -> Outcome[Any]:
     """Prove that a loop, as implemented, is stable for plants with uncertainty discs; write certificate and report.
+
+    The result is a `Certificate` or, with a box, a `BoxProof` of all plants within tolerances, each constant in time.
 
     Files are written only if an output directory is named. Raises NotCertifiedError for a loop that cannot be
     certified; the message states the frequency at which the proof fails, and a remedy.
@@ -82,6 +116,8 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
     else:
         machine = read_machine(request.source)
         loop = machine.loop(request.axis)
+    if request.box != "none":
+        return _over_box(request, machine, loop, progress)
     progress.step("plants")
     plants = _plants(request, loop)
     progress.step("certificate")
@@ -125,6 +161,43 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Certificate]
         notes=notes,
         then=then,
     )
+
+
+def _over_box(request: CertifyRequest, machine: MachineFile | None, loop: Loop, progress: Progress) -> Outcome[Any]:
+    """Prove the loop over a box of plants; write the result and a report."""
+    box = Box.parse(request.box) if machine is None else machine.box(request.box, request.axis)
+    assert box is not None
+    progress.step("plants of the box")
+    proof = prove_over_box(
+        loop,
+        box,
+        sensitivity_peak=request.max_ms,
+        arithmetic="float32" if request.float32 else request.arithmetic,
+        velocity=request.velocity,
+    )
+    judgment = _BOX[proof.proven]
+    said = (
+        Text(f"{proof.verdict.capitalize()}: {proof.claim}.")
+        if proof.proven
+        else Text(f"{judgment.says}: {proof.reason}.")
+    )
+    outcome = Outcome(
+        proof,
+        [proof.table()],
+        [Text(f"Not covered: {OUTSIDE_OF_BOX}.")],
+        said,
+        rotary=loop.axis.rotary,
+        judgment=judgment,
+        failure=judgment.says if judgment.bad else "",
+    )
+    if request.out is None:
+        return outcome
+    progress.step("report")
+    with new_directory(request.out) as folder:
+        (folder / BOX_FILE).write_text(json.dumps(proof.record(), indent=1) + "\n", encoding="utf-8")
+        (folder / "report.html").write_text(html(outcome.report()), encoding="utf-8")
+    out = Path(request.out)
+    return replace(outcome, files={"Proof over the box": out / BOX_FILE, "Report": out / "report.html"})
 
 
 def certified(

@@ -24,7 +24,7 @@ from feeddrive.blocks.plant.screw_two_mass import ScrewTwoMass
 from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.files.commissioning import Commissioning, require_plant
-from feeddrive.files.machine import MachineFile, machine_of_text, machine_toml
+from feeddrive.files.machine import MachineFile, machine_of_text, machine_toml, with_standard_errors
 from feeddrive.files.toml_file import TomlEdit
 from feeddrive.identification.regression import lever
 from feeddrive.identification.response.plant_fit import (
@@ -107,10 +107,13 @@ class DriveAxis:
         edit = TomlEdit(text, "machine.toml")
         place = ("axis", self.name, "plant")
         if isinstance(self.today.axis.plant, TwoMass | Rigid):
+            errors: dict[str, float] = {}
             for estimate in self.result.fit.estimates:
                 if edit.has((*place, estimate.name)):
+                    errors[f"plant.{estimate.name}"] = float(estimate.error)
                     error = Quantity(estimate.error, estimate.unit, form="2 SI")
                     edit.comment((*place, estimate.name), f"standard error {error}")
+            with_standard_errors(edit, self.name, errors)
         return edit.text
 
     def point(self) -> tuple[OperatingPoint, list[str]]:

@@ -28,7 +28,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
-from feeddrive.workflow.command import BOX, OUT, Outcome, argument, command, exporting, option, stem
+from feeddrive.workflow.command import AT_THE_MODEL, BOX, OUT, Outcome, argument, command, exporting, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 TAKEN = "taken.toml"
@@ -91,7 +91,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
             machine,
             request.axis,
             laws=laws,
-            box=Box.parse(request.box),
+            box=machine.box(request.box, request.axis),
             filters=request.filters,
             seed=request.seed,
             starts=request.starts,
@@ -109,6 +109,8 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     refused = [f"'{refusal.name}' cannot control this axis: {refusal.reason}" for refusal in comparison.refusals]
     judgment, verdict = advice(comparison)
     then, notes = _next(request, comparison, take, files.get("Machine"))
+    if request.box == "none":
+        notes = (*notes, AT_THE_MODEL)
     return Outcome(
         comparison,
         [comparison.table()],

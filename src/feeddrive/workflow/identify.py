@@ -22,7 +22,7 @@ from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import Drive, axis_name, drive_with
 from feeddrive.files.frf import read_frfs
 from feeddrive.files.log import Log, clipped
-from feeddrive.files.machine import MachineFile, machine_toml, read_machine
+from feeddrive.files.machine import MachineFile, machine_toml, read_machine, with_standard_errors
 from feeddrive.files.mapping import axes_in
 from feeddrive.files.odrive import read_odrive
 from feeddrive.files.origins import with_origins
@@ -633,7 +633,8 @@ def _new(identified: Identified, axis: str, logs: Sequence[str]) -> str:
 
 
 def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -> None:
-    """Write the estimates, with their standard errors in comments."""
+    """Write the estimates, with their standard errors in comments and, for the box of plants, in a section."""
+    errors: dict[str, float] = {}
     for estimate in estimates_of(identified):
         # the closed-loop fit names parameters by their path, the inverse dynamics by bare names
         name = estimate.name if estimate.name in tree.parameters(loop) else _place(loop, estimate.name)
@@ -643,6 +644,8 @@ def _say_errors(edit: TomlEdit, identified: Identified, axis: str, loop: Loop) -
         # parts 0 and 1 are `axis` and the name of the loop, which may differ from the axis name in the file
         key = edit.set(("axis", axis, *parts[2:]), float(tree.get(loop, name)), estimate.unit)
         edit.comment(key, f"standard error {Quantity(estimate.error, estimate.unit):2 SI}")
+        errors[".".join(map(str, parts[2:]))] = float(estimate.error)
+    with_standard_errors(edit, axis, errors)
 
 
 def _place(loop: Loop, parameter: str) -> str | None:

@@ -18,7 +18,7 @@ from feeddrive.files.columns import unit_of
 from feeddrive.files.commissioning import Commissioning
 from feeddrive.files.frf import encoders, names_frequency, read_frfs
 from feeddrive.files.log import LogLike
-from feeddrive.files.machine import MachineFile, MachineLike, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine, with_standard_errors
 from feeddrive.files.mapping import MappingLike
 from feeddrive.files.origins import with_origins
 from feeddrive.files.read_log import OpenedFile
@@ -435,6 +435,7 @@ def machine_text(
             edit.silence(("axis", axis, "actuator", "current_loop"), "Hz")
         if drive:
             _actuator(edit, axis, before.actuator, actuator)
+    errors: dict[str, float] = {}
     for estimate in fit.estimates:
         parts = [int(part) if part.isdigit() else part for part in estimate.name.split(".")]
         at_drive = estimate.name in ("dead_time", "current_loop")
@@ -447,6 +448,8 @@ def machine_text(
             )
             error = Quantity(estimate.error, estimate.unit, form="2 SI")
             edit.comment(edit.set(key, float(value), estimate.unit), f"standard error {error}")
+            errors[".".join(map(str, key[2:]))] = float(estimate.error)
+    with_standard_errors(edit, axis, errors)
     return edit.text
 
 

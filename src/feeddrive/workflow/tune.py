@@ -32,6 +32,7 @@ from feeddrive.tuning.recipes import RECIPES, JudgedRecipe, judged_recipes
 from feeddrive.tuning.tune import Tuned, Verdict, assess, tune_control
 from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import (
+    AT_THE_MODEL,
     BOX,
     OUT,
     Outcome,
@@ -68,6 +69,12 @@ _ALONE = {
 NO_MODEL = (
     "the box needs a model of the plant, and here are measured responses only: the limits hold for the responses at "
     "all places, with their noise; give more places with --at, or a machine whose plant agrees with --baseline"
+)
+
+
+NO_ERRORS = (
+    "--box identified takes the standard errors of a machine file: give the file that feeddrive identify wrote, as the "
+    "machine or as --baseline, or take --box standard"
 )
 
 
@@ -250,6 +257,8 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
         then = line("compare", told, axis=request.axis)
+    if request.box == "none" and tuned.loops:
+        notes = (*notes, AT_THE_MODEL)
     return Outcome(
         tuned,
         [*shown[:first], *makers],
@@ -284,11 +293,19 @@ def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         fresh=request.fresh,
         starts=request.starts,
         seed=request.seed,
-        box=Box.parse(request.box),
+        box=_plain_box(request.box),
         progress=progress,
     )
     again = {"Study": called(request.study), "Again": request.command_line("tune"), "In Python": request.python("tune")}
     return tuned_study(tuner, request.law, request.out, again)
+
+
+def _plain_box(text: str) -> Box | None:
+    """Return the box of a study, whose machines are varied already. Raise ParameterError for one by standard errors."""
+    box = Box.parse(text)
+    if box is not None and box.deviations:
+        raise ParameterError(f"{NO_ERRORS}, and a study varies its machines by what it states")
+    return box
 
 
 def _band(request: TuneRequest) -> tuple[float, float]:
@@ -333,7 +350,10 @@ def _tuned(
     points, remarks = points_of(sources, loop, progress)
     remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
-    band, tolerances = _band(request), Box.parse(request.box)
+    band = _band(request)
+    tolerances = Box.parse(request.box) if base is None else base.box(request.box, request.axis)
+    if tolerances is not None and tolerances.deviations and not tolerances.known:
+        raise ParameterError(NO_ERRORS)
     today = None if loop is None else loop.control
     if request.recipe is not None:
         recipe = RECIPES[request.recipe](points[0], control)
