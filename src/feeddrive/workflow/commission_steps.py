@@ -33,7 +33,7 @@ from feeddrive.commissioning import motions
 from feeddrive.commissioning.cogging import acting, described, moved, periodic_force, stated
 from feeddrive.commissioning.evidence import read_evidence
 from feeddrive.commissioning.first_facts import SmallMove, ratio_by_ruler, rough_mass, small_move
-from feeddrive.commissioning.friction import fit_friction
+from feeddrive.commissioning.friction import FrictionFit, fit_friction
 from feeddrive.commissioning.motions import Pace
 from feeddrive.commissioning.record import (
     FILE,
@@ -131,6 +131,7 @@ FOLLOWS = 0.5  # of the travel of a trial, that the reading is predicted to make
 GENTLE = 0.2  # of speed, acceleration and travel of a trial, before it is run
 # times what is predicted, and share of limits.force, beyond which a force is an oscillation
 HARDLY, NERVOUS = 3.0, 0.01
+SHAKEN = 0.1  # of the force that is free: RMS of what noise and counts make of the force of a tuned control
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
 HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
 AXIS = "x"
@@ -176,11 +177,14 @@ def asked_of(request: CommissionRequest) -> Asked:
 
 
 class UnlikePredictedError(Exception):
-    """A motion unlike its prediction; `step` is the one to go back to, for a weaker motion or a slower control."""
+    """A motion unlike its prediction; `step` is the one that then asks for less: a weaker motion or a slower control.
 
-    def __init__(self, why: str, step: str = "tune") -> None:
+    back  the step to go back to, if it is one before: what was learned of the motion changes that one
+    """
+
+    def __init__(self, why: str, step: str = "tune", back: str | None = None) -> None:
         super().__init__(why)
-        self.why, self.step = why, step
+        self.why, self.step, self.back = why, step, back or step
 
 
 class WiderBandError(Exception):
@@ -211,6 +215,7 @@ class _Model(NamedTuple):
     left: float
     unused: float
     place: str
+    lagging: bool
     text: str
     says: str
 
@@ -239,6 +244,14 @@ def _carried(told: SmallMove, force: float) -> float:
     return 1.2 * (told.resistance + 2.0 * abs(told.friction)) / force + SHARE
 
 
+class _Learned(NamedTuple):
+    """The model with the friction that explains a trial, what was in its folder otherwise, and what is said of it."""
+
+    text: str
+    files: Mapping[str, bytes]
+    says: str
+
+
 Told: TypeAlias = tuple[str, Mapping[str, float]]
 
 
@@ -257,6 +270,7 @@ class Chain:
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
         self.wide = False  # the excitation goes up to the highest lines that stand out
+        self.learned: _Learned | None = None  # of a trial that was unlike its prediction
         self.kept = False
 
     def run(self, *, kept: bool) -> Outcome[Commissioned]:
@@ -297,7 +311,7 @@ class Chain:
                     self._go_back(unlike)
                     continue
                 except WiderBandError as wider:
-                    self.wide, self.trial = True, None
+                    self.wide, self.trial, self.learned = True, None, None
                     self.progress.remark(Text(f"- {wider.why}: the responses are measured again up to higher lines."))
                     self.steps = self.steps[: names.index("excitation")]
                     continue
@@ -327,8 +341,11 @@ class Chain:
         if done + self.wide >= len(BEGINS) or unlike.step not in self.work:
             raise RefusedError(Text(f"{unlike.why}; the control before stays"))
         self.returns[unlike.step] = done
-        self.progress.remark(Text(f"- {unlike.why}: back to the step {unlike.step}, which now asks for less."))
-        self.steps = self.steps[: list(self.work).index(unlike.step)]
+        again = Text(f"back to the step {unlike.step}, which now asks for less")
+        if unlike.back != unlike.step:
+            again = Text(f"its friction is fitted to that trial, and the step {unlike.step} now asks for less")
+        self.progress.remark(Text(f"- {unlike.why}: {again}."))
+        self.steps = self.steps[: list(self.work).index(unlike.back)]
 
     @property
     def work(self) -> Mapping[str, Callable[[Any], Told]]:
@@ -625,10 +642,15 @@ class Chain:
             replace(self.limits, largest_mass=HEAVIER * facts["rough_mass"], breakaway_force=stuck)
         )
 
+    @property
+    def _free(self) -> float:
+        """What holding force and friction leave of limits.force, N."""
+        return self.limits.force - abs(self.facts["holding"]) - self.facts["friction"]
+
     def _pace(self, mass: float, share: float = 1.0) -> Pace:
         """Return how fast the axis may move within force, velocity, acceleration and travel, times a share."""
         limits, facts = self.limits, self.facts
-        free = limits.force - abs(facts["holding"]) - facts["friction"]
+        free = self._free
         acceleration = min(limits.quick_stop_deceleration, WORK * free / mass)
         if limits.acceleration is not None:
             acceleration = min(acceleration, 0.5 * limits.acceleration)
@@ -678,7 +700,8 @@ class Chain:
         started = start_law(
             axis,
             self.T,
-            count=self.axis.increment,
+            # the count whose rounding is as noisy as the reading
+            count=math.sqrt(12.0) * self._noise,
             force_limit=limits.force,
             force=limits.force,
             motion=(REACH * limits.travel, pace.speed, pace.acceleration),
@@ -768,18 +791,20 @@ class Chain:
         }, f"{outcome.verdict}"
 
     def _strokes(self, control: Control, pace: Pace, travel: float) -> Played:
-        """Play strokes at growing paces, as far as the following error of the last ones allows; return the fastest."""
+        """Play one stroke at growing paces, as far as the following error of the last one allows; then the strokes."""
         share, axis = SLOW, self._under_control()
         while True:
             slower = Pace(share * pace.speed, share * pace.acceleration)
-            # a slow series is a short one, so that it takes no longer
-            played = self._play(axis, motions.strokes(max(share, SHORT) * travel, slower, self.T), control)
-            error = float(np.max(np.abs(played.log["set_position"] - played.log["reading_load"])))
+            # a slow stroke is a short one, so that it takes no longer
+            reach = max(share, SHORT) * travel
+            tried = self._play(axis, motions.strokes(reach, slower, self.T, (1.0,), "first stroke"), control)
+            error = float(np.max(np.abs(tried.log["set_position"] - tried.log["reading_load"])))
             # not all of it: what grows with the square of the speed is not told by a slow one
             grown = share * (FASTER if error == 0.0 else min(FASTER, 0.75 * USED * self.limits.following_error / error))
             if share >= 1.0 or grown < 1.3 * share:
                 break
             share = min(1.0, grown)
+        played = self._play(axis, motions.strokes(reach, slower, self.T), control)
         if share < 1.0 and self._along(played.log) is not None:
             # what acts along the travel is told by all of it
             played = self._play(axis, motions.strokes(travel, slower, self.T), control)
@@ -837,7 +862,7 @@ class Chain:
         that count.  Where no control could be certified from that, as with a resonance at its end, it goes further.
         """
         mass = float(loop.axis.plant.rigid_mass())
-        noise = max(QUIET, math.hypot(self.facts["noise"], self.axis.increment / 3.5))
+        noise = max(QUIET, self._noise)
 
         def stands_out(excited: Excitation) -> float:
             samples = len(excited.drawings) * excited.periods * excited.period
@@ -868,6 +893,11 @@ class Chain:
         )
 
     @property
+    def _noise(self) -> float:
+        """The noise of a reading with that of its counts, m RMS."""
+        return math.hypot(self.facts["noise"], self.axis.increment / math.sqrt(12.0))
+
+    @property
     def _widest(self) -> float:
         """The highest line that the bus allows and that is looked for, Hz."""
         return min(TOP, BAND / self.T)
@@ -875,7 +905,7 @@ class Chain:
     def _largest(self, loop: Loop, top: float, resolution: float, periods: int) -> Excitation | None:
         """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
-        free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+        free = WORK * self._free
         free *= 0.5 ** self.returns.get("excitation", 0)
         for attempt in range(SIZES):
             try:
@@ -962,6 +992,11 @@ class Chain:
         The band is narrower, and the structure another one, if it must be.  Where the only encoder is, is told by the
         strokes: the start law moved the axis, and a model under which it does not is none.
         """
+        if self.learned is not None:
+            for name, content in self.learned.files.items():
+                write_whole(self.place / name, content)
+            write_whole(self.place / "machine.toml", self.learned.text)
+            return self.learned.says, {"model_band": self.facts["model_band"]}
         frequency = next(iter(self._responses().values())).frequency
         refused = ""
         for structure in STRUCTURES:
@@ -969,28 +1004,32 @@ class Chain:
                 high = share * float(frequency[-1])
                 models: list[_Model] = []
                 for place in self._places():
-                    try:
-                        outcome = self._fitted(place, structure, float(frequency[0]), high)
-                        if outcome.judgment.bad or "Machine" not in outcome.files:
-                            refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
-                        else:
-                            models.append(self._with_friction(place, outcome))
-                    except (LogError, ParameterError) as error:
-                        # contradicted by the lines, as by the sign of a mode, or by the strokes
-                        refused = refused or str(error)
+                    # without the lag of the current loop where lines do not tell it from dead time and masses
+                    for lagging in (True, False):
+                        try:
+                            last = place, lagging
+                            outcome = self._fitted(place, structure, float(frequency[0]), high, lagging=lagging)
+                            if outcome.judgment.bad or "Machine" not in outcome.files:
+                                refused = refused or Text(f"{outcome.verdict} {' '.join(outcome.notes)}")
+                                continue
+                            models.append(self._with_friction(place, outcome, lagging=lagging))
+                            break
+                        except (LogError, ParameterError) as error:
+                            # contradicted by the lines, as by the sign of a mode, or by the strokes
+                            refused = refused or str(error)
                 if not models:
                     continue
                 best = min(models)
                 # the report of the step is that of the last fit
-                if best.place != self._places()[-1]:
-                    self._fitted(best.place, structure, float(frequency[0]), high)
+                if (best.place, best.lagging) != last:
+                    self._fitted(best.place, structure, float(frequency[0]), high, lagging=best.lagging)
                 write_whole(self.place / "machine.toml", best.text)
                 return best.says, {"model_band": high}
         if self._may_widen():
             raise WiderBandError(Text(f"no model: {refused}"))
         raise RefusedError(Text(f"model: {refused}"))
 
-    def _with_friction(self, place: str, outcome: Outcome[Any]) -> _Model:
+    def _with_friction(self, place: str, outcome: Outcome[Any], *, lagging: bool) -> _Model:
         """Return the model of an outcome with the friction that explains the strokes best.
 
         Raises NotIdentifiableError for a model under which the start law does not make the strokes.
@@ -1000,20 +1039,45 @@ class Chain:
         strokes = self._in("friction_and_mass", "strokes.parquet")
         law: Any = model.control.law
         control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
-        ran, facts = replace(model, control=control), self.facts
-        log = read_log(strokes)
-        ran = moved(self._pulled(ran), float(log["set_position"][0]))
-        fit = fit_friction(ran, log, facts["coulomb"], facts["viscous"])
-        # as in the responses, the force along the travel is not in it: it has no mean slope, by which loops are judged
-        axis = replace(fit.axis, forces=model.axis.forces)
-        text = self._machine(replace(model, axis=axis), "feeddrive commission: responses and strokes")
+        fit, explained = self._explained(model, control, read_log(strokes))
+        text = self._machine(explained, "feeddrive commission: responses and strokes")
         says = Text(
             f"{outcome.verdict} Its friction acts on the {fit.body} with a {fit.curve} curve, which leaves "
             f"{Quantity(fit.left, 'm'):3} RMS of the strokes."
         )
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
-        return _Model(fit.left, unused, place, with_origins(text, inputs), says)
+        return _Model(fit.left, unused, place, lagging, with_origins(text, inputs), says)
+
+    def _explained(self, model: Loop, control: Control, log: Log) -> tuple[FrictionFit, Loop]:
+        """Return the friction that explains best what a control did, and the model with it.
+
+        Raises NotIdentifiableError for a model under which the control does not make the motion.
+        """
+        ran = moved(self._pulled(replace(model, control=control)), float(log["set_position"][0]))
+        fit = fit_friction(ran, log, self.facts["coulomb"], self.facts["viscous"])
+        # as in the responses, the force along the travel is not in it: it has no mean slope, by which loops are judged
+        return fit, replace(model, axis=replace(fit.axis, forces=model.axis.forces))
+
+    def _learn(self, control: Control, log: Log) -> None:
+        """Fit the friction of the model to a trial that was unlike its prediction, for the trial of a slower control.
+
+        At the speeds, and under the forces, of a trial friction need not be that of slow strokes.
+        """
+        place, responses = self._in("model", ""), self._in("responses", "responses/frf.csv")
+        model = read_machine(place / "machine.toml").loop(AXIS)
+        try:
+            fit, explained = self._explained(model, control, log)
+        except (LogError, ParameterError) as error:
+            self.progress.remark(Text(f"- Its friction cannot be fitted to that trial: {error}"))
+            return
+        text = self._machine(explained, "feeddrive commission: responses and a trial")
+        says = Text(
+            f"The model as before, with the friction of the trial: on the {fit.body} with a {fit.curve} curve, which "
+            f"leaves {Quantity(fit.left, 'm'):3} RMS of it."
+        )
+        files = {name: (place / name).read_bytes() for name in files_of(place) if name != "machine.toml"}
+        self.learned = _Learned(with_origins(text, (responses,)), files, says)
 
     def _along(self, log: Log) -> Cogging | None:
         """Return the force that repeats along the strokes, if there is a clear one."""
@@ -1031,9 +1095,13 @@ class Chain:
         """Return where the only encoder may be; of a drive with two encoders both places are known."""
         return ("both",) if len(self._responses()) > 1 else ("motor", "load")
 
-    def _fitted(self, place: str, structure: str | None, low: float, high: float) -> Outcome[Any]:
+    def _fitted(
+        self, place: str, structure: str | None, low: float, high: float, *, lagging: bool
+    ) -> Outcome[Any]:
         """Fit the responses with the encoder at a place, and write the files of the step; by evidence without a
         structure.
+
+        lagging  the lag of the current loop is fitted, too: without it, masses and dead time take its place
         """
         loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
         encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
@@ -1041,6 +1109,7 @@ class Chain:
             loop.axis,
             encoder_motor=None if place == "load" else encoder,
             encoder_load=None if place == "motor" else encoder,
+            actuator=replace(loop.axis.actuator, current_loop=high if lagging else None),
         )
         law = replace(loop.control.law, velocity_encoder="load" if place == "load" else "motor")
         # without what is fed forward: the trial then shows the feedback loop, which is what is proven
@@ -1069,6 +1138,10 @@ class Chain:
         model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
 
         limits["filters"] = "placed" if Filter in self.axis.takes else "kept"
+        if self._noise > 0.0:
+            # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks
+            limits["reading_noise"] = self._noise
+            limits["max_noise"] = limits["max_noise"] or SHAKEN * self._free
 
         def tuned(source: Path, **more: Any) -> Outcome[Any]:
             request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
@@ -1236,8 +1309,10 @@ class Chain:
         self._kept(**logs, **{f"predicted_{name}": log for name, log in simulated.items()})
         self.trial = Trial(expected, measured, before)
         if not self.trial.agrees:
+            self._learn(loop.control, logs["alone"])
             raise UnlikePredictedError(
-                Text(f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for")
+                Text(f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for"),
+                back=None if self.learned is None else "model",
             )
         if self.trial.is_worse and self._may_widen():
             raise WiderBandError("the control before has the smaller following error and the larger stiffness")
@@ -1291,7 +1366,7 @@ class Chain:
     def _trial_motion(self, loop: Loop) -> tuple[motions.TrialMotion, dict[str, Log]]:
         """Return the fastest motion and the largest pulse that stay within the limits by simulation, and its logs."""
         limits, mass = self.limits, float(loop.axis.plant.rigid_mass())
-        free = WORK * (limits.force - abs(self.facts["holding"]) - self.facts["friction"])
+        free = WORK * self._free
         pace = self._pace(mass)
         for attempt in range(SIZES):
             share = SMALLER**attempt
