@@ -18,9 +18,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
-from feeddrive.blocks.families import Filter
+from feeddrive.blocks.families import Filter, Force
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
+from feeddrive.blocks.force.backlash import Backlash
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.gravity import Gravity
 from feeddrive.blocks.friction.coulomb import Coulomb
@@ -110,6 +111,10 @@ FED, CREEP = 0.8, 1e-3  # share of the friction that is fed forward; m/s from wh
 BAND, DELAYS, TOP = 0.45, 0.4, 1000.0
 MODES = 400.0  # Hz up to which modes are looked for, with the finest grid that stands out there
 WIDER = 0.8  # of the widest band: less may be widened
+AGAIN = {"soft": "with less force, under which friction keeps a play closed", "wide": "up to higher lines"}
+# of the friction: an excitation under which the load keeps its contact, if it has 0.4 of the friction and all the mass;
+# and times that, the one below which another measurement would not be a different one
+CLOSED, OPENS = 0.4, 1.5
 LEAST = 200.0  # Hz up to which they are, before the coarsest grid is taken
 SLOWER = (1.0, 0.6, 0.36, 0.2, 0.1)  # of the rates of a start law
 PEAKS = (2.0, 1.5, 1.25)  # of the sensitivity: margins that are tried on the model where the responses do not suffice
@@ -187,12 +192,15 @@ class UnlikePredictedError(Exception):
         self.why, self.step, self.back = why, step, back or step
 
 
-class WiderBandError(Exception):
-    """A reason to measure the responses again, up to the highest lines that stand out, before all is refused."""
+class MeasureAgainError(Exception):
+    """A reason to measure the responses again before all is refused.
 
-    def __init__(self, why: str) -> None:
+    how  "soft": with a force under which friction keeps a play closed; "wide": up to the highest lines that stand out
+    """
+
+    def __init__(self, why: str, how: str) -> None:
         super().__init__(why)
-        self.why = why
+        self.why, self.how = why, how
 
 
 class RefusedError(Exception):
@@ -218,6 +226,7 @@ class _Model(NamedTuple):
     lagging: bool
     text: str
     says: str
+    gap: float
 
 
 def _error(signals: Mapping[str, np.ndarray]) -> float:
@@ -245,11 +254,14 @@ def _carried(told: SmallMove, force: float) -> float:
 
 
 class _Learned(NamedTuple):
-    """The model with the friction that explains a trial, what was in its folder otherwise, and what is said of it."""
+    """The model with the friction that explains a trial, what was in its folder otherwise, what is said of it, and the
+    play between motor and load, m.
+    """
 
     text: str
     files: Mapping[str, bytes]
     says: str
+    gap: float
 
 
 Told: TypeAlias = tuple[str, Mapping[str, float]]
@@ -270,6 +282,7 @@ class Chain:
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
         self.wide = False  # the excitation goes up to the highest lines that stand out
+        self.soft = False  # its force is one under which friction keeps a play closed
         self.learned: _Learned | None = None  # of a trial that was unlike its prediction
         self.kept = False
 
@@ -310,9 +323,10 @@ class Chain:
                 except UnlikePredictedError as unlike:
                     self._go_back(unlike)
                     continue
-                except WiderBandError as wider:
-                    self.wide, self.trial, self.learned = True, None, None
-                    self.progress.remark(Text(f"- {wider.why}: the responses are measured again up to higher lines."))
+                except MeasureAgainError as again:
+                    setattr(self, again.how, True)
+                    self.trial = self.learned = None
+                    self.progress.remark(Text(f"- {again.why}: the responses are measured again {AGAIN[again.how]}."))
                     self.steps = self.steps[: names.index("excitation")]
                     continue
                 self._record(name, says, told)
@@ -338,7 +352,7 @@ class Chain:
     def _go_back(self, unlike: UnlikePredictedError) -> None:
         """Go back to a step. Raise RefusedError once it was done as often as it may be."""
         done = self.returns.get(unlike.step, 0) + 1
-        if done + self.wide >= len(BEGINS) or unlike.step not in self.work:
+        if done + self.wide + self.soft >= len(BEGINS) or unlike.step not in self.work:
             raise RefusedError(Text(f"{unlike.why}; the control before stays"))
         self.returns[unlike.step] = done
         again = Text(f"back to the step {unlike.step}, which now asks for less")
@@ -397,7 +411,7 @@ class Chain:
         self.facts.update(done.figures)
         self.steps.append(done)
         if done.name == "excitation":
-            self.wide = done.figures["wide"] > 0.0
+            self.wide, self.soft = (done.figures.get(how, 0.0) > 0.0 for how in ("wide", "soft"))
         if done.name == "small_move":
             self.axis = self.axis.scaled(done.figures["length_factor"], int(done.figures["force_sign"]))
         self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
@@ -851,7 +865,12 @@ class Chain:
         return Text(
             f"{made.lines.size} lines up to {Quantity(made.frequency[-1], 'Hz'):3}, at most "
             f"{Quantity(made.amplitude, 'N'):3}, in {len(made.drawings)} realisations"
-        ), {"amplitude": made.amplitude, "period": float(made.period), "wide": float(self.wide)}
+        ), {
+            "amplitude": made.amplitude,
+            "period": float(made.period),
+            "wide": float(self.wide),
+            "soft": float(self.soft),
+        }
 
     def _designed(self, loop: Loop) -> Excitation:
         """Return the excitation with the finest grid whose highest line stands out of the noise, within the limits.
@@ -906,6 +925,8 @@ class Chain:
         """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
         free = WORK * self._free
+        if self.soft:
+            free = min(free, CLOSED * self.facts["coulomb"])
         free *= 0.5 ** self.returns.get("excitation", 0)
         for attempt in range(SIZES):
             try:
@@ -935,7 +956,7 @@ class Chain:
         profiles = [excited(path) for path in files]
         # a weaker excitation than the one that was confirmed needs no other question
         far = max(float(np.ptp(profile.set_position)) for profile in profiles)
-        if not self.returns.get("excitation") and not self.wide:
+        if not self.returns.get("excitation") and not self.wide and not self.soft:
             self._ask(
                 Text(
                     f"Responses: the axis moves slowly by up to {Quantity(far, 'm'):3 mm} and is shaken with at most "
@@ -996,8 +1017,10 @@ class Chain:
             for name, content in self.learned.files.items():
                 write_whole(self.place / name, content)
             write_whole(self.place / "machine.toml", self.learned.text)
-            return self.learned.says, {"model_band": self.facts["model_band"]}
+            return self.learned.says, {"model_band": self.facts["model_band"], "gap": self.learned.gap}
         frequency = next(iter(self._responses().values())).frequency
+        # until it is found again
+        self.facts["gap"] = 0.0
         refused = ""
         for structure in STRUCTURES:
             for share in NARROWER:
@@ -1024,9 +1047,9 @@ class Chain:
                 if (best.place, best.lagging) != last:
                     self._fitted(best.place, structure, float(frequency[0]), high, lagging=best.lagging)
                 write_whole(self.place / "machine.toml", best.text)
-                return best.says, {"model_band": high}
-        if self._may_widen():
-            raise WiderBandError(Text(f"no model: {refused}"))
+                return best.says, {"model_band": high, "gap": best.gap}
+        if how := self._again():
+            raise MeasureAgainError(Text(f"no model: {refused}"), how)
         raise RefusedError(Text(f"model: {refused}"))
 
     def _with_friction(self, place: str, outcome: Outcome[Any], *, lagging: bool) -> _Model:
@@ -1047,7 +1070,9 @@ class Chain:
         )
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
-        return _Model(fit.left, unused, place, lagging, with_origins(text, inputs), says)
+        if fit.gap:
+            says = Text(f"{says} Between motor and load is a play of {Quantity(fit.gap, 'm'):2 SI}.")
+        return _Model(fit.left, unused, place, lagging, with_origins(text, inputs), says, fit.gap)
 
     def _explained(self, model: Loop, control: Control, log: Log) -> tuple[FrictionFit, Loop]:
         """Return the friction that explains best what a control did, and the model with it.
@@ -1055,8 +1080,11 @@ class Chain:
         Raises NotIdentifiableError for a model under which the control does not make the motion.
         """
         ran = moved(self._pulled(replace(model, control=control)), float(log["set_position"][0]))
-        fit = fit_friction(ran, log, self.facts["coulomb"], self.facts["viscous"])
-        # as in the responses, the force along the travel is not in it: it has no mean slope, by which loops are judged
+        # a play shows where both ends of it are read
+        play = self.soft and len(self._responses()) > 1
+        fit = fit_friction(ran, log, self.facts["coulomb"], self.facts["viscous"], play=play)
+        # as in the responses, the force along the travel and the play are not in it: they have no mean slope, by which
+        # loops are judged
         return fit, replace(model, axis=replace(fit.axis, forces=model.axis.forces))
 
     def _learn(self, control: Control, log: Log) -> None:
@@ -1077,16 +1105,21 @@ class Chain:
             f"leaves {Quantity(fit.left, 'm'):3} RMS of it."
         )
         files = {name: (place / name).read_bytes() for name in files_of(place) if name != "machine.toml"}
-        self.learned = _Learned(with_origins(text, (responses,)), files, says)
+        gap = fit.gap or self.facts.get("gap", 0.0)
+        self.learned = _Learned(with_origins(text, (responses,)), files, says, gap)
 
     def _along(self, log: Log) -> Cogging | None:
         """Return the force that repeats along the strokes, if there is a clear one."""
         return periodic_force(log, UNKNOWN_DELAY)
 
     def _pulled(self, loop: Loop) -> Loop:
-        """Return a loop with the force along the travel that was found, by the drive's own positions."""
-        along = stated(self.facts)
-        return loop if along is None else replace(loop, axis=replace(loop.axis, forces=(*loop.axis.forces, along)))
+        """Return a loop with the force along the travel and the play that were found, by the drive's own positions."""
+        found: list[Force] = []
+        if (along := stated(self.facts)) is not None:
+            found.append(along)
+        if gap := self.facts.get("gap", 0.0):
+            found.append(Backlash(gap=gap))
+        return replace(loop, axis=replace(loop.axis, forces=(*loop.axis.forces, *found)))
 
     def _responses(self) -> dict[str, FRF]:
         return read_frfs(self._in("responses", "responses/frf.csv"))
@@ -1095,9 +1128,7 @@ class Chain:
         """Return where the only encoder may be; of a drive with two encoders both places are known."""
         return ("both",) if len(self._responses()) > 1 else ("motor", "load")
 
-    def _fitted(
-        self, place: str, structure: str | None, low: float, high: float, *, lagging: bool
-    ) -> Outcome[Any]:
+    def _fitted(self, place: str, structure: str | None, low: float, high: float, *, lagging: bool) -> Outcome[Any]:
         """Fit the responses with the encoder at a place, and write the files of the step; by evidence without a
         structure.
 
@@ -1176,16 +1207,24 @@ class Chain:
             if not why:
                 return Text(f"{told}{f' Not the one before, as {whys[-1]}' if whys else ''}"), {}
             whys.append(why)
-        if self._may_widen():
-            raise WiderBandError(Text(f"tuning: {whys[-1]}"))
+        if how := self._again():
+            raise MeasureAgainError(Text(f"tuning: {whys[-1]}"), how)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
-    def _may_widen(self) -> bool:
-        """Return True if the responses did not go as high as they can, and another trial may be asked for."""
-        highest = max(float(response.frequency[-1]) for response in self._responses().values())
+    def _again(self) -> str:
+        """Return how the responses may be measured again, if another trial may be asked for; "" if they may not.
+
+        In a play that opens and closes, a spring is softer the less it is stretched: no control of it can be predicted
+        from that.  While the axis slides, friction keeps the play closed as long as the force that shakes the load is
+        below it.
+        """
         # each trial is a question
-        again = self.returns.get("tune", 0) < len(BEGINS) - 1
-        return not self.wide and again and highest < WIDER * self._widest
+        if self.returns.get("tune", 0) + self.wide + self.soft >= len(BEGINS) - 1:
+            return ""
+        if not self.soft and 0.0 < OPENS * CLOSED * self.facts["coulomb"] < self.facts["amplitude"]:
+            return "soft"
+        highest = max(float(response.frequency[-1]) for response in self._responses().values())
+        return "wide" if not self.wide and highest < WIDER * self._widest else ""
 
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
@@ -1314,8 +1353,8 @@ class Chain:
                 Text(f"the trial is not as predicted: {self.trial.sentence()}, where 90 to 110 % is asked for"),
                 back=None if self.learned is None else "model",
             )
-        if self.trial.is_worse and self._may_widen():
-            raise WiderBandError("the control before has the smaller following error and the larger stiffness")
+        if self.trial.is_worse and (how := self._again()):
+            raise MeasureAgainError("the control before has the smaller following error and the larger stiffness", how)
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
