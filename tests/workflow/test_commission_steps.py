@@ -51,6 +51,8 @@ FACTS = {
     "viscous": 300.0,
     "dead_time": 2e-3,
     "wide": 0.0,
+    "soft": 0.0,
+    "amplitude": 20.0,
     "resistance": 40.0,
 }
 
@@ -286,7 +288,7 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05)
-    series = [profile for profile, _ in axis.of("strokes")]
+    series = [profile for profile, _ in axis.of("first stroke")]
     reached = [float(np.max(profile.set_position)) for profile in series]
     assert reached[0] == pytest.approx(0.25 * 0.6 * 0.1)
     assert reached[-1] == pytest.approx(0.6 * 0.1)
@@ -294,6 +296,10 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     fastest = (2.0 * 0.06 / 3.0) ** 0.5
     assert speed(series[-1]) == pytest.approx(fastest, rel=0.01)
     assert speed(series[0]) == pytest.approx(0.1 * fastest, rel=0.01)
+    # one to and fro tells the following error; strokes at five speeds follow at the last pace alone
+    assert series[-1].set_position.size < 0.3 * axis.of("strokes")[0][0].set_position.size
+    assert speed(axis.of("strokes")[0][0]) == pytest.approx(fastest, rel=0.01)
+    assert len(axis.of("strokes")) == 1
 
 
 def test_a_force_along_the_travel_is_told_by_strokes_over_all_of_it(
@@ -479,17 +485,20 @@ def test_a_model_is_fitted_to_all_of_the_band_to_half_and_to_a_quarter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared(tmp_path / "out")
-    bands = list[str]()
+    bands, lags = list[str](), list[float | None]()
 
     def fitted(request: Any, _: Progress) -> Any:
         bands.append(request.band)
+        lags.append(request.machine.loop("x").axis.actuator.current_loop)
         return BAD
 
     monkeypatch.setattr(module, "identify", SimpleNamespace(run=fitted))
     result = begun(tmp_path / "out", Axis(), "model")
     assert result.refusal.startswith("model:")
-    # with the encoder at the motor and at the load, each in three structures
-    assert bands == 3 * [band for top in (400, 200, 100) for band in 2 * [f"4..{top}"]]
+    # with the encoder at the motor and at the load, each with the lag of the current loop and without, in three
+    # structures
+    assert bands == 3 * [band for top in (400, 200, 100) for band in 4 * [f"4..{top}"]]
+    assert lags == 3 * [lag for top in (400.0, 200.0, 100.0) for lag in 2 * [top, None]]
 
 
 def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_law_is_slowed_down(
@@ -516,6 +525,63 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
     law: Any = loop.control.law
     assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "again"),
+    [
+        # 0.4 of 40 N of friction, and half as much again
+        (24.1, True),
+        (23.9, False),
+    ],
+)
+def test_before_a_tuning_is_refused_responses_are_measured_with_a_force_that_leaves_a_play_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, amplitude: float, again: bool
+) -> None:
+    prepared(tmp_path / "out", 370.0)
+
+    def not_certified(*_: Any) -> Any:
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    asked = standing(monkeypatch, lambda _: 6.0)
+    person = Person("Nothing")
+    out = begun_at(tmp_path / "out", "tune", amplitude=amplitude)
+    result = fd.commission(Axis(), out=out, progress=person)
+    assert result.refusal == ("it would be written" if again else "tuning: its margin is used up")
+    assert [each.amplitude for each in asked[:1]] == ([pytest.approx(0.4 * 40.0)] if again else [])
+    # up to the same lines, and without another question
+    assert [each.band[1] for each in asked[:1]] == ([pytest.approx(400.0)] if again else [])
+    assert person.asked == []
+
+
+def test_noise_may_shake_a_tuned_force_by_a_tenth_of_what_is_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    asked = list[Any]()
+
+    def not_tuned(request: Any, _: Progress) -> Any:
+        asked.append(request)
+        raise ParameterError("it is not tuned here")
+
+    def not_certified(*_: Any) -> Any:
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=not_tuned))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    fd.commission(
+        Axis(), out=begun_at(tmp_path / "out", "tune", noise=3e-8, holding=-160.0), progress=Person("Nothing")
+    )
+    # 30 nm of reading noise and a count of 10 nm
+    assert len(asked) == 4
+    assert [each.reading_noise for each in asked] == pytest.approx(4 * [np.hypot(3e-8, 1e-8 / np.sqrt(12.0))])
+    assert [each.max_noise for each in asked] == pytest.approx(4 * [0.1 * (1000.0 - 160.0 - 40.0)])
+    own = module.CommissionRequest(Axis(), out=begun_at(tmp_path / "out", "tune"), max_noise=5.0)
+    asked.clear()
+    module.Chain(own, Axis(), tmp_path / "out", Person("Nothing")).run(kept=True)
+    assert {each.max_noise for each in asked} == {5.0}
 
 
 @pytest.mark.parametrize(

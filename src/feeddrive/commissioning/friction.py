@@ -6,6 +6,7 @@ output error, and a richer one is taken only if it leaves clearly less of the mo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from feeddrive.blocks.force.backlash import Backlash
@@ -59,18 +60,30 @@ def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0, *, p
     )
     two = ran.axis.plant.mechanics().motor != ran.axis.plant.mechanics().load
     skip = round(_SETTLED / log.sample_time)
+    fits, why = dict[tuple[str, str], FrictionFit](), ""
+
+    def tried(body: str, curve: str) -> None:
+        nonlocal why
+        try:
+            fit = _fitted(ran, motion, body, curve, coulomb, viscous, skip)
+        except FeeddriveError as error:
+            why = str(error)
+        else:
+            fits[body, curve] = FrictionFit(fit.loop.axis, body, curve, fit.by_delay[0])
+
+    bodies = ("load", "motor") if two else ("load",)
+    for body in bodies:
+        tried(body, "coulomb")
+    # a curve takes longer to fit: only where a level alone leaves about as little as anywhere
+    least = min((fit.left for fit in fits.values()), default=math.inf)
+    levels = {body: fits[body, "coulomb"].left for body in bodies if (body, "coulomb") in fits}
+    for body in bodies:
+        if body not in levels or _CLEARLY * levels[body] <= least:
+            tried(body, "stribeck")
     best: FrictionFit | None = None
-    why = ""
-    for body in ("load", "motor") if two else ("load",):
-        for curve in ("coulomb", "stribeck"):
-            try:
-                fit = _fitted(ran, motion, body, curve, coulomb, viscous, skip)
-            except FeeddriveError as error:
-                why = str(error)
-                continue
-            left = fit.by_delay[0]
-            if best is None or left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
-                best = FrictionFit(fit.loop.axis, body, curve, left)
+    for (_, curve), fit in fits.items():
+        if best is None or fit.left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
+            best = fit
     if best is None:
         raise NotIdentifiableError(f"no friction explains the strokes: {why}")
     with_play = _with_play(ran, motion, coulomb, viscous, skip, best.left) if play and two else None

@@ -941,6 +941,7 @@ class Chain:
                     speed=0.8 * limits.velocity,
                     force=0.8 * limits.force,
                     name=AXIS,
+                    advised=False,
                 )
             except ParameterError:
                 # a limit is exceeded

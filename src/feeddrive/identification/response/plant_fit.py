@@ -469,6 +469,7 @@ _BEYOND = 4.0  # how far beyond the lines a resonance is looked for, as a factor
 _RATIOS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of load to motor mass
 _GRID = 15  # resonances
 _BEST = 4  # of the grid that are followed
+_FASTER = 3.0  # times the stated current loop: from there, too, a fit of its lag begins
 _TURNED = 0.25  # turns of the phase at the highest line, beyond which a fit begins with the dead time that makes them
 
 
@@ -564,8 +565,13 @@ def fit_two_mass(
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
     late = _late(responses, units) if dead_time is None else dead_time
-    actuator = Actuator(dead_time=late, current_loop=current_loop)
-    for start in begin or starts(responses, units, dead_time):
+    # a lag that is looked for has a part of the phase, small or large
+    corners = [current_loop] if current_loop is None or not find_current_loop else [current_loop, _FASTER * current_loop]
+    lags = [0.0 if corner is None or dead_time is not None else 0.5 / (np.pi * corner) for corner in corners]
+    actuators = [
+        Actuator(dead_time=max(0.0, late - lag), current_loop=corner) for corner, lag in zip(corners, lags, strict=True)
+    ]
+    for start, actuator in product(begin or starts(responses, units, dead_time), actuators):
         task = Task(tree.vary(start, fixed_values), actuator, {}, responses, units, held)
         task, refined = solve(task, names, logarithmic=True, steps=25)
         # bounded, so that a few lines at a missed peak do not decide which start is followed
