@@ -18,9 +18,11 @@ import pytest
 import feeddrive as fd
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
+from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning.cogging import described, stated
+from feeddrive.commissioning.friction import FrictionFit
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
@@ -717,3 +719,73 @@ def test_a_control_that_is_worse_than_the_one_before_is_tuned_once_more_on_highe
     else:
         assert asked == []
         assert "the control before has the smaller following error" in result.refusal
+
+
+def begun_trial(folder: Path, **facts: float) -> Commissioned:
+    """A trial of the start law, from facts, with a report in the folder of the model."""
+    prepared(folder, 370.0)
+    (folder / "7_model" / "report.html").write_text("a report")
+    (folder / "8_tune").mkdir()
+    (folder / "8_tune" / "machine.toml").write_text((folder / "3_start_law" / "machine.toml").read_text())
+    axis = Axis(limits=replace(LIMITS, following_error=0.02))
+    return begun(folder, axis, "trial", until="Keep", model_band=370.0, gap=0.0, **facts)
+
+
+def test_the_friction_of_the_model_is_fitted_to_a_trial_with_another_following_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the start law that was tried; the force along the travel and a play stay out of the model."""
+    ran = list[tuple[float, str, bool]]()
+
+    def fitted(loop: Any, log: Log, coulomb: float, viscous: float, *, play: bool) -> Any:
+        ran.append((float(loop.control.law.Kv), log.name, play))
+        return FrictionFit(replace(loop.axis, friction_load=Coulomb(coulomb=77.0)), "load", "coulomb", 1e-6)
+
+    good = SimpleNamespace(run=lambda *_: SimpleNamespace(judgment=SimpleNamespace(bad=False), verdict="good"))
+    monkeypatch.setattr(module, "fit_friction", fitted)
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    for name in ("certify", "check", "export"):
+        monkeypatch.setattr(module, name, good)
+    result = begun_trial(tmp_path / "out")
+    tried = read_machine(tmp_path / "out" / "3_start_law" / "machine.toml").loop("x")
+    law: Any = tried.control.law
+    assert ran[0] == (pytest.approx(float(law.Kv)), "paper", False)
+    assert result["model"].says.startswith("The model as before, with the friction of the trial: on the load")
+    loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
+    assert loop.axis.friction_load is not None
+    assert float(loop.axis.friction_load.coulomb) == 77.0
+    assert loop.axis.forces == tried.axis.forces
+    assert (tmp_path / "out" / "7_model" / "report.html").read_text() == "a report"
+    # the next trial is predicted with it
+    next_one = read_machine(tmp_path / "out" / "8_tune" / "machine.toml").loop("x").axis.friction_load
+    assert next_one is not None
+    assert float(next_one.coulomb) == 77.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "again"),
+    [
+        # friction is in both runs of a stiffness, and not in their difference
+        ("stiffness", True),
+        ("following_rms", False),
+    ],
+)
+def test_after_a_trial_with_another_stiffness_the_responses_are_measured_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figure: str, again: bool
+) -> None:
+    monkeypatch.setattr(module.Trial, "ratio", lambda _, name: 1.2 if name == figure else 1.0)
+    monkeypatch.setattr(module, "fit_friction", none)
+    asked = standing(monkeypatch, lambda _: 6.0)
+    tuned = list[Any]()
+
+    def not_tuned(request: Any, _: Progress) -> Any:
+        tuned.append(request)
+        return BAD
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=not_tuned))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=none))
+    result = begun_trial(tmp_path / "out", amplitude=100.0)
+    assert result.refusal == "it would be written"
+    assert asked[0].amplitude == pytest.approx(16.0)
+    # at once, or after other controls were tuned in vain
+    assert (tuned == []) is again

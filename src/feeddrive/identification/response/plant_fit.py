@@ -566,7 +566,9 @@ def fit_two_mass(
     best: tuple[float, Task] | None = None
     late = _late(responses, units) if dead_time is None else dead_time
     # a lag that is looked for has a part of the phase, small or large
-    corners = [current_loop] if current_loop is None or not find_current_loop else [current_loop, _FASTER * current_loop]
+    corners = (
+        [current_loop] if current_loop is None or not find_current_loop else [current_loop, _FASTER * current_loop]
+    )
     lags = [0.0 if corner is None or dead_time is not None else 0.5 / (np.pi * corner) for corner in corners]
     actuators = [
         Actuator(dead_time=max(0.0, late - lag), current_loop=corner) for corner, lag in zip(corners, lags, strict=True)
