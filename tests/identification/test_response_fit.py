@@ -479,8 +479,7 @@ def test_two_masses_beyond_the_lines_are_told_under_a_late_and_lagging_drive() -
     noise = 3e-3 * (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) / np.sqrt(2.0)
     variance = np.abs(3e-3 * exact) ** 2
     frf = FRF(f, exact * (1.0 + noise), "commanded", "reading_motor", "m/N", T, variance=variance)
-    axis = {"actuator": Actuator(current_loop=400.0), "structure": "two-mass"}
-    fit = fit_axis(frf, **axis).fit
+    fit = fit_axis(frf, actuator=Actuator(current_loop=400.0), structure="two-mass").fit
     assert fit.agreement.unused < 0.01
     for name, true in {**dict(tree.leaves(plant)), **known}.items():
         if name in ("mass_motor", "mass_load", "stiffness", "dead_time"):

@@ -1028,6 +1028,7 @@ class Chain:
             for share in NARROWER:
                 high = share * float(frequency[-1])
                 models: list[_Model] = []
+                last = "", False
                 for place in self._places():
                     # without the lag of the current loop where lines do not tell it from dead time and masses
                     for lagging in (True, False):
