@@ -1074,7 +1074,7 @@ class Chain:
         inputs = (self._in("responses", "responses/frf.csv"), strokes)
         unused = outcome.result.fit.agreement.unused
         if fit.gap:
-            says = Text(f"{says} Between motor and load is a play of {Quantity(fit.gap, 'm'):2 SI}.")
+            says = Text(f"{says} Between motor and load is a play of {Quantity(fit.gap, 'm'):3}.")
         return _Model(fit.left, unused, place, lagging, with_origins(text, inputs), says, fit.gap)
 
     def _explained(self, model: Loop, control: Control, log: Log) -> tuple[FrictionFit, Loop]:
