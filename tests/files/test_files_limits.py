@@ -282,8 +282,12 @@ def test_a_sample_time_is_less_than_30_years(seconds: float, is_read: bool):
 
 
 def clipped(levels: int = 100, *, length: int = 8, times: int = 3, last: float = 1.0) -> np.ndarray:
-    """Rise in steps of 1 to `levels` - 1, stay for `length` samples, and fall; the last whole step has size `last`."""
+    """Rise in steps of 1 to `levels` - 1, stay for `length` samples, and fall; the last whole step has size `last`.
+
+    The first step is smaller, since readings are finer than a step.
+    """
     rise = np.arange(levels - 1.0)
+    rise[0] = 0.95
     rise[-1] = rise[-2] + last
     return np.tile(np.concatenate([rise, np.full(length, levels - 1.0), rise[:0:-1]]), times)
 
@@ -303,6 +307,22 @@ def clipped(levels: int = 100, *, length: int = 8, times: int = 3, last: float =
     ],
 )
 def test_a_signal_is_clipped_if_it_meets_its_extreme_at_speed_and_stays(signal: np.ndarray, is_clipped: bool):
+    assert any("is clipped: it stays at its largest value" in text for text in remarks({"x": signal})) is is_clipped
+
+
+@pytest.mark.parametrize(
+    ("steps", "is_clipped"),
+    [
+        ((3, 3, 2, 1, 1), False),  # by the last whole step alone, one count, it would stop abruptly
+        ((3, 3, 3, 3, 3), True),
+        ((3, 2, 3, 2, 1), True),  # 2.5 counts a sample, the last one in part, and then none
+        ((1, 1, 1, 1, 1), True),
+        ((4, 1, 1, 1, 1), False),
+    ],
+)
+def test_a_position_in_counts_that_slows_down_to_its_extreme_is_not_clipped(steps: tuple[int, ...], is_clipped: bool):
+    ramp = np.cumsum([1, 1, *[3] * 30, *steps])
+    signal = np.tile(np.concatenate([ramp, np.full(8, ramp[-1]), ramp[::-1]]), 2).astype(float)
     assert any("is clipped: it stays at its largest value" in text for text in remarks({"x": signal})) is is_clipped
 
 

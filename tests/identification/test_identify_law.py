@@ -429,6 +429,18 @@ def test_gains_that_the_slow_part_of_a_log_denies_are_not_the_law() -> None:
     assert law_other_readings.differs(rows, Scored(wrong, 0.0, signals)) > 2.0 * identify_law.STEADY
 
 
+def test_stretches_that_are_too_short_for_a_slow_part_confirm_no_law() -> None:
+    """Each stretch is shorter than the 61 samples of the low pass of 40 Hz: no slow row is left."""
+    signals = Signals.of(logged("Cascade", tuple(PI.items())))
+    whole = signals.free(None)
+    short = LawRows.of(signals, whole & (np.arange(whole.size) % 60 != 0))
+    assert short.force.size > 1000
+    assert short.slow(40.0).force.size == 0
+    fitted = law_structures.fit(Structure(CASCADE_FAMILY, True, 2, 0), short.basis, short.reduced())
+    assert fitted is not None
+    assert law_other_readings.differs(short, Scored(fitted, 0.0, signals)) == np.inf
+
+
 def test_rests_are_left_out_but_for_how_motion_ends_and_begins() -> None:
     """0.5 s of rest: 0.05 s after the end of motion and 0.05 s before the next one stay."""
     wanted = np.concatenate([np.zeros(300), np.linspace(0.0, 0.1, 500), np.full(500, 0.1), np.linspace(0.1, 0.0, 500)])

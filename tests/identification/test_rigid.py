@@ -415,6 +415,20 @@ def test_five_rows_beside_a_stretch_are_in_no_fit_of_the_others(away: int, count
     assert bool(mean > 1e-3) is counts
 
 
+@pytest.mark.parametrize(
+    ("used", "unused", "changed"),
+    [(0.01, 0.019, False), (0.01, 0.021, True), (0.02, 0.029, False), (0.02, 0.031, True), (0.001, 0.012, False)],
+)
+def test_an_axis_changes_along_a_log_by_half_and_two_percent_of_the_force(
+    used: float, unused: float, changed: bool
+) -> None:
+    """Errors on stretches that were used and that were not, as shares of the force."""
+    fit = identify_rigid(simulated(), friction="symmetric")
+    residuals = replace(fit.residuals, values=used * fit.residuals.measured)
+    made = replace(fit, residuals=residuals, validation=replace(fit.validation, relative=unused, expected=0.0))
+    assert replace(made, counts=(0.0, 0.0)).changed is changed
+
+
 def test_scores_of_more_than_5000_rows_are_summed() -> None:
     def rows(n: int) -> int:
         return scores_of(np.ones((1, n, 1)), np.sin(np.arange(float(n)))[None]).shape[0]

@@ -1,4 +1,4 @@
-"""Output error with friction near standstill or a dead time that its model cannot hold: the errors say so."""
+"""Output error with friction near standstill, elasticity or a dead time that its model lacks: the errors say so."""
 
 from __future__ import annotations
 
@@ -41,6 +41,9 @@ SLOW = foreign.constant_speeds(T, [0.004, 0.01, 0.02, 0.04, 0.06], 0.008, 0.8)
 FAST = foreign.smooth_moves(T, (0.05, 0.0, 0.06, 0.01), 0.15, 2.0, 40.0, 0.2, 0.3)
 
 
+SHARP = foreign.smooth_moves(T, (0.05, 0.0, 0.06, 0.01), 0.15, 4.0, 300.0, 0.2, 0.3)
+
+
 def off(fit: Refinement) -> dict[str, float]:
     """Value less truth in standard errors, by name."""
     return {name: (fit[name].value - truth) / fit[name].error for name, truth in TRUTH.items()}
@@ -54,6 +57,20 @@ def test_friction_at_starts_and_stops_that_the_model_lacks_is_in_the_errors(monk
     monkeypatch.setattr(output_error, "_doubt", lambda *_: 0.0)
     narrow = off(fitted(SLOW, stribeck=25.0, stribeck_velocity=2e-3))
     assert max(map(abs, narrow.values())) > 3.0, narrow
+
+
+@pytest.mark.parametrize("resonance", [30.0, 50.0])
+def test_elasticity_that_the_model_lacks_is_in_the_error_of_the_mass(
+    resonance: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two masses on a spring, in Hz: the rigid mass is up to 2 % off, by more than the residual shows."""
+    stiffness = (2.0 * math.pi * resonance) ** 2 * 25.0
+    two = {"mass": 50.0, "mass_load": 50.0, "stiffness": stiffness, "damping": 0.04 * math.sqrt(25.0 * stiffness)}
+    wide = off(fitted(SHARP, **two))["mass"]
+    assert abs(wide) < 2.5, wide
+    monkeypatch.setattr(output_error, "_BENDING", ())
+    narrow = off(fitted(SHARP, **two))["mass"]
+    assert abs(narrow) > 3.0, narrow
 
 
 def test_plain_friction_keeps_its_errors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import foreign_axis as foreign
 from feeddrive.identification.motion.identify import identify_motion
 from feeddrive.identification.motion.motion_log import (
     MotionLog,
@@ -72,6 +73,48 @@ def test_the_reason_is_the_right_one() -> None:
     assert "one frequency" in refused("sine 20")
     assert "rows are left where the axis moves" in refused("sine 35")
     assert "rows are left where the axis moves" in refused("rest")
+
+
+@pytest.mark.parametrize("rows", [0, 20])
+def test_friction_that_holds_an_axis_is_no_second_clock(rows: int) -> None:
+    """A circle at the table's encoder: near its reversals the force changes while friction holds the table.
+
+    With all rows the force seems to act 12 samples before it was logged. A force that was logged `rows` samples late,
+    10 ms, is refused as before.
+    """
+    T = 5e-4
+    table = foreign.Axes(
+        mass=269.3,
+        mass_load=93.5,
+        stiffness=1.288e7,
+        damping=3135.0,
+        viscous=1279.0,
+        coulomb_positive=322.0,
+        coulomb_negative=404.0,
+        gravity=-215.5,
+        offset=11.7,
+        dead_time=5.5e-4,
+        resolution=1.9e-7,
+        resolution_load=2.4e-7,
+        noise_log=22.4,
+        noise_drive=6.7,
+    )
+    law = foreign.Cascade(Kv=37.9, Kp=60428.0, rate=36.2, ff=0.509, n=1, friction_ff=225.6)
+    rng = np.random.default_rng(5)
+    path = foreign.circle(T, 0.029, 0.32, 2.13, 0.27)[1]
+    channels = foreign.simulate(table, law, path, T, rng).log(0)
+    log = MotionLog(
+        name="circle",
+        position=channels["position_load"],
+        force=np.roll(channels["force"], rows),
+        set_position=channels["setpoint"],
+        sample_time=T,
+    )
+    if rows == 0:
+        assert abs(find_delay(log).dead_time - 1.1) < 2.0 * find_delay(log).error
+        return
+    with pytest.raises(NotIdentifiableError, match="are not synchronised"):
+        find_delay(log)
 
 
 def test_a_log_at_20_khz_is_decimated_by_a_filter_that_is_stable() -> None:

@@ -54,7 +54,16 @@ _ODD = (
     "A",
     "auto",
 )
-_LONG = ("tune", "start", "certify", "circle", "program", "export", "tour")  # begin long work: asked less often
+_LONG = (
+    "tune",
+    "start",
+    "certify",
+    "circle",
+    "program",
+    "correct",
+    "export",
+    "tour",
+)  # begin long work: asked less often
 _MANY = 1500
 
 

@@ -7,6 +7,7 @@ import shlex
 import struct
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -189,6 +190,30 @@ def test_a_part_program_moves_its_bar_and_shows_worst_places(session: Session) -
     largest = float(found["worst"][0]["text"].partition(" µm")[0])
     assert path["heat"]["high"] == pytest.approx(largest, rel=5e-3)  # three digits
     assert path["curves"][1]["heat"] is True
+
+
+@pytest.mark.slow(reason="a part program on seven machines: 25 s")
+def test_a_part_program_is_corrected_and_its_setpoints_are_taken_away(session: Session) -> None:
+    shown = done(session, "prove.correct", name="circle_diamond_square.ngc")
+    found = shown["shown"]["corrected"]
+    out = session.desk.folder / "setpath"
+    figures = json.loads((out / "setpath.json").read_text(encoding="utf-8"))["contour_rms_m"]
+    assert 0.0 < figures["corrected"] < figures["plain"]
+    assert f"{1e6 * figures['corrected']:.4g} µm RMS" in found["verdict"][0]
+    panels = shown["charts"]["corrected.deviation"]["panels"]
+    assert len(panels) == 2  # the nominal machine and the worst one
+    assert "setpath" in session.desk.results()
+    with zipfile.ZipFile(session.desk.folder / asked(session, "take.result", name="setpath")["give"]) as archive:
+        assert {"setpoints.csv", "setpoints.hal", "report.html"} <= {Path(name).name for name in archive.namelist()}
+    assert "feeddrive setpath " in recipe_of(session.desk).commands
+
+
+@pytest.mark.slow(reason="a part program on seven machines, with four shares of the correction: 20 s")
+def test_a_correction_that_harms_a_machine_is_refused_with_the_machine(session: Session) -> None:
+    found = done(session, "prove.correct", name="slot.ngc")["shown"]["corrected"]
+    assert found["bad"]
+    assert "at most 1.02 is accepted" in found["verdict"][0]
+    assert not (session.desk.folder / "setpath" / "setpoints.csv").exists()
 
 
 def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session) -> None:

@@ -52,6 +52,13 @@ def mass(path: Path, **options: object) -> float:
         ("current [mA]", 1e3 * 0.01 / (2.0 * np.pi) / 0.5, {"torque_constant": 0.5, "lead": 0.01}),
         ("u [V]", 10.0 / 2500.0, {"at_full": "2500:N"}),
         ("output", 1.0 / 1500.0, {"full": 1.0, "at_full": "1500:N"}),
+        # a head without a unit: who gives a constant has no column in N
+        ("force", 1.0 / 80.0, {"motor_constant": 80.0}),
+        ("force", 1.0 / 80.0, {"motor_constant": 80.0, "force": "force"}),
+        ("force", 100.0 / RUN.rated, {"rated": f"{RUN.rated:g}N"}),
+        ("torque", 0.01 / (2.0 * np.pi) / 0.5, {"torque_constant": 0.5, "lead": 0.01}),
+        ("force", 1.0, {"motor_constant": 80.0, "force": "force:N"}),
+        ("force [N]", 1.0, {"motor_constant": 80.0}),
     ],
 )
 def test_the_values_of_the_drive_make_newtons_of_a_signal(
@@ -62,6 +69,18 @@ def test_the_values_of_the_drive_make_newtons_of_a_signal(
     columns[head] = signal * columns.pop("force [N]")
     path = written(tmp_path / "log.csv", columns)
     assert mass(path, **options) == pytest.approx(1.0, rel=0.02)
+
+
+def test_the_table_shows_the_columns_that_were_named(tmp_path: Path) -> None:
+    """With their factors, so that force and mass beside it are those of the fit."""
+    columns = without_set(heads())
+    columns["u"] = 0.01 * columns.pop("force [N]")
+    path = written(tmp_path / "log.csv", columns)
+    result = CliRunner().invoke(app, ["identify", str(path), "--force", "u*100:N", "--out", str(tmp_path / "o")])
+    row = next(line for line in result.output.splitlines() if line.split()[:2] == ["force", "u"])
+    assert "named on the command line" in row
+    peak = next(line for line in result.output.splitlines() if line.strip().startswith("largest force"))
+    assert float(peak.split()[2]) == pytest.approx(np.max(np.abs(RUN.force)), rel=0.1)
 
 
 def test_what_is_missing_for_percent_is_asked_for_where_the_column_is(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-// The current control is proven: a certificate, the circle test, and a part program on the machine.
+// The current control is proven: a certificate, the circle test, and a part program on the machine, run or corrected.
 
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
@@ -24,8 +24,14 @@ const PICTURES: Record<string, Record<string, string>> = {
   certificate: {},
   circle: { circle: "Circle test: the deviation, magnified", unrolled: "Deviation over the angle; hollow: quadrant peaks" },
   program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
+  corrected: {},
 };
-const HEADS: Record<string, string> = { certificate: "Certificate", circle: "Circle test", program: "Part program" };
+const HEADS: Record<string, string> = {
+  certificate: "Certificate",
+  circle: "Circle test",
+  program: "Part program",
+  corrected: "Corrected part program",
+};
 
 interface Part {
   section: HTMLElement;
@@ -110,6 +116,10 @@ export class Prove implements Room {
       button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
       select("Part program", words.programs, "program"),
       button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
+      button("Correct it", () => this.ask({ do: "prove.correct", name: chosen.program }), {
+        id: "prove-correct",
+        title: "Set positions and force offsets that make up for friction along the plan, judged on machines of a box",
+      }),
       ...(words.axes.length > 1 ? circle : []),
     ]);
   }

@@ -126,6 +126,7 @@ def write_log(path: str | Path, log: Log) -> None:
 _LONG = 4  # samples at the same extreme value: the least that counts as clipped once
 _TIMES = 2  # how often it must happen
 _ABRUPT = 0.2  # last whole step before the clip over the usual step: a position that comes to rest has a small one
+_COUNTS = 1.5  # ratio of two steps that differ by a count at least
 _LEVELS = 32  # different values: fewer are a state or a coarse number, which is often constant
 _HELD = 0.98  # share of the changes that lie on one grid of every second, third ... sample
 
@@ -166,7 +167,13 @@ def clipped(name: str, values: np.ndarray, times: int = _TIMES) -> str:
         before = np.abs(values[starts[long] - 2] - limit) > np.abs(values[starts[long] - 1] - limit)
         # The signal must have moved towards the limit in the sample before: a state jumps there.
         long[long] = before
-        if np.count_nonzero(long) >= times and np.median(steps[starts[long] - 2]) > _ABRUPT * usual:
+        if np.count_nonzero(long) < times:
+            continue
+        last = steps[starts[long] - 2]
+        # one count is the smallest step that coarse readings can show: after larger ones the axis came to rest
+        within = np.maximum(starts[long][:, None] - np.arange(2, 2 + _LONG), 0)
+        slower = (last < _COUNTS * np.min(moving)) & (np.max(steps[within], axis=1) > _COUNTS * last)
+        if np.median(np.where(slower, 0.0, last)) > _ABRUPT * usual:
             share = Quantity(np.mean(values == limit), "share", form="2")
             return Text(
                 f"'{name}' is clipped: it stays at its {word} value {Quantity(limit):6} {np.count_nonzero(long)} times "

@@ -83,7 +83,7 @@ class PlantFigures(NamedTuple):
     @property
     def worst(self) -> tuple[str, float]:
         """The figure that the correction improves least, and its ratio."""
-        names = ("RMS", "95 %", "largest")
+        names = ("the RMS deviation", "the deviation of 95 %", "the largest deviation")
         ratios = self.ratios
         worst = int(np.argmax(ratios))
         return names[worst], ratios[worst]
@@ -583,8 +583,8 @@ def judged(judge: Judge, correction: Correction, box: PlantBox, remarks: Sequenc
         plant, figure, ratio = max(worse, key=lambda entry: entry[2])
         tried.append(
             Text(
-                f"{Quantity(fraction, 'share'):3} of the correction makes {figure} {Quantity(ratio):.3f} times that "
-                f"without it on the machine '{plant.name}'; at most {Quantity(_WORSE):.2f} is accepted"
+                f"{Quantity(fraction, 'share'):3} of the correction makes {figure} {Quantity(ratio):.3f} times as "
+                f"large as without it, on the machine '{plant.name}'; at most {Quantity(_WORSE):.2f} is accepted"
             )
         )
     return _result(judge, correction.scaled(_FRACTIONS[-1]), 0.0, plants, tried, box, remarks)

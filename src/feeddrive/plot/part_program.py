@@ -502,21 +502,24 @@ def corrected_chart(result: CorrectedProgram) -> Chart:
     """Plot the deviation from the path without and with a correction, on the nominal and the worst machine."""
     T = result.correction.sample_time
     figures = {plant.name: plant for plant in result.plants}
-    panels = [
-        Panel(
-            f"{name}\n({unit_name('um')})",
-            tuple(
-                Curve(*_sizes(errors[key], T), label, number, chart.PLAIN)
-                for number, (key, label) in enumerate((("plain", "without"), ("corrected", "with the correction")))
-            ),
-            low=0.0,
-            caption=Text(
-                f"RMS {Quantity(figures[name].plain.rms, 'm')} without, "
-                f"{Quantity(figures[name].corrected.rms, 'm')} with"
-            ),
+    panels = list[Panel]()
+    for place, (name, errors) in enumerate(result.errors.items()):
+        plain, corrected = (Quantity(of.rms, "m") for of in (figures[name].plain, figures[name].corrected))
+        # both panels have the curves of the first one
+        labels = ("without", "with the correction") if place == 0 else ("", "")
+        curves = (
+            Curve(*_sizes(errors[key], T), label, number, chart.PLAIN)
+            for number, (key, label) in enumerate(zip(("plain", "corrected"), labels, strict=True))
         )
-        for name, errors in result.errors.items()
-    ]
+        of = f"{name}: " if place else ""
+        panels.append(
+            Panel(
+                f"{'worst' if place else name}\n({unit_name('um')})",
+                tuple(curves),
+                low=0.0,
+                caption=Text(f"{of}RMS {plain} without, {corrected} with"),
+            )
+        )
     return Chart("time (s)", tuple(panels), height=2.6 * len(panels))
 
 

@@ -491,7 +491,9 @@ def mapped(
     """
     path = path if isinstance(path, OpenedFile) else OpenedFile(path)
     values = values or DriveValues()
-    told = dict(_converted(path, role, Column.of(text), values) for role, text in named.items() if text is not None)
+    typed = [_converted(path, role, Column.of(text), values) for role, text in named.items() if text is not None]
+    told = {role: column for role, column, _ in typed}
+    reasons = {role: why for role, _, why in typed}
     axes = axes_in(path.columns.values, path.columns.units)
     if axis is not None and (len(axes) < 2 or (names_machine and axis.lower() not in axes)):
         axis = None
@@ -499,8 +501,8 @@ def mapped(
     open_: dict[str, str] = {}
     skipped = 0
     if channels is None:
-        guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False)
-        guessed = _remaining(path, told, guess.mapping)
+        guess = proposed(path, axis, told.get("time"), sample_time, values, likely_time=False, named=(told, reasons))
+        guessed = {role: guess.mapping[role] for role in guess.mapping if role not in told}
         mapping = {role: column for role, column in {**guessed, **told}.items() if role in wanted}
         if any(role in wanted for role in guessed if role != "time") or any(role not in told for role in guess.needs):
             show(guess, path, progress)
@@ -607,24 +609,25 @@ def scale_doubts(log: Log, columns: abc.Mapping[str, Column], values: DriveValue
     return found
 
 
+_NAMED = "named on the command line"
 CHOSEN = "chosen"  # the reason of a role that a person chose on the page
 
 
-def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues) -> tuple[str, Column]:
-    """Return role and column as typed, or as force or torque if the drive's values convert the column from %, A or V.
+def _converted(path: OpenedFile, role: str, column: Column, values: DriveValues) -> tuple[str, Column, str]:
+    """Return role and column as typed, or as force or torque if the drive's values convert it, and the reason.
 
     Raises ParameterError, which names the option, for a column in percent of an unknown rated value.
     """
     if role not in ("force", "torque", "current", "command"):
-        return role, column
+        return role, column, _NAMED
     unit = path.columns.units.get(column.name, "") if column.factor is None else ""
     found = converted(role, column, unit, values)
     if found is not None:
-        return found[0], found[1]
+        return found[0], found[1], Text(f"{_NAMED}; {found[2]}")
     if column.unit in RELATIVE and role != "command":
         what = asked_for(Need(column.name, "", column.unit), role)
         raise ParameterError(f"{path}: {what}")
-    return role, column
+    return role, column, _NAMED
 
 
 def _remaining(
@@ -861,6 +864,7 @@ def proposed(
     values: DriveValues | None = None,
     *,
     likely_time: bool = True,
+    named: tuple[abc.Mapping[str, Column], abc.Mapping[str, str]] | None = None,
 ) -> Guess:
     """Return the guessed roles of a log's columns, as shown by page, command line and Python before a fit.
 
@@ -868,11 +872,13 @@ def proposed(
     values  rated value and constants of the drive, which convert columns in percent, A or V to forces or torques
     likely_time  True to read time stamps that are implausible for a servo loop in their likeliest unit, which the table
                  states; False to refuse them
+    named   columns that the user named, by role, and the reasons to show: they replace what was guessed for their role,
+            and are not guessed for another
 
     Raises LogError and ParameterError as `read_log` and `guess_roles` do.
     """
     file = file if isinstance(file, OpenedFile) else OpenedFile(file)
-    why = "named on the command line"
+    why = _NAMED
     try:
         log = whole_log(file, time, sample_time)
     except LogError:
@@ -890,7 +896,26 @@ def proposed(
         mapping = guess.mapping
         columns, reasons = {"time": time, **mapping}, {**mapping.reasons, "time": why}
         guess = replace(guess, mapping=replace(mapping, columns=columns, reasons=reasons))
+    if named:
+        guess = _with_named(guess, file, log, *named)
     return guess if values is None or not values.any_given else with_values(guess, log, values)
+
+
+def _with_named(
+    guess: Guess, file: OpenedFile, log: Log, named: abc.Mapping[str, Column], named_why: abc.Mapping[str, str]
+) -> Guess:
+    """Return the guess with the columns that the user named in place of the guessed ones."""
+    columns = {**_remaining(file, named, guess.mapping), **named}
+    every = {**guess.mapping.reasons, **named_why}
+    reasons = {role: every[role] for role in columns if role in every}
+    taken = {column.name for column in named.values()}
+    mapping = replace(
+        guess.mapping, columns={role: columns[role] for role in ROLES if role in columns}, reasons=reasons
+    )
+    needs = {role: need for role, need in guess.needs.items() if role not in named and need.column not in taken}
+    unused = {name: why for name, why in guess.unused.items() if name not in taken}
+    doubts, preview = role_doubts(log, mapping), log_preview(log, mapping, needs)
+    return replace(guess, mapping=mapping, needs=needs, unused=unused, doubts=doubts, preview=preview)
 
 
 # the signal that a role without a unit is in, by its name
@@ -903,7 +928,11 @@ def with_values(guess: Guess, log: Log, values: DriveValues) -> Guess:
     Raises ParameterError, which names the option, if another value is missing.
     """
     columns, reasons, needs = dict(guess.mapping.columns), dict(guess.mapping.reasons), dict(guess.needs)
-    if "force" not in columns and "torque" not in columns:
+    forces = [columns[role] for role in ("force", "torque") if role in columns]
+    in_drive_unit = any(role in columns or role in needs for role in ("current", "command"))
+    # of a column of force without a unit, values of the drive say that it is in the drive's own one
+    open_unit = not in_drive_unit and not any(_has_unit(column, guess.stated) for column in forces)
+    if not forces or open_unit:
         for role in ("force", "torque", "current", "command"):
             column = Column(name=needs[role].column, unit=needs[role].signal) if role in needs else columns.get(role)
             found = None if column is None else converted(role, column, guess.stated.get(column.name, ""), values)
@@ -920,14 +949,30 @@ def with_values(guess: Guess, log: Log, values: DriveValues) -> Guess:
     return replace(guess, mapping=mapping, needs=needs, doubts=doubts, preview=log_preview(log, mapping, needs))
 
 
+def _has_unit(column: Column, stated_units: abc.Mapping[str, str]) -> bool:
+    return bool(column.unit or column.factor is not None or stated_units.get(column.name, ""))
+
+
+def _implied_unit(role: str, column: Column, values: DriveValues) -> str:
+    """Return the unit that the values of the drive imply for a force or torque without one: A, %, or none."""
+    if role not in ("force", "torque") or column.factor is not None:
+        return ""
+    if values.torque_constant or values.motor_constant:
+        return "A"
+    return "percent" if values.rated is not None else ""
+
+
 def converted(role: str, column: Column, stated_unit: str, values: DriveValues) -> tuple[str, Column, str] | None:
     """Return role, column and reason of a signal converted to force or torque; None if the values do not convert it.
+
+    A force or torque without a unit is in A if a motor constant is given, and in % if a rated value is: for a column in
+    N nobody would give one.
 
     stated_unit  the unit of the column in the file
 
     Raises ParameterError, which names the option, if another value is missing.
     """
-    unit = column.unit or stated_unit or _SIGNALS.get(role, "")
+    unit = column.unit or stated_unit or _SIGNALS.get(role, "") or _implied_unit(role, column, values)
     own = 1.0 if column.factor is None else column.factor
     if unit in RELATIVE and values.rated is not None:
         signal, size = unit, 1.0

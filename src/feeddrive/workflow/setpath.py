@@ -288,12 +288,12 @@ def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome
     return Outcome(
         result,
         [result.table()],
-        result.remarks,
-        verdict=_verdict(result),
+        result.remarks if accepted else [],
+        verdict=_verdict(result) if accepted else "",
         notes=result.tried,
         files=files,
         judgment=judgment,
-        failure="" if accepted else _refusal(result),
+        failure="" if accepted else _verdict(result),
         page=page,
         then=then,
     )
@@ -309,18 +309,15 @@ def _next(request: SetpathRequest, part: Part) -> str:
 
 
 def _verdict(result: CorrectedProgram) -> str:
+    if not result.accepted:
+        return Text(f"{Judgment.NOT_CORRECTED.says}: {result.tried[-1]}")
     nominal, worst = result.nominal, result.worst
-    head = Judgment.CORRECTED.says if result.accepted else Judgment.NOT_CORRECTED.says
     what = "" if result.accepted in (0.0, 1.0) else Text(f", {Quantity(result.accepted, 'share'):3} of the correction")
     return Text(
-        f"{head}{what}: {Quantity(nominal.corrected.rms, 'm')} RMS from the path in place of "
+        f"{Judgment.CORRECTED.says}{what}: {Quantity(nominal.corrected.rms, 'm')} RMS from the path in place of "
         f"{Quantity(nominal.plain.rms, 'm')}, and {Quantity(worst.corrected.rms, 'm')} in place of "
         f"{Quantity(worst.plain.rms, 'm')} on the worst machine of the box ({worst.name})."
     )
-
-
-def _refusal(result: CorrectedProgram) -> str:
-    return Text(f"{Judgment.NOT_CORRECTED.says}: {result.tried[-1]}") if result.tried else ""
 
 
 def _of_method(part: Part, correction: Correction) -> list[str]:
@@ -379,13 +376,16 @@ def corrected_report(result: CorrectedProgram, kind: str = "", known: Mapping[st
     good = result.accepted > 0.0
     # the row of the worst machine
     worst = [plant.name for plant in result.plants].index(result.worst.name)
+    about = [Remarks(result.tried, "What was tried")]
+    if good:
+        about.append(Remarks(result.remarks, "How to use it"))
     return Report(
         f"A part program, corrected: {kind}" if kind else "A part program, corrected",
         "feeddrive setpath",
-        Verdict((_verdict(result), *(() if good else result.tried[-1:])), good=good),
+        Verdict((_verdict(result),), good=good),
         (
             Section("plants", "On every machine of the box", (Marked(result.table(), alert=(worst,)),)),
-            Section("use", "Use", (Remarks(result.tried, "What was tried"), Remarks(result.remarks, "How to use it"))),
+            Section("use", "Use" if good else "Why none", tuple(about)),
             facts("The part", known or {}),
         ),
         Picture(

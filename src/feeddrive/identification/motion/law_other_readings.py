@@ -284,10 +284,12 @@ def differs(rows: LawRows, one: Scored) -> float:
     """Return by how much other gains of a law explain the slow rows better, as n ln of the sums of squares.
 
     The gains of a law are those of its slow part. Those that counts of another reading have biased are not. (Hausman's
-    test.)
+    test.) Infinite where the rows have no slow part that shows it, as of short stretches.
     """
     slow = rows.slow(_HIGHEST).signed(one.signals)
     columns = law_structures.regressors(one.fitted, slow)
+    if slow.force.size <= columns.shape[1]:
+        return math.inf
     rest = slow.force - columns[:, : one.fitted.values.size] @ one.fitted.values
     sizes = np.linalg.norm(columns, axis=0)
     columns = columns / np.where(sizes > 0.0, sizes, 1.0)

@@ -24,6 +24,8 @@ from feeddrive.loop.simulate import simulate
 _SIGNALS = ("position_load", "force")
 # shares of the largest speed: the width of what friction does near standstill is unknown
 _NEAR_REST = (0.01, 0.02, 0.035, 0.06, 0.1, 0.2)
+# s: of the smoothing of the motion that bends the axis: below resonances of some 30 and 80 Hz it bends statically
+_BENDING = (2e-3, 5e-3)
 # of the RMS force, for the effect of a force near standstill: it hardly moves where the axis sticks
 _SMALL_FORCE = 0.02
 _STEP = 1e-3  # of a parameter, for its difference
@@ -294,12 +296,35 @@ def _with_counts(
 def _doubt(
     loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
 ) -> np.ndarray:
-    """Return the errors that the residual does not show, shape (p,): friction near standstill, and the dead time.
+    """Return the errors that the residual does not show, shape (p,): friction near standstill, elasticity, dead time.
 
-    For the arguments see `_moved_near_rest`.
+        near standstill:  F = -extra sign(v) exp(-(v / w)²),   w = share of the largest speed
+        elasticity:       F = extra d²a/dt²,   a the acceleration of the model, smoothed: an axis of two masses below
+                          its resonance (see `Terms`); it changes the apparent mass M by (ω / resonance)²
+
+    scale          the size by which columns and residual are divided, shape (2, n) or (2, 1)
+    columns, left  columns and residual of the fit, shapes (2, n, p) and (2, n)
     """
-    near_rest = _moved_near_rest(loop, log, skip, scale, columns, left)
-    return np.hypot(near_rest, _moved_by_dead_time(loop, log, skip, scale, columns, left))
+    model = _signals(loop, log, 0, (*_SIGNALS, "velocity_load"))
+    velocity = model[-1]
+    top = float(np.max(np.abs(velocity)))
+    moved = _moved_by_dead_time(loop, log, skip, scale, columns, left)
+    if top == 0.0:
+        return moved
+    near_rest = [-np.sign(velocity) * np.exp(-((velocity / (share * top)) ** 2)) for share in _NEAR_REST]
+    bending = [_bent(velocity, float(loop.sample_time), width) for width in _BENDING]
+    for shapes in (near_rest, bending):
+        shift = _moved_by_force(shapes, loop, log, skip, scale, columns, left, model[:-1])
+        moved = np.hypot(moved, shift)
+    return moved
+
+
+def _bent(velocity: np.ndarray, T: float, width: float) -> np.ndarray:
+    """Return the third derivative of a velocity smoothed over `width`, s, as a shape with a largest magnitude of 1."""
+    from scipy.ndimage import gaussian_filter1d  # takes a second to import
+
+    shape = gaussian_filter1d(velocity, max(width / T, 1.0), order=3, mode="nearest")
+    return shape / (float(np.max(np.abs(shape))) or 1.0)
 
 
 def _moved_by_dead_time(
@@ -328,35 +353,33 @@ def _moved_by_dead_time(
     return np.sqrt(np.maximum(after - before, 0.0) + moved**2)
 
 
-def _moved_near_rest(
-    loop: Loop, log: MotionLog, skip: int, scale: np.ndarray, columns: np.ndarray, left: np.ndarray
+def _moved_by_force(
+    shapes: Sequence[np.ndarray],
+    loop: Loop,
+    log: MotionLog,
+    skip: int,
+    scale: np.ndarray,
+    columns: np.ndarray,
+    left: np.ndarray,
+    model: np.ndarray,
 ) -> np.ndarray:
-    """Return by how much a friction near standstill that the model lacks shifts each parameter, shape (p,).
+    """Return by how much a force that the model lacks shifts each parameter, shape (p,).
 
-        F = -extra sign(v) exp(-(v / w)²),   w = share of the largest speed
-
-    `extra` is added to the parameters as one more unknown, for each share of `_NEAR_REST`; the width that explains most
+    The force, a factor times a shape over time, is added as one more unknown; of the shapes the one that explains most
     of the residual counts.  The shift d is reduced by what chance makes of it, as between two fits of which one is more
-    precise (Hausman 1978): d² - |error² - error_wider²|, or 0.  Stribeck and presliding friction act alike at each
-    start and stop, so that the residual's autocorrelation does not show how much of them the mass has taken.
+    precise (Hausman 1978): d² - |error² - error_wider²|, or 0.  Such forces act alike at each start and stop, so that
+    the residual's autocorrelation does not show how much of them the mass has taken.
 
-    scale          the size by which columns and residual are divided, shape (2, n) or (2, 1)
-    columns, left  columns and residual of the fit, shapes (2, n, p) and (2, n)
+    model  the signals of the loop without the force, shape (2, n + skip); for the rest see `_doubt`
     """
-    model = _signals(loop, log, 0, (*_SIGNALS, "velocity_load"))
-    velocity = model[-1]
     small = _SMALL_FORCE * float(np.sqrt(np.mean(log.force**2)))
-    top = float(np.max(np.abs(velocity)))
     p = columns.shape[-1]
     least, moved, wider = np.inf, np.zeros(p), columns
-    if top == 0.0:
-        return moved
-    for share in _NEAR_REST:
-        shape = np.sign(velocity) * np.exp(-((velocity / (share * top)) ** 2))
-        load = RecordedForce(force=-small * shape, sample_time=float(loop.sample_time))
+    for shape in shapes:
+        load = RecordedForce(force=small * shape, sample_time=float(loop.sample_time))
         try:
-            felt = (_signals(loop, log, 0, load=load) - model[:-1])[:, skip:] / small / scale
-        # a loop at the edge of stability shows nothing about friction
+            felt = (_signals(loop, log, 0, load=load) - model)[:, skip:] / small / scale
+        # a loop at the edge of stability shows nothing about a force
         except DivergedError:
             continue
         if not np.any(felt):

@@ -1,4 +1,4 @@
-"""The Prove page of the studio: stability certificate, circle test and part program for the current controller."""
+"""The Prove page of the studio: certificate, circle test, and a part program that is run or corrected."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from feeddrive.studio.works import Shown, circle_shown, circled, program_run, re
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
 from feeddrive.workflow.run_job import RunRequest
+from feeddrive.workflow.setpath import SetpathRequest
 
 _PROGRAM = "a part program, beside its job"
 _RULE = "the control that was tuned on the page"
@@ -86,26 +87,7 @@ class Prove(Room):
     @act
     def program(self, asked: Asked) -> None:
         """Run an uploaded or bundled part program on the machine."""
-        bench = self.desk.needed
-        bench.needed_loop()
-        name = asked.choice("name", [*_bundled(), *self.desk.programs])
-        self.desk.check_free()
-        source = self.desk.programs.get(name) or BUNDLED / "programs" / name
-        # a copy beside the job, which then names it without a folder
-        part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
-        machine = quoted(whole(self.desk.machine_path()))
-        text = [
-            # names come from uploads: quoted, they cannot add keys to the job
-            f"title = {quoted(f'{name} on {bench.title}')}",
-            f"machine = {machine}",
-            f"axis = {quoted(bench.axis)}",
-            f"rule = {quoted(_RULE)}",
-            "",
-            "[program]",
-            f"file = {quoted(part.name)}",
-            "",
-        ]
-        job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
+        name, job = self._job(asked)
         request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
         held = self.desk.held()
 
@@ -114,6 +96,42 @@ class Prove(Room):
             self._put("program", held, shown)
 
         self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
+
+    @act
+    def correct(self, asked: Asked) -> None:
+        """Correct a part program by its plan: setpoints and force offsets, judged on a box of machines."""
+        name, job = self._job(asked)
+        request = SetpathRequest(str(job), out=free_name(self.desk.folder, "setpath"))
+        held = self.desk.held()
+
+        def then(shown: Shown) -> None:
+            self.desk.did("setpath", request, held.control)
+            self._put("corrected", held, shown)
+
+        self.desk.start(self.name, f"correct {name}", partial(reported, "setpath", request), then)
+
+    def _job(self, asked: Asked) -> tuple[str, Path]:
+        """Return the name of the chosen part program, and a job that runs it under the current controller."""
+        bench = self.desk.needed
+        bench.needed_loop()
+        name = asked.choice("name", [*_bundled(), *self.desk.programs])
+        self.desk.check_free()
+        source = self.desk.programs.get(name) or BUNDLED / "programs" / name
+        # a copy beside the job, which then names it without a folder
+        part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
+        text = [
+            # names come from uploads: quoted, they cannot add keys to the job
+            f"title = {quoted(f'{name} on {bench.title}')}",
+            f"machine = {quoted(whole(self.desk.machine_path()))}",
+            f"axis = {quoted(bench.axis)}",
+            f"rule = {quoted(_RULE)}",
+            "",
+            "[program]",
+            f"file = {quoted(part.name)}",
+            "",
+        ]
+        job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
+        return name, job
 
     def _put(self, name: str, held: Held, result: Shown) -> None:
         """Store a result as the latest one, replacing an earlier one of this name."""
