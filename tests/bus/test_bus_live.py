@@ -210,9 +210,12 @@ def test_a_drive_holds_its_axis_before_a_control_takes_over(brake_time: float, s
     made = ControlInMaster(OURS, T, force=2000.0, encoders=2)
     with DriveClient(bench.transport(), described, paced=False) as client:
         play_profile(client, move(rows=10, distance=0.0), control=made)
-    held = sum(mode == 8 and state is PowerState.ENABLED for mode, _, state in sent.frames)
+    modes = [mode for mode, _, state in sent.frames if state is PowerState.ENABLED]
+    before, after = modes.index(10), modes[::-1].index(10)
     # and the few cycles in which it is switched on
-    assert 0 <= held - seconds / T < 10
+    assert 0 <= before - seconds / T < 10
+    # and again at the end, when its brake is open
+    assert 0 <= after - 0.5 / T < 10
 
 
 def test_a_drive_that_keeps_its_mode_is_switched_off_after_20_cycles() -> None:
@@ -220,8 +223,41 @@ def test_a_drive_that_keeps_its_mode_is_switched_off_after_20_cycles() -> None:
     sent = Sent(bench.firmware)
     bench.play(move(rows=10, distance=0.0), OURS)
     first = next(k for k, (mode, _, state) in enumerate(sent.frames) if mode == 10 and state is PowerState.ENABLED)
-    off = next(k for k, (_, control, _) in enumerate(sent.frames) if k > first and control == 0)
+    off = next(k for k, (_, control, _) in enumerate(sent.frames) if k > first and control & 0x0F != 0x0F)
     assert off - first == 20
+
+
+@pytest.mark.parametrize("changes_mode", [True, False], ids=["in operation", "in a quick stop"])
+def test_a_drive_holds_its_axis_again_before_it_is_switched_off(changes_mode: bool) -> None:
+    """Whether its axis stands it judges by its own readings, which the noise of a control may hide."""
+    bench = Bench(hanging(), changes_mode=changes_mode, brake=Brake(0.1, 0.1))
+    sent = Sent(bench.firmware)
+    played = bench.play(move(rows=100, distance=0.0), hanging(with_control(bench_loop())))
+    assert played.aborted is None
+    # after the control the drive is asked for csp; the control led it in cst until then
+    led = max(k for k, (mode, _, _) in enumerate(sent.frames) if mode == 10)
+    after = [(control, state) for _, control, state in sent.frames[led + 1 :]]
+    operating = [control for control, state in after if state is PowerState.ENABLED]
+    if changes_mode:
+        # half a second, then disable operation; the voltage is not cut from operation
+        assert len(operating) == pytest.approx(0.5 / T, abs=8)
+        assert next(control for control, _ in after if control & 0x0F != 0x0F) == 0x07
+    else:
+        assert len(operating) == pytest.approx(20, abs=4)
+        assert any(state is PowerState.QUICK_STOP for _, state in after)
+    assert bench.firmware.state is PowerState.SWITCH_ON_DISABLED
+    # it does not fall meanwhile
+    begin = played.log["reading_load"][-1]
+    assert abs(bench.true[-1] - begin) < 1e-4
+
+
+def test_a_drive_that_does_not_hold_its_axis_by_itself_makes_a_quick_stop_and_says_so() -> None:
+    bench = Bench(bench_loop(), faults=[InjectedFault("drive_fault", 900, float(OVERCURRENT))])
+    # the hold begins after 0.5 s, the motion and 0.1 s at its end
+    played = bench.play(move(rows=100, distance=0.0), OURS)
+    assert played.aborted is not None
+    assert played.aborted.startswith("while the drive held its axis by itself, the drive left operation")
+    assert len(played.log) == 100
 
 
 @pytest.mark.parametrize("brake_time", [0.0, 0.2])

@@ -12,6 +12,7 @@ import pytest
 import foreign_axis as fa
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.force.backlash import Backlash
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.blocks.plant.rigid import Rigid
@@ -20,6 +21,7 @@ from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.commissioning import friction, motions
 from feeddrive.commissioning.friction import fit_friction
 from feeddrive.commissioning.motions import Pace
+from feeddrive.commissioning.trial import predicted
 from feeddrive.files.log import Log
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.language.errors import DivergedError, NotIdentifiableError
@@ -159,3 +161,21 @@ def test_where_nothing_fits_the_last_reason_is_said(monkeypatch: pytest.MonkeyPa
 def test_one_encoder_has_no_motor_to_put_friction_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a rigid axis the motor is the load: a candidate for it would be a KeyError here."""
     assert chosen(monkeypatch, Rigid(mass=80.0), load_coulomb=1e-6, load_stribeck=1e-6) == ("load", "coulomb")
+
+
+def test_a_play_is_told_by_strokes_that_are_read_at_both_ends() -> None:
+    """30 um of play, with friction on both ends of it; 1 um is less than a reading of the strokes tells at 1 ms."""
+    gap = 30e-6
+    rubs = {f"friction_{body}": Coulomb(coulomb=30.0, viscous=100.0) for body in ("motor", "load")}
+    real = loop(TWO, forces=(Backlash(gap=gap),), **rubs)
+    log = predicted(real, STROKES, 1e-8, 0.0)
+    fit = fit_friction(loop(TWO), log, 60.0, play=True)
+    assert fit.gap == pytest.approx(gap, rel=0.1)
+    assert [float(force.gap) for force in fit.axis.forces if isinstance(force, Backlash)] == [fit.gap]
+    assert fit.axis.friction_motor is not None
+    assert float(fit.axis.friction_motor.coulomb) == pytest.approx(30.0, rel=0.1)
+    without = fit_friction(loop(TWO), log, 60.0)
+    assert without.gap == 0.0
+    assert without.left > 3.0 * fit.left
+    # a rigid axis has no spring in which it could be
+    assert fit_friction(loop(Rigid(mass=80.0)), log, 60.0, play=True).gap == 0.0

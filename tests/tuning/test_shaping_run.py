@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.loop.guard import Guard
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import OperatingPoint, measured_point, with_table_force
+from feeddrive.tuning.proof import of_model
 from feeddrive.tuning.tune import Verdict, tune_control
 
 RUN = "run with friction, counts and limit"
@@ -39,6 +41,22 @@ def test_the_run_keeps_the_force_limit(screw: fd.Loop) -> None:
         assert line.holds is holds, line
         assert found.holds is holds
         assert found.recommendation().startswith("Do not use" if not holds else ("Take", "Leave"))
+
+
+@pytest.mark.parametrize("fastest", [0.04, None])
+def test_an_axis_that_may_not_go_as_fast_as_the_model_slides_is_run_all_the_same(
+    screw: fd.Loop, fastest: float | None
+) -> None:
+    """The run slides at 0.05 m/s, at which the model is made: the axis's own limit of velocity is no part of a tuning.
+
+    That of the following error is one: 50 N move the table by far less than 1 mm.
+    """
+    guard = Guard(velocity_limit=fastest, following_error_limit=1e-3)
+    loop = replace(screw, control=replace(screw.control, guard=guard))
+    line = of_model("x", loop, Limits(snap_force=50.0), 0.05)[-1]
+    assert line.holds, line
+    tight = replace(loop, control=replace(loop.control, guard=replace(guard, following_error_limit=1e-7)))
+    assert "the guard trips" in of_model("x", tight, Limits(snap_force=50.0), 0.05)[-1].text
 
 
 def test_a_plant_that_is_another_one_is_not_run(screw: fd.Loop) -> None:

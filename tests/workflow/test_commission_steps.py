@@ -18,9 +18,11 @@ import pytest
 import feeddrive as fd
 from feeddrive.blocks.force.cogging import Cogging
 from feeddrive.blocks.force.harmonic import Harmonic
+from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.bus.drive_file import BusLimits
 from feeddrive.bus.play import Played, Profile
 from feeddrive.commissioning.cogging import described, stated
+from feeddrive.commissioning.friction import FrictionFit
 from feeddrive.commissioning.record import Commissioned, Step, digests, write_record
 from feeddrive.files.frf import write_frf
 from feeddrive.files.log import Log
@@ -51,6 +53,8 @@ FACTS = {
     "viscous": 300.0,
     "dead_time": 2e-3,
     "wide": 0.0,
+    "soft": 0.0,
+    "amplitude": 20.0,
     "resistance": 40.0,
 }
 
@@ -286,7 +290,7 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     axis, _ = strokes(monkeypatch, tmp_path / "out", following_error=0.05)
-    series = [profile for profile, _ in axis.of("strokes")]
+    series = [profile for profile, _ in axis.of("first stroke")]
     reached = [float(np.max(profile.set_position)) for profile in series]
     assert reached[0] == pytest.approx(0.25 * 0.6 * 0.1)
     assert reached[-1] == pytest.approx(0.6 * 0.1)
@@ -294,6 +298,10 @@ def test_strokes_take_six_tenths_of_the_travel_slow_ones_a_quarter_of_it(
     fastest = (2.0 * 0.06 / 3.0) ** 0.5
     assert speed(series[-1]) == pytest.approx(fastest, rel=0.01)
     assert speed(series[0]) == pytest.approx(0.1 * fastest, rel=0.01)
+    # one to and fro tells the following error; strokes at five speeds follow at the last pace alone
+    assert series[-1].set_position.size < 0.3 * axis.of("strokes")[0][0].set_position.size
+    assert speed(axis.of("strokes")[0][0]) == pytest.approx(fastest, rel=0.01)
+    assert len(axis.of("strokes")) == 1
 
 
 def test_a_force_along_the_travel_is_told_by_strokes_over_all_of_it(
@@ -479,17 +487,20 @@ def test_a_model_is_fitted_to_all_of_the_band_to_half_and_to_a_quarter(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared(tmp_path / "out")
-    bands = list[str]()
+    bands, lags = list[str](), list[float | None]()
 
     def fitted(request: Any, _: Progress) -> Any:
         bands.append(request.band)
+        lags.append(request.machine.loop("x").axis.actuator.current_loop)
         return BAD
 
     monkeypatch.setattr(module, "identify", SimpleNamespace(run=fitted))
     result = begun(tmp_path / "out", Axis(), "model")
     assert result.refusal.startswith("model:")
-    # with the encoder at the motor and at the load, each in three structures
-    assert bands == 3 * [band for top in (400, 200, 100) for band in 2 * [f"4..{top}"]]
+    # with the encoder at the motor and at the load, each with the lag of the current loop and without, in three
+    # structures
+    assert bands == 3 * [band for top in (400, 200, 100) for band in 4 * [f"4..{top}"]]
+    assert lags == 3 * [lag for top in (400.0, 200.0, 100.0) for lag in 2 * [top, None]]
 
 
 def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_law_is_slowed_down(
@@ -516,6 +527,63 @@ def test_a_control_is_tuned_on_responses_then_with_wider_margins_then_a_start_la
     loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
     law: Any = loop.control.law
     assert gains[::2] == pytest.approx(float(law.Kv) * np.array([1.0, 0.6, 0.36, 0.2, 0.1]), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "again"),
+    [
+        # 0.4 of 40 N of friction, and half as much again
+        (24.1, True),
+        (23.9, False),
+    ],
+)
+def test_before_a_tuning_is_refused_responses_are_measured_with_a_force_that_leaves_a_play_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, amplitude: float, again: bool
+) -> None:
+    prepared(tmp_path / "out", 370.0)
+
+    def not_certified(*_: Any) -> Any:
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    asked = standing(monkeypatch, lambda _: 6.0)
+    person = Person("Nothing")
+    out = begun_at(tmp_path / "out", "tune", amplitude=amplitude)
+    result = fd.commission(Axis(), out=out, progress=person)
+    assert result.refusal == ("it would be written" if again else "tuning: its margin is used up")
+    assert [each.amplitude for each in asked[:1]] == ([pytest.approx(0.4 * 40.0)] if again else [])
+    # up to the same lines, and without another question
+    assert [each.band[1] for each in asked[:1]] == ([pytest.approx(400.0)] if again else [])
+    assert person.asked == []
+
+
+def test_noise_may_shake_a_tuned_force_by_a_tenth_of_what_is_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared(tmp_path / "out")
+    asked = list[Any]()
+
+    def not_tuned(request: Any, _: Progress) -> Any:
+        asked.append(request)
+        raise ParameterError("it is not tuned here")
+
+    def not_certified(*_: Any) -> Any:
+        raise NotCertifiedError("its margin is used up")
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=not_tuned))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=not_certified))
+    fd.commission(
+        Axis(), out=begun_at(tmp_path / "out", "tune", noise=3e-8, holding=-160.0), progress=Person("Nothing")
+    )
+    # 30 nm of reading noise and a count of 10 nm
+    assert len(asked) == 4
+    assert [each.reading_noise for each in asked] == pytest.approx(4 * [np.hypot(3e-8, 1e-8 / np.sqrt(12.0))])
+    assert [each.max_noise for each in asked] == pytest.approx(4 * [0.1 * (1000.0 - 160.0 - 40.0)])
+    own = module.CommissionRequest(Axis(), out=begun_at(tmp_path / "out", "tune"), max_noise=5.0)
+    asked.clear()
+    module.Chain(own, Axis(), tmp_path / "out", Person("Nothing")).run(kept=True)
+    assert {each.max_noise for each in asked} == {5.0}
 
 
 @pytest.mark.parametrize(
@@ -651,3 +719,73 @@ def test_a_control_that_is_worse_than_the_one_before_is_tuned_once_more_on_highe
     else:
         assert asked == []
         assert "the control before has the smaller following error" in result.refusal
+
+
+def begun_trial(folder: Path, **facts: float) -> Commissioned:
+    """A trial of the start law, from facts, with a report in the folder of the model."""
+    prepared(folder, 370.0)
+    (folder / "7_model" / "report.html").write_text("a report")
+    (folder / "8_tune").mkdir()
+    (folder / "8_tune" / "machine.toml").write_text((folder / "3_start_law" / "machine.toml").read_text())
+    axis = Axis(limits=replace(LIMITS, following_error=0.02))
+    return begun(folder, axis, "trial", until="Keep", model_band=370.0, gap=0.0, **facts)
+
+
+def test_the_friction_of_the_model_is_fitted_to_a_trial_with_another_following_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the start law that was tried; the force along the travel and a play stay out of the model."""
+    ran = list[tuple[float, str, bool]]()
+
+    def fitted(loop: Any, log: Log, coulomb: float, viscous: float, *, play: bool) -> Any:
+        ran.append((float(loop.control.law.Kv), log.name, play))
+        return FrictionFit(replace(loop.axis, friction_load=Coulomb(coulomb=77.0)), "load", "coulomb", 1e-6)
+
+    good = SimpleNamespace(run=lambda *_: SimpleNamespace(judgment=SimpleNamespace(bad=False), verdict="good"))
+    monkeypatch.setattr(module, "fit_friction", fitted)
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=lambda *_: BAD))
+    for name in ("certify", "check", "export"):
+        monkeypatch.setattr(module, name, good)
+    result = begun_trial(tmp_path / "out")
+    tried = read_machine(tmp_path / "out" / "3_start_law" / "machine.toml").loop("x")
+    law: Any = tried.control.law
+    assert ran[0] == (pytest.approx(float(law.Kv)), "paper", False)
+    assert result["model"].says.startswith("The model as before, with the friction of the trial: on the load")
+    loop = read_machine(tmp_path / "out" / "7_model" / "machine.toml").loop("x")
+    assert loop.axis.friction_load is not None
+    assert float(loop.axis.friction_load.coulomb) == 77.0
+    assert loop.axis.forces == tried.axis.forces
+    assert (tmp_path / "out" / "7_model" / "report.html").read_text() == "a report"
+    # the next trial is predicted with it
+    next_one = read_machine(tmp_path / "out" / "8_tune" / "machine.toml").loop("x").axis.friction_load
+    assert next_one is not None
+    assert float(next_one.coulomb) == 77.0
+
+
+@pytest.mark.parametrize(
+    ("figure", "again"),
+    [
+        # friction is in both runs of a stiffness, and not in their difference
+        ("stiffness", True),
+        ("following_rms", False),
+    ],
+)
+def test_after_a_trial_with_another_stiffness_the_responses_are_measured_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figure: str, again: bool
+) -> None:
+    monkeypatch.setattr(module.Trial, "ratio", lambda _, name: 1.2 if name == figure else 1.0)
+    monkeypatch.setattr(module, "fit_friction", none)
+    asked = standing(monkeypatch, lambda _: 6.0)
+    tuned = list[Any]()
+
+    def not_tuned(request: Any, _: Progress) -> Any:
+        tuned.append(request)
+        return BAD
+
+    monkeypatch.setattr(module, "tune", SimpleNamespace(run=not_tuned))
+    monkeypatch.setattr(module, "certify", SimpleNamespace(run=none))
+    result = begun_trial(tmp_path / "out", amplitude=100.0)
+    assert result.refusal == "it would be written"
+    assert asked[0].amplitude == pytest.approx(16.0)
+    # at once, or after other controls were tuned in vain
+    assert (tuned == []) is again

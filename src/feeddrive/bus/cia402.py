@@ -199,6 +199,7 @@ def state_of(statusword: int) -> PowerState | None:
 
 # commands in the low byte of the controlword
 SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
+DISABLE_OPERATION = SWITCH_ON  # the same bits, from operation enabled: in order, with the brake closed first
 DISABLE_VOLTAGE, QUICK_STOP, FAULT_RESET = 0x00, 0x02, 0x80
 
 # the command that leads from each state towards operation enabled

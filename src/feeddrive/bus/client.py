@@ -191,6 +191,7 @@ def _written(transport: Transport, name: str, value: int) -> Iterator[str]:
 # A drive by CiA 402: opened and checked, switched on and off, and commanded in a cycle.
 
 _PATIENCE = 3.0  # s for a change of state, on the clock and in cycles
+_CLOSES = 1.0  # s that a drive may need to close its brake before it leaves operation
 _FIRST = 20  # cycles at the start within which the drive must answer
 _ASKED, _SILENCE = 10, 0.3  # cycles, and s, without any answer, after which the drive is given up
 _TARGETS = {cia402.CSP: "target_position", cia402.CST: "target_torque"}
@@ -479,9 +480,14 @@ class DriveClient:
         self._until(PowerState.SWITCH_ON_DISABLED, {PowerState.FAULT: cia402.FAULT_RESET})
 
     def prepare_stop(self, *, force_off: bool = False) -> None:
-        """Request a quick stop with the next cycle, or the end of all force; `stop` or `disable` completes it."""
+        """Request a quick stop with the next cycle, or the end of all force; `stop` or `cut` completes it."""
         if self.state is PowerState.ENABLED:
             self._values["controlword"] = cia402.DISABLE_VOLTAGE if force_off else cia402.QUICK_STOP
+
+    def prepare_disable(self) -> None:
+        """Request with the next cycle that the drive switches off in order; `disable` completes it."""
+        if self.state is PowerState.ENABLED:
+            self._values["controlword"] = cia402.DISABLE_OPERATION
 
     def stop(self) -> None:
         """Perform a quick stop, wait until the drive has switched off, and disable the voltage in any case."""
@@ -514,6 +520,13 @@ class DriveClient:
         has_target = _TARGETS.get(mode, "target_velocity") in self._sent.names
         return has_target and (told is None or bool(told >> (mode - 1) & 1))
 
+    def ask_hold(self, force: float) -> None:
+        """Ask with the next cycle for csp at the present position; until `shows`, the target force (N) stays in cst."""
+        self.command(force=force)
+        self.mode, self.held = cia402.CSP, 0.0
+        self._values["mode"] = self.mode
+        self.command()
+
     def ask_torque(self, force: float) -> None:
         """Ask with the next cycle for cst and a target force, N; `shows` tells when the drive runs it."""
         self.mode, self.held = cia402.CST, force
@@ -526,7 +539,19 @@ class DriveClient:
         return self.state is PowerState.ENABLED and self._mode == self.mode
 
     def disable(self) -> None:
-        """Switch off without a quick stop, for an axis at rest."""
+        """Switch off an axis at rest in order: disable operation, and when the drive has left it, disable the voltage.
+
+        On disable voltage alone the force may end before a brake has closed; on disable operation a drive closes it
+        first, by 0x605C, and many stay in operation meanwhile.
+        """
+        for _ in range(round(_CLOSES / self.drive.cycle_time)):
+            if self.state is not PowerState.ENABLED:
+                break
+            self._follow(cia402.DISABLE_OPERATION)
+        self._switch_off()
+
+    def cut(self) -> None:
+        """Switch off at once, whatever moves."""
         self._switch_off()
 
     def _switch_off(self) -> None:

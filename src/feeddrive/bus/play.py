@@ -405,12 +405,11 @@ def play_together(
     aborted, cause, reactions = "", "", [BRAKE] * len(clients)
     _refuse_stopped(clients)
     with interruption(keys=True) as interrupted, urgent(first.pace.cycle_time is not None) as permitted:
-        held = _switch_on(
-            first,
-            clients,
-            leading,
-            lambda: interrupted() > 0 or (progress is not None and progress.cancelled),
-        )
+
+        def stopped() -> bool:
+            return interrupted() > 0 or (progress is not None and progress.cancelled)
+
+        held = _switch_on(first, clients, leading, stopped)
         kept = [_Rows(client, led, force) for client, led, force in zip(clients, leading, held, strict=True)]
         first.pace.begin()
         lost_before = [client.lost for client in clients]
@@ -423,7 +422,7 @@ def play_together(
                 aborted, cause = str(error).removeprefix(f"{first.transport.where}: "), "bus"
                 reactions = [QUICK_STOP] * len(clients)
                 break
-            by_hand = interrupted() > 0 or (progress is not None and progress.cancelled)
+            by_hand = stopped()
             stop = "stopped by hand" if by_hand else ""
             faults = [
                 rows.watched(row, first.pace.elapsed, stop or row.tripped) for rows, row in zip(kept, sent, strict=True)
@@ -450,6 +449,12 @@ def play_together(
             # a profile of forces may end with a speed, and friction may be all that brakes the rest of it
             aborted = _braked(first, kept, must_rest=False).removeprefix("; ")
             reactions = [rows.reaction for rows in kept]
+        if not aborted:
+            try:
+                _hand_back(first, kept, stopped)
+            except BusError as error:
+                aborted, cause = str(error).removeprefix(f"{first.transport.where}: "), "bus"
+                reactions = [QUICK_STOP] * len(clients)
         for client, reaction in zip(clients, reactions, strict=True):
             if aborted and reaction != BRAKE:
                 # requested for all first: the next cycle carries every stop, while `_halt` waits drive by drive
@@ -458,6 +463,8 @@ def play_together(
             _shown(f"{aborted}{_halt(client, reaction)}" if aborted else "", client.drive)
             for client, reaction in zip(clients, reactions, strict=True)
         ]
+        for client in () if aborted else clients:
+            client.prepare_disable()
         for client in () if aborted else clients:
             client.disable()
         # not after another stop: its axis may coast, and a drive that runs away must not be switched on again
@@ -655,7 +662,8 @@ def _switch_on(
         for _ in range(round(brakes / first.drive.cycle_time)):
             first.cycle()
         return [client.held for client in clients]
-    for client, force in zip(weighed, _weigh(first, weighed, brakes, stopped), strict=True):
+    forces = _weigh(first, weighed, max(_HOLDS, brakes + 2.0 * _WEIGHED), stopped)
+    for client, force in zip(weighed, forces, strict=True):
         client.ask_torque(force)
     for _ in range(_CHANGES):
         first.cycle()
@@ -674,11 +682,40 @@ def _switch_on(
     return [client.held for client in clients]
 
 
+def _hand_back(first: DriveClient, kept: Sequence[_Rows], stopped: Callable[[], bool]) -> None:
+    """Let drives that a control led in cst hold their axes by themselves, before they are switched off.
+
+    A drive waits for its brake if its axis stands by its own readings, which the noise of a control may hide.  It takes
+    the axis over in csp, under the force that held it, or in a quick stop where it does not change its mode in
+    operation.  Raises BusError.
+    """
+    clients = [rows.client for rows in kept]
+    torque = [rows for rows in kept if rows.leading is not None and rows.leading.control.mode == "cst"]
+    held = [rows for rows in torque if rows.client.can(CSP)]
+    if not held:
+        return
+    last = max(1, round(_WEIGHED / first.drive.cycle_time))
+    for rows in held:
+        force = rows.commanded[-last:]
+        rows.client.ask_hold(sum(force) / len(force))
+    for _ in range(_CHANGES):
+        first.cycle()
+        if all(rows.client.shows for rows in held):
+            break
+    if all(rows.client.shows for rows in held):
+        _weigh(first, [rows.client for rows in held], _HOLDS, stopped)
+        return
+    for client in clients:
+        client.prepare_stop()
+    for client in clients:
+        client.stop()
+
+
 def _weigh(
-    first: DriveClient, clients: Sequence[DriveClient], brakes: float, stopped: Callable[[], bool]
+    first: DriveClient, clients: Sequence[DriveClient], seconds: float, stopped: Callable[[], bool]
 ) -> list[float]:
     """Let drives hold their axes by themselves; return the mean force of each at the end, N. Raises BusError."""
-    cycles, last = (round(time / first.drive.cycle_time) for time in (max(_HOLDS, brakes + 2.0 * _WEIGHED), _WEIGHED))
+    cycles, last = (round(time / first.drive.cycle_time) for time in (seconds, _WEIGHED))
     watching: list[tuple[Monitor, MonitorState, Target]] = []
     for client in clients:
         told = client.told
@@ -802,6 +839,8 @@ def _halt(client: DriveClient, reaction: str) -> str:
     try:
         if reaction == QUICK_STOP:
             client.stop()
+        elif reaction == OFF:
+            client.cut()
         else:
             client.disable()
     except BusError as error:

@@ -6,15 +6,18 @@ output error, and a richer one is taken only if it leaves clearly less of the mo
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
+from feeddrive.blocks.force.backlash import Backlash
+from feeddrive.blocks.force.spring import check_spring
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.stribeck import Stribeck
 from feeddrive.files.log import Log
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import Refinement, refine
 from feeddrive.language import tree
-from feeddrive.language.errors import FeeddriveError, NotIdentifiableError
+from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, StructureError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 
@@ -25,19 +28,24 @@ _SETTLED = 0.2  # s at the beginning of the log, in which a start differs from t
 
 @dataclass(frozen=True)
 class FrictionFit:
-    """The axis with its friction, the body on which it acts, its curve, and what is left of the position, m RMS."""
+    """The axis with its friction, the body on which it acts, its curve, and what is left of the position, m RMS.
+
+    gap  the play between motor and load, m; it is among the forces of the axis
+    """
 
     axis: Axis
     body: str
     curve: str
     left: float
+    gap: float = 0.0
 
 
-def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0) -> FrictionFit:
+def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0, *, play: bool = False) -> FrictionFit:
     """Return the axis of the loop that ran with the friction that explains the log of its strokes best.
 
     ran      the loop as it ran, with the plant that is known; its friction is replaced
     coulomb, viscous  N and N s/m, from which the fits begin
+    play     a play in the spring between motor and load is looked for as well (`gap`, m)
 
     Raises NotIdentifiableError if no candidate can be fitted.
     """
@@ -52,21 +60,56 @@ def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0) -> F
     )
     two = ran.axis.plant.mechanics().motor != ran.axis.plant.mechanics().load
     skip = round(_SETTLED / log.sample_time)
+    fits, why = dict[tuple[str, str], FrictionFit](), ""
+
+    def tried(body: str, curve: str) -> None:
+        nonlocal why
+        try:
+            fit = _fitted(ran, motion, body, curve, coulomb, viscous, skip)
+        except FeeddriveError as error:
+            why = str(error)
+        else:
+            fits[body, curve] = FrictionFit(fit.loop.axis, body, curve, fit.by_delay[0])
+
+    bodies = ("load", "motor") if two else ("load",)
+    for body in bodies:
+        tried(body, "coulomb")
+    # a curve takes longer to fit: only where a level alone leaves about as little as anywhere
+    least = min((fit.left for fit in fits.values()), default=math.inf)
+    levels = {body: fits[body, "coulomb"].left for body in bodies if (body, "coulomb") in fits}
+    for body in bodies:
+        if body not in levels or _CLEARLY * levels[body] <= least:
+            tried(body, "stribeck")
     best: FrictionFit | None = None
-    why = ""
-    for body in ("load", "motor") if two else ("load",):
-        for curve in ("coulomb", "stribeck"):
-            try:
-                fit = _fitted(ran, motion, body, curve, coulomb, viscous, skip)
-            except FeeddriveError as error:
-                why = str(error)
-                continue
-            left = fit.by_delay[0]
-            if best is None or left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
-                best = FrictionFit(fit.loop.axis, body, curve, left)
+    for (_, curve), fit in fits.items():
+        if best is None or fit.left < (_CLEARLY if curve == "stribeck" else 1.0) * best.left:
+            best = fit
     if best is None:
         raise NotIdentifiableError(f"no friction explains the strokes: {why}")
-    return best
+    with_play = _with_play(ran, motion, coulomb, viscous, skip, best.left) if play and two else None
+    return with_play if with_play is not None and with_play.left < _CLEARLY * best.left else best
+
+
+def _with_play(ran: Loop, log: MotionLog, coulomb: float, viscous: float, skip: int, left: float) -> FrictionFit | None:
+    """Return the axis with a play in its spring and friction on both of its ends; None if that cannot be fitted."""
+    try:
+        check_spring("backlash", ran.axis.plant)
+    except StructureError:
+        return None
+    # within a play each end has its own friction
+    ends = {f"friction_{body}": Coulomb(coulomb=0.5 * coulomb, viscous=0.5 * viscous) for body in ("load", "motor")}
+    own = {name: 0.0 for name, _ in tree.leaves(ran.axis.plant) if name.startswith("viscous")}
+    # what a play leaves of the position is about as large as it
+    forces = (*(force for force in ran.axis.forces if not isinstance(force, Backlash)), Backlash(gap=2.0 * left))
+    loop = replace(ran, axis=replace(ran.axis, plant=replace(ran.axis.plant, **own), forces=forces, **ends))
+    place = loop.place_of("axis")
+    gap = f"{place}.forces.{len(forces) - 1}.gap"
+    names = [f"{place}.friction_{body}.{name}" for body in ("load", "motor") for name in ("coulomb", "viscous")]
+    try:
+        fit = refine(loop, log, [*names, gap], delays=(0,), skip=skip)
+    except FeeddriveError:
+        return None
+    return FrictionFit(fit.loop.axis, "motor and load", "coulomb", fit.by_delay[0], float(tree.get(fit.loop, gap)))
 
 
 def _fitted(ran: Loop, log: MotionLog, body: str, curve: str, coulomb: float, viscous: float, skip: int) -> Refinement:

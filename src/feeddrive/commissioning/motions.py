@@ -110,14 +110,16 @@ def push_distance(pace: Pace) -> float:
 STROKE_SPEEDS = (1.0, 0.5, 0.2, 0.05, 0.01)
 
 
-def strokes(travel: float, pace: Pace, sample_time: float) -> Profile:
+def strokes(
+    travel: float, pace: Pace, sample_time: float, speeds: Sequence[float] = STROKE_SPEEDS, name: str = "strokes"
+) -> Profile:
     """Return strokes to and fro over `travel` (m) at several speeds, from which mass and friction follow."""
     stops: list[tuple[float, Pace]] = []
-    for share in STROKE_SPEEDS:
+    for share in speeds:
         slower = Pace(share * pace.speed, pace.acceleration)
         # a slow stroke is shorter, so that it takes no longer than a fast one
         stops += [(share * travel, slower), (0.0, slower)]
-    return profile("strokes", path(stops, sample_time), sample_time)
+    return profile(name, path(stops, sample_time), sample_time)
 
 
 PULSE = 0.1  # s of a force pulse while the axis moves evenly

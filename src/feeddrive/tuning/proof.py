@@ -152,9 +152,9 @@ def _run(name: str, loop: Loop, both: LoopModel, limits: Limits, velocity: float
     # without a stated force, one that leaves the command far from its limit
     force = limits.snap_force or (_USUAL_FORCE if limit is None else min(_USUAL_FORCE, 0.02 * limit))
     guard = loop.control.guard
-    # the ends of the travel are not part of a tuning
+    # the ends of the travel, and how fast the axis may go, are not part of a tuning: it slides as its model was made
     if guard is not None:
-        guard = replace(guard, travel_least=None, travel_most=None)
+        guard = replace(guard, travel_least=None, travel_most=None, velocity_limit=None)
     free = replace(loop, control=replace(loop.control, guard=guard))
     axis = free.axis
     smooth = replace(

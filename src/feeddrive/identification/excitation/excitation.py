@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -281,6 +282,7 @@ def design_excitation(
     force: float | None = None,
     seed: int = 0,
     name: str = "excitation",
+    advised: bool = True,
 ) -> Excitation:
     """Design a multisine, and check by simulating the whole loop that travel, speed and force stay within limits.
 
@@ -300,6 +302,8 @@ def design_excitation(
                      velocities if that is larger. Every second realization moves in the opposite direction
     travel, speed, force   limits in m, m/s, N; default: those of the guard, the controller and the motor
     seed             random seed of grid, phases and the noise of the encoders
+    advised          False for a caller that tries other amplitudes itself: to search an admissible one takes longer
+                     than the design
 
     Raises ParameterError for an exceeded limit (the message gives an admissible amplitude or number of periods), for a
     band beyond Nyquist, for periods with more than four million samples in total, and for a loop that trips or
@@ -328,7 +332,7 @@ def design_excitation(
     excitation = drawn(amplitude)
     if all(limit.holds for limit in excitation.limits):
         return excitation
-    raise ParameterError(f"{broken(excitation)}: {advice(excitation, drawn)}")
+    raise ParameterError(f"{broken(excitation)}: {advice(excitation, drawn) if advised else 'take a smaller one'}")
 
 
 def _drawn(
@@ -440,10 +444,19 @@ def _phases(lines: np.ndarray, sizes: np.ndarray, count: int, seed: int) -> list
     """Return phases of low crest factor for each realization, optimized from Schroeder's phases for the first
     realization and from random phases for the others.
     """
-    rng = np.random.default_rng(seed)
-    starts = [schroeder_phases(lines, sizes)]
-    starts += [2.0 * np.pi * rng.random(lines.size) for _ in range(count - 1)]
-    return [low_crest_phases(lines, sizes, start) for start in starts]
+    return list(_of_low_crest(tuple(lines.tolist()), tuple(sizes.tolist()), count, seed))
+
+
+# the same lines are designed for with many amplitudes
+@lru_cache(maxsize=8)
+def _of_low_crest(lines: tuple[int, ...], sizes: tuple[float, ...], count: int, seed: int) -> tuple[np.ndarray, ...]:
+    rng, at, heights = np.random.default_rng(seed), np.array(lines), np.array(sizes)
+    starts = [schroeder_phases(at, heights)]
+    starts += [2.0 * np.pi * rng.random(at.size) for _ in range(count - 1)]
+    found = tuple(low_crest_phases(at, heights, start) for start in starts)
+    for phases in found:
+        phases.flags.writeable = False
+    return found
 
 
 def _scaled(lines: np.ndarray, sizes: np.ndarray, phases: np.ndarray, amplitude: float) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from typing import Any, cast
 
@@ -468,6 +469,8 @@ _BEYOND = 4.0  # how far beyond the lines a resonance is looked for, as a factor
 _RATIOS = (0.03, 0.1, 0.3, 1.0, 3.0)  # of load to motor mass
 _GRID = 15  # resonances
 _BEST = 4  # of the grid that are followed
+_FASTER = 3.0  # times the stated current loop: from there, too, a fit of its lag begins
+_TURNED = 0.25  # turns of the phase at the highest line, beyond which a fit begins with the dead time that makes them
 
 
 def fit_plant(
@@ -561,8 +564,16 @@ def fit_two_mass(
     names += ["dead_time"] if dead_time is None else []
     names += ["current_loop"] if find_current_loop else []
     best: tuple[float, Task] | None = None
-    actuator = Actuator(dead_time=dead_time or 0.0, current_loop=current_loop)
-    for start in begin or starts(responses, units, dead_time):
+    late = _late(responses, units) if dead_time is None else dead_time
+    # a lag that is looked for has a part of the phase, small or large
+    corners = (
+        [current_loop] if current_loop is None or not find_current_loop else [current_loop, _FASTER * current_loop]
+    )
+    lags = [0.0 if corner is None or dead_time is not None else 0.5 / (np.pi * corner) for corner in corners]
+    actuators = [
+        Actuator(dead_time=max(0.0, late - lag), current_loop=corner) for corner, lag in zip(corners, lags, strict=True)
+    ]
+    for start, actuator in product(begin or starts(responses, units, dead_time), actuators):
         task = Task(tree.vary(start, fixed_values), actuator, {}, responses, units, held)
         task, refined = solve(task, names, logarithmic=True, steps=25)
         # bounded, so that a few lines at a missed peak do not decide which start is followed
@@ -581,6 +592,19 @@ def fit_two_mass(
         ],
     )
     return replace(fit, remarks=(*fit.remarks, *beyond(fit["resonance"], best[1].band)))
+
+
+def _late(responses: Mapping[str, FRF], units: ResponseUnits) -> float:
+    """Return the dead time (s) from which a fit of all lines begins: the slope of the phase, 0 if it is a small one.
+
+    Half a turn at the highest line is another minimum of the phase, from which no fit comes back.
+    """
+    slopes: list[float] = []
+    for frf in responses.values():
+        turned = np.unwrap(np.angle(frf.response * (2j * np.pi * frf.frequency) ** (2 - units.order)))
+        slopes.append(-float(np.polyfit(2.0 * np.pi * frf.frequency, turned, 1)[0]))
+    late, high = min(slopes), max(float(frf.frequency[-1]) for frf in responses.values())
+    return late if late * high > _TURNED else 0.0
 
 
 def _check_driven(modal: ModalFit, frequency: float, residue: float) -> None:
@@ -620,12 +644,52 @@ def fit_modal_axis(
         x/f = e^(-s·dead_time) [ 1/(M s² + b s) + Σ shapeᵢ / (mᵢ (s² + 2ζᵢωᵢs + ωᵢ²)) ],   shape 1 at the motor
 
     The arguments are those of `fit_plant`; with `modes` None, as many modes are fitted as the frequency lines left out
-    of the fit justify. Modal masses are positive, as is required at a driven point: a mode with the wrong sign at the
-    motor is fitted with a very large mass and is reported as not identifiable.  With the load's response alone the
-    shape of a mode at the load is ±1 and its mass is fitted.
+    of the fit justify, less those whose frequency or mass the lines do not determine. Modal masses are positive, as is
+    required at a driven point: a mode with the wrong sign at the motor is fitted with a very large mass and is reported
+    as not identifiable.  With the load's response alone the shape of a mode at the load is ±1 and its mass is fitted.
     Not suitable where residues are far from real; see `fit_modes` with proportional=False.
     """
     responses, units = taken({"motor": motor, "load": load}, band, force_per_unit, travel_per_unit)
+    fitted = partial(
+        _modal_axis,
+        responses,
+        units,
+        dead_time=dead_time,
+        current_loop=current_loop,
+        find_current_loop=find_current_loop,
+        held=held,
+    )
+    best = fit = fitted(modes)
+    # lines left out can be predicted better with a mode whose mass no line determines: a plant has only those modes
+    # whose masses are determined
+    while modes is None and _untold_modes(fit) and cast(Modal, fit.plant).modes:
+        try:
+            fit = fitted(len(cast(Modal, fit.plant).modes) - 1)
+        except FeeddriveError:
+            break
+        if fit.agreement.poor:
+            break
+        if not _untold_modes(fit):
+            return fit
+    return best
+
+
+def _untold_modes(fit: PlantFit) -> list[str]:
+    """Return the frequencies and masses of modes that the lines do not determine."""
+    return [name for name in fit.not_identifiable if name.endswith((".frequency", ".mass"))]
+
+
+def _modal_axis(
+    responses: dict[str, FRF],
+    units: ResponseUnits,
+    modes: int | None,
+    *,
+    dead_time: float | None,
+    current_loop: float | None,
+    find_current_loop: bool,
+    held: bool,
+) -> PlantFit:
+    """Fit a rigid mass with a number of modes; see `fit_modal_axis`."""
     # only start values are needed, and equal weights have the wider basin
     plain = {name: replace(frf, variance=None) for name, frf in responses.items()}
     modal = fit_modes(plain, modes, proportional=True, dead_time=dead_time)
