@@ -55,6 +55,8 @@ FACTS = {
     "wide": 0.0,
     "soft": 0.0,
     "amplitude": 20.0,
+    "model_band": 400.0,
+    "gap": 0.0,
     "resistance": 40.0,
 }
 
@@ -728,7 +730,7 @@ def begun_trial(folder: Path, **facts: float) -> Commissioned:
     (folder / "8_tune").mkdir()
     (folder / "8_tune" / "machine.toml").write_text((folder / "3_start_law" / "machine.toml").read_text())
     axis = Axis(limits=replace(LIMITS, following_error=0.02))
-    return begun(folder, axis, "trial", until="Keep", model_band=370.0, gap=0.0, **facts)
+    return begun(folder, axis, "trial", until="Keep", **facts)
 
 
 def test_the_friction_of_the_model_is_fitted_to_a_trial_with_another_following_error(
