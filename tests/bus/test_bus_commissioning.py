@@ -125,7 +125,8 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     )
     remarks = write_limits(paper, made)
     assert paper.values["max_torque"] == int(100.0 / made.scaling.newton)  # rounded towards the safe side
-    assert paper.values["following_error_window"] == 200_000
+    # 5 % beyond the bound of the monitor, which comes first
+    assert paper.values["following_error_window"] == 210_000
     # in a fault the axis brakes, but the monitor comes first, whose 6 cycles of 1 ms a runaway leaves it
     assert (paper.values["following_error_timeout"], paper.values["fault_reaction_option"]) == (6, 2)
     assert paper.values["quick_stop_deceleration"] == 500_000_000
@@ -209,7 +210,7 @@ class Stubborn(Paper):
         ("following_error_timeout", 100, "holds 100 in 0x6066:00 (following error timeout), where 6 was written"),
         ("fault_reaction_option", 0, "holds 0 in 0x605E:00 (fault reaction option), where 2 was written"),
         ("max_torque", 5000, "a looser limit"),
-        ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 200000 and reads back"),
+        ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 210000 and reads back"),
         ("max_motor_speed", 3001, "0x6080:00 (max motor speed) was set to 3000 and reads back as 3001"),
         ("quick_stop_deceleration", 0, "a looser limit"),
     ],

@@ -122,6 +122,9 @@ def set_watchdog(transport: Transport, drive: BusDrive) -> list[str]:
     return []
 
 
+# times limits.following_error at which the drive trips: the monitor, which brakes along a ramp, is to be first, and at
+# one bound the noise of a reading would decide
+_WIDER = 1.05
 # the direction in which a limit is looser than the one asked for; 0: neither
 _LOOSER = {
     "max_torque": 1,
@@ -146,7 +149,7 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
     wanted: dict[str, int] = {
         # truncated: the drive must not permit more than the file; at least 1, since 0 would forbid every force
         "max_torque": max(1, int(limits.force / scaling.newton)),
-        "following_error_window": max(1, scaling.increments(limits.following_error)),
+        "following_error_window": max(1, scaling.increments(_WIDER * limits.following_error)),
         # ms: in a runaway the monitor switches the force off before the drive, whose own ramp would go on with it
         "following_error_timeout": math.ceil(1e3 * reaction_time(drive) - 1e-9),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
