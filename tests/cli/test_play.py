@@ -351,7 +351,7 @@ def test_the_move_of_a_job_is_played_as_it_was_simulated(call, tmp_path: Path) -
 
 
 def test_an_aborted_motion_leaves_its_log_and_its_reason(call, tmp_path: Path) -> None:
-    """0.2 mm of following error are allowed, and a loop without feedforward needs more: the drive trips first."""
+    """0.2 mm of following error are allowed, and a loop without feedforward needs more: the monitor is first."""
     t = np.arange(2001) * 1e-3
     x = 0.05 * np.sin(np.pi * t / 2.0) ** 4
     rows = [f"{a:.4f},{b}" for a, b in zip(t, x, strict=True)]
@@ -366,10 +366,10 @@ def test_an_aborted_motion_leaves_its_log_and_its_reason(call, tmp_path: Path) -
     )
     done = in_a_namespace("bash", "-c", script, cwd=tmp_path)
     assert (tmp_path / "code.txt").read_text() == "code 1\n"
-    assert "tight.toml: fault 0x8611, following error too large; the drive stops by itself" in done.stderr
+    assert "exceeded limits.following_error = 0.0002 m; the axis was stopped" in done.stderr
     log = read_log(tmp_path / "measured" / "aborted_1.parquet")
     assert 100 < len(log) < 2001
-    assert "fault 0x8611" in log.provenance["origin"]["aborted"]
+    assert "limits.following_error" in log.provenance["origin"]["aborted"]
     assert np.max(np.abs(log["set_position"] - log["reading_load"])) > 1.9e-4
 
 

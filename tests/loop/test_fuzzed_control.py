@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feeddrive import Control, Guard
-from feeddrive.blocks import LinuxcncPid, Notch, StockPid
+from feeddrive.blocks import GainSchedule, LinuxcncPid, Notch, SchedulePlace, StockPid
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.blocks.families import Filter, Law, Observer, Prefilter
 from feeddrive.blocks.signals import Setpoint
@@ -17,13 +17,23 @@ from feeddrive.loop.guard import COMMAND_LIMIT, SETPOINT_LIMIT, TRIP_READING
 from feeddrive.loop.routine import controller_routine, run
 from fresh_draws import Seeded
 from loop.controls import CONTROLS as RETUNED
-from loop.controls import T, loop_of
+from loop.controls import PPI, T, loop_of
 
 SAFE, HOLD, LIMIT = 25.0, 2, 1000.0
 ABSURD = [np.nan, np.inf, -np.inf, 5e-324, -1e-310, 1e-300, 1e308, -1e308, 1e30, -1e18, 1e12, 1e6, -999.0, 0.0, -0.0]
 
 STOCK = StockPid(Pgain=30.0, Igain=200.0, Dgain=0.4)
-CONTROLS = RETUNED | {"linuxcnc pid": Control(law=LinuxcncPid(position=STOCK))}
+# the readings of a quiet axis, 0.1 mm, lie on the slope and on both held ends
+SCHEDULE = GainSchedule(
+    places=(
+        SchedulePlace(position=-1e-4, law=PPI),
+        SchedulePlace(position=1e-4, law=replace(PPI, Kp=2.0 * PPI.Kp, Tn=0.02)),
+    )
+)
+CONTROLS = RETUNED | {
+    "linuxcnc pid": Control(law=LinuxcncPid(position=STOCK)),
+    "gain schedule": Control(law=SCHEDULE),
+}
 every_control = pytest.mark.parametrize("control", CONTROLS.values(), ids=CONTROLS)
 limited = pytest.mark.parametrize("limit", [None, 2000.0], ids=["no limit", "limited"])
 
