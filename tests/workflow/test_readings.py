@@ -286,6 +286,17 @@ def test_values_that_are_advised_against_are_not_written(tmp_path: Path) -> None
     assert done.notes[0].startswith("No machine file was written: a rigid drive")
 
 
+def test_a_log_of_a_shaft_asks_for_the_lead_or_for_an_axis_that_turns(tmp_path: Path) -> None:
+    t, _, x, f = signals()
+    log = written(tmp_path, "t,angle [rad],torque [N m]", t, 100.0 * x, 0.01 * f)
+    asked = outcome(log, out=tmp_path / "out")
+    assert "give --lead of the screw in m, or --rotary for an axis that turns" in asked.notes[0]
+    assert not (tmp_path / "out" / "machine.toml").exists()
+    turning = outcome(log, out=tmp_path / "o", rotary=True)
+    assert (tmp_path / "o" / "machine.toml").exists()
+    assert not turning.notes
+
+
 def test_whole_milliseconds_are_read_once_told(tmp_path: Path) -> None:
     t, _, x, f = signals()
     path = written(tmp_path, "t,pos_m,force_N", np.round(1e3 * t), x, f)

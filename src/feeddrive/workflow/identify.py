@@ -200,7 +200,7 @@ def _identify_motion(
         model = _started(pooled.model)
         remarks = (*pooled.remarks, *_other_columns(runs), *([model.started] if model.started else []))
         result = replace(pooled, model=model, remarks=remarks)
-    why = result.unusable or ("" if model.loop is not None else _NO_LAW)
+    why = result.unusable or ("" if model.loop is not None else _OF_SHAFT if model.rigid.frame is SHAFT else _NO_LAW)
     names = [log.log.name for log in alone]
     # an axis of a log with several keeps its name
     named = request.axis or (None if runs[0].read is None else runs[0].read.axis or None)
@@ -395,6 +395,7 @@ _START = ", with a start law that did not run"
 _FAST = 0.95  # quantile of the speed of the log, with which a start law is simulated
 _RISE = 0.1  # s to that speed: the acceleration of the simulated move
 _NO_LAW = "the law that ran is not known; give it with --machine, or by its numbers with --law"
+_OF_SHAFT = "the log is that of a shaft: give --lead of the screw in m, or --rotary for an axis that turns"
 
 
 def _law(request: IdentifyRequest, motion: MotionLog) -> tuple[Law | None, list[str]]:
