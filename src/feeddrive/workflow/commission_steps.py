@@ -1214,8 +1214,10 @@ class Chain:
             raise MeasureAgainError(Text(f"tuning: {whys[-1]}"), how)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
-    def _again(self) -> str:
+    def _again(self, *, opens: bool = True) -> str:
         """Return how the responses may be measured again, if another trial may be asked for; "" if they may not.
+
+        opens  False after a trial that was as predicted: no play opened
 
         In a play that opens and closes, a spring is softer the less it is stretched: no control of it can be predicted
         from that.  While the axis slides, friction keeps the play closed as long as the force that shakes the load is
@@ -1224,7 +1226,7 @@ class Chain:
         # each trial is a question
         if self.returns.get("tune", 0) + self.wide + self.soft >= len(BEGINS) - 1:
             return ""
-        if not self.soft and 0.0 < OPENS * CLOSED * self.facts["coulomb"] < self.facts["amplitude"]:
+        if opens and not self.soft and 0.0 < OPENS * CLOSED * self.facts["coulomb"] < self.facts["amplitude"]:
             return "soft"
         highest = max(float(response.frequency[-1]) for response in self._responses().values())
         return "wide" if not self.wide and highest < WIDER * self._widest else ""
@@ -1357,7 +1359,7 @@ class Chain:
                 raise MeasureAgainError(why, how)
             self._learn(loop.control, logs["alone"])
             raise UnlikePredictedError(why, back=None if self.learned is None else "model")
-        if self.trial.is_worse and (how := self._again()):
+        if self.trial.is_worse and (how := self._again(opens=False)):
             raise MeasureAgainError("the control before has the smaller following error and the larger stiffness", how)
         told = {f"predicted_{name}": value for name, value in self.trial.predicted.values().items()}
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
