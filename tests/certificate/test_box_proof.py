@@ -5,11 +5,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from importlib.util import module_from_spec, spec_from_file_location
 from itertools import product
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -35,17 +32,12 @@ from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
+from independent_box import box_draws
 
 
 @pytest.fixture(scope="module")
 def draws() -> ModuleType:
-    spec = spec_from_file_location("box_draws", Path(__file__).parents[2] / "benchmarks" / "box.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    sys.modules["box_draws"] = module
-    spec.loader.exec_module(module)
-    return module
+    return box_draws()
 
 
 @pytest.fixture(scope="module")
@@ -285,3 +277,9 @@ def test_no_plant_of_ten_thousand_exceeds_what_is_proven(machine: str, box: Box,
     assert prove_over_box(loop, box).proven is True
     assert prove_over_box(loop, box, sensitivity_peak=1.02 * drawn.peak).proven is True
     assert prove_over_box(loop, box, sensitivity_peak=0.999 * drawn.peak).proven is False
+
+
+def test_a_loop_has_no_standard_errors_and_none_is_no_box(motor: Loop) -> None:
+    with pytest.raises(ParameterError, match="--box identified takes the standard errors of a machine file"):
+        fd.certify(motor, box="identified")
+    assert type(fd.certify(motor, box=" none ")).__name__ == "Certificate"

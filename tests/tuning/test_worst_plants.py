@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -24,6 +21,7 @@ from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
 from feeddrive.tuning.worst import Examination, OverBox, box_plants, over_box
+from independent_box import box_draws
 
 # largest relative difference of Ms of the tuner, by interpolation between lines, and refined at its peak
 CLOSE = 1e-3
@@ -31,14 +29,7 @@ CLOSE = 1e-3
 
 @pytest.fixture(scope="module")
 def draws() -> ModuleType:
-    """The check of `benchmarks/box.py`, which shares no model of plant or law with the tuner."""
-    spec = spec_from_file_location("box_draws", Path(__file__).parents[2] / "benchmarks" / "box.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    sys.modules["box_draws"] = module
-    spec.loader.exec_module(module)
-    return module
+    return box_draws()
 
 
 @pytest.fixture(scope="module")

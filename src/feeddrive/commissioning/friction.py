@@ -28,16 +28,17 @@ _SETTLED = 0.2  # s at the beginning of the log, in which a start differs from t
 
 @dataclass(frozen=True)
 class FrictionFit:
-    """The axis with its friction, the body on which it acts, its curve, and what is left of the position, m RMS.
-
-    gap  the play between motor and load, m; it is among the forces of the axis
-    """
+    """The axis with its friction, the body on which it acts, its curve, and what is left of the position, m RMS."""
 
     axis: Axis
     body: str
     curve: str
     left: float
-    gap: float = 0.0
+
+    @property
+    def gap(self) -> float:
+        """The play between motor and load, m, which is among the forces of the axis; 0 without one."""
+        return sum(float(force.gap) for force in self.axis.forces if isinstance(force, Backlash))
 
 
 def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0, *, play: bool = False) -> FrictionFit:
@@ -109,7 +110,7 @@ def _with_play(ran: Loop, log: MotionLog, coulomb: float, viscous: float, skip: 
         fit = refine(loop, log, [*names, gap], delays=(0,), skip=skip)
     except FeeddriveError:
         return None
-    return FrictionFit(fit.loop.axis, "motor and load", "coulomb", fit.by_delay[0], float(tree.get(fit.loop, gap)))
+    return FrictionFit(fit.loop.axis, "motor and load", "coulomb", fit.by_delay[0])
 
 
 def _fitted(ran: Loop, log: MotionLog, body: str, curve: str, coulomb: float, viscous: float, skip: int) -> Refinement:

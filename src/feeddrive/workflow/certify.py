@@ -116,8 +116,9 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Any]:
     else:
         machine = read_machine(request.source)
         loop = machine.loop(request.axis)
-    if request.box != "none":
-        return _over_box(request, machine, loop, progress)
+    box = Box.parse(request.box) if machine is None else machine.box(request.box, request.axis)
+    if box is not None:
+        return _over_box(request, box, loop, progress)
     progress.step("plants")
     plants = _plants(request, loop)
     progress.step("certificate")
@@ -163,10 +164,16 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Any]:
     )
 
 
-def _over_box(request: CertifyRequest, machine: MachineFile | None, loop: Loop, progress: Progress) -> Outcome[Any]:
-    """Prove the loop over a box of plants; write the result and a report."""
-    box = Box.parse(request.box) if machine is None else machine.box(request.box, request.axis)
-    assert box is not None
+def _over_box(request: CertifyRequest, box: Box, loop: Loop, progress: Progress) -> Outcome[Any]:
+    """Prove the loop over a box of plants; write the result and a report.
+
+    Raises ParameterError for a box by standard errors of a loop, which has none.
+    """
+    if box.deviations and not box.known:
+        raise ParameterError(
+            "--box identified takes the standard errors of a machine file: give the file that feeddrive identify wrote "
+            "in place of a loop, or take --box standard"
+        )
     progress.step("plants of the box")
     proof = prove_over_box(
         loop,

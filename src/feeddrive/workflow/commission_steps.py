@@ -281,8 +281,7 @@ class Chain:
         self.planned: tuple[motions.TrialMotion, dict[str, Log]] | None = None  # the trial of the tuned control
         self.questions = 0
         self.returns: dict[str, int] = {}  # how often a step was done again, as what followed was unlike its prediction
-        self.wide = False  # the excitation goes up to the highest lines that stand out
-        self.soft = False  # its force is one under which friction keeps a play closed
+        self.again = set[str]()  # how the responses were measured again, by the keys of `AGAIN`
         self.learned: _Learned | None = None  # of a trial that was unlike its prediction
         self.kept = False
 
@@ -324,7 +323,7 @@ class Chain:
                     self._go_back(unlike)
                     continue
                 except MeasureAgainError as again:
-                    setattr(self, again.how, True)
+                    self.again.add(again.how)
                     self.trial = self.learned = None
                     self.progress.remark(Text(f"- {again.why}: the responses are measured again {AGAIN[again.how]}."))
                     self.steps = self.steps[: names.index("excitation")]
@@ -352,7 +351,7 @@ class Chain:
     def _go_back(self, unlike: UnlikePredictedError) -> None:
         """Go back to a step. Raise RefusedError once it was done as often as it may be."""
         done = self.returns.get(unlike.step, 0) + 1
-        if done + self.wide + self.soft >= len(BEGINS) or unlike.step not in self.work:
+        if done + len(self.again) >= len(BEGINS) or unlike.step not in self.work:
             raise RefusedError(Text(f"{unlike.why}; the control before stays"))
         self.returns[unlike.step] = done
         again = Text(f"back to the step {unlike.step}, which now asks for less")
@@ -411,7 +410,7 @@ class Chain:
         self.facts.update(done.figures)
         self.steps.append(done)
         if done.name == "excitation":
-            self.wide, self.soft = (done.figures.get(how, 0.0) > 0.0 for how in ("wide", "soft"))
+            self.again = {how for how in AGAIN if done.figures.get(how, 0.0) > 0.0}
         if done.name == "small_move":
             self.axis = self.axis.scaled(done.figures["length_factor"], int(done.figures["force_sign"]))
         self.progress.remark(Text(f"{done.name.replace('_', ' ')}: done before. {done.says}"))
@@ -868,8 +867,7 @@ class Chain:
         ), {
             "amplitude": made.amplitude,
             "period": float(made.period),
-            "wide": float(self.wide),
-            "soft": float(self.soft),
+            **{how: float(how in self.again) for how in AGAIN},
         }
 
     def _designed(self, loop: Loop) -> Excitation:
@@ -890,7 +888,7 @@ class Chain:
             return moved / (noise * math.sqrt(4.0 / samples))
 
         widest = self._widest
-        if not self.wide:
+        if "wide" not in self.again:
             widest = min(widest, max(MODES, DELAYS / (self.facts["dead_time"] + self.T)))
         tops = [widest * SMALLER**k for k in range(SIZES)]
         # a mode with little damping lies between coarse lines, the more so the lower it is: a fine grid counts more
@@ -925,7 +923,7 @@ class Chain:
         """Return the largest excitation with lines up to `top` (Hz) that the limits allow; None if there is none."""
         limits = self.limits
         free = WORK * self._free
-        if self.soft:
+        if "soft" in self.again:
             free = min(free, CLOSED * self.facts["coulomb"])
         free *= 0.5 ** self.returns.get("excitation", 0)
         for attempt in range(SIZES):
@@ -957,7 +955,7 @@ class Chain:
         profiles = [excited(path) for path in files]
         # a weaker excitation than the one that was confirmed needs no other question
         far = max(float(np.ptp(profile.set_position)) for profile in profiles)
-        if not self.returns.get("excitation") and not self.wide and not self.soft:
+        if not self.returns.get("excitation") and not self.again:
             self._ask(
                 Text(
                     f"Responses: the axis moves slowly by up to {Quantity(far, 'm'):3 mm} and is shaken with at most "
@@ -1084,7 +1082,7 @@ class Chain:
         """
         ran = moved(self._pulled(replace(model, control=control)), float(log["set_position"][0]))
         # a play shows where both ends of it are read
-        play = self.soft and len(self._responses()) > 1
+        play = "soft" in self.again and len(self._responses()) > 1
         fit = fit_friction(ran, log, self.facts["coulomb"], self.facts["viscous"], play=play)
         # as in the responses, the force along the travel and the play are not in it: they have no mean slope, by which
         # loops are judged
@@ -1224,12 +1222,16 @@ class Chain:
         below it.
         """
         # each trial is a question
-        if self.returns.get("tune", 0) + self.wide + self.soft >= len(BEGINS) - 1:
+        if self.returns.get("tune", 0) + len(self.again) >= len(BEGINS) - 1:
             return ""
-        if opens and not self.soft and 0.0 < OPENS * CLOSED * self.facts["coulomb"] < self.facts["amplitude"]:
+        if (
+            opens
+            and "soft" not in self.again
+            and 0.0 < OPENS * CLOSED * self.facts["coulomb"] < self.facts["amplitude"]
+        ):
             return "soft"
         highest = max(float(response.frequency[-1]) for response in self._responses().values())
-        return "wide" if not self.wide and highest < WIDER * self._widest else ""
+        return "wide" if "wide" not in self.again and highest < WIDER * self._widest else ""
 
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""

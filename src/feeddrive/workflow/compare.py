@@ -86,12 +86,13 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
         # --take may name a law that --law does not: it is then compared too
         laws = None if laws is None else [*laws, *([] if take in laws else [take])]
     files: dict[str, Path] = {}
+    box = machine.box(request.box, request.axis)
     with engine_of(request, request.keep, request.out) as engine:
         comparison = compare_laws(
             machine,
             request.axis,
             laws=laws,
-            box=machine.box(request.box, request.axis),
+            box=box,
             filters=request.filters,
             seed=request.seed,
             starts=request.starts,
@@ -109,7 +110,7 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     refused = [f"'{refusal.name}' cannot control this axis: {refusal.reason}" for refusal in comparison.refusals]
     judgment, verdict = advice(comparison)
     then, notes = _next(request, comparison, take, files.get("Machine"))
-    if request.box == "none":
+    if box is None:
         notes = (*notes, AT_THE_MODEL)
     return Outcome(
         comparison,

@@ -257,7 +257,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
         then = line("compare", told, axis=request.axis)
-    if request.box == "none" and tuned.loops:
+    if Box.parse(request.box) is None and tuned.loops:
         notes = (*notes, AT_THE_MODEL)
     return Outcome(
         tuned,
