@@ -59,8 +59,8 @@ class Travel(Result):
         places = np.array(sorted(loops), float)
         if places.size < FEWEST:
             raise ParameterError(
-                f"the travel is known at {places.size} position(s), and {FEWEST} are needed at least: with fewer "
-                f"nothing would show that the axis is not what is assumed between them; measure at more positions"
+                f"the travel is known at {places.size} positions, and {FEWEST} are needed at least: with fewer nothing "
+                f"would show that the axis is not what is assumed between them; measure at more positions"
             )
         first = loops[min(loops)]
         for place in places[1:]:
