@@ -5,6 +5,7 @@
 from feeddrive.blocks.actuator.actuator import Actuator as Actuator
 from feeddrive.blocks.actuator.direct import Direct as Direct
 from feeddrive.blocks.actuator.screw import Screw as Screw
+from feeddrive.blocks.actuator.velocity_loop import VelocityLoop as VelocityLoop
 from feeddrive.blocks.compensation.disturbance_rejection import DisturbanceRejection as DisturbanceRejection
 from feeddrive.blocks.compensation.learned_force import LearnedForce as LearnedForce
 from feeddrive.blocks.compensation.machine_mode import MachineMode as MachineMode
@@ -22,6 +23,7 @@ from feeddrive.blocks.controller.linear_adrc import LinearADRC as LinearADRC
 from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.lqg import LQG as LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
+from feeddrive.blocks.controller.position_loop import PositionLoop as PositionLoop
 from feeddrive.blocks.controller.schedule_place import SchedulePlace as SchedulePlace
 from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid

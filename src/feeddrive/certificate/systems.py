@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
+from feeddrive.blocks.actuator.velocity_loop import VelocityLoop
+from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
 from feeddrive.blocks.plant.two_mass import TwoMass
@@ -25,7 +27,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import MOST, Lifted, StateSpace, lifted, linearize
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, response_unit
 
 READINGS = ("reading_motor", "reading_load")
 _COARSE = 0.01  # relative change of a number by rounding that is reported
@@ -89,8 +91,10 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
         )
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     # any axis with two readings will do: only the rows and columns of the control are kept below
-    axis = Axis(plant=TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings))
-    bare = replace(control, guard=None, force_limit=None)
+    plant = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings)
+    takes = None if law.commands == "force" else VelocityLoop(Kp=1.0)
+    axis = Axis(plant=plant, actuator=Actuator(velocity_loop=takes))
+    bare = control.unlimited()
     memory = bare.start(bare.prepare(sample_time), Setpoint(0.0), 0.0, 0.0).memory
     # before the linearization, which would treat each cell of a ring as a state
     _check_size(sum(ring.length for _, ring in tree.leaves(memory) if isinstance(ring, Ring)))
@@ -306,7 +310,8 @@ def _sampled(
     ]
     plant = Modal(mass=1.0, viscous=float(np.exp(values[-2])), modes=tuple(modes))
     axis = Axis(plant=plant, actuator=Actuator(dead_time=float(values[-1])))
-    loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=T)
+    # the plant alone is of interest, and any law that takes such an axis will do
+    loop = Loop(control=Control(law=CascadePPI(Kv=1.0, Kp=1.0)), axis=axis, sample_time=T)
     sampled = linearize(loop, ["cut"], ["reading_motor", "reading_load"][:count], velocity=0.05)
     moving = [i for i, state in enumerate(sampled.states) if state.startswith(("axis.position.", "axis.velocity."))]
     z = np.exp(2j * np.pi * f * T)
@@ -358,7 +363,7 @@ def modelled_plant(
     that its pole remains exactly at z = 1 after rounding.
     Raises ParameterError if a command causes no motion, for example because the axis sticks.
     """
-    loop = Loop(control=replace(control, guard=None, force_limit=None), axis=axis, sample_time=sample_time)
+    loop = Loop(control=control.unlimited(), axis=axis, sample_time=sample_time)
     model = linearize(loop, ["cut"], list(readings), velocity=velocity)
     if not model.states:
         raise ParameterError(
@@ -406,20 +411,24 @@ def measured_plant(
 
     `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
     is used for all readings.
-    Raises ParameterError for a unit other than m/N or readings that were not measured, and NotIdentifiableError if no
+    Raises ParameterError for a unit other than m/N (m/(m/s) of a law that commands a velocity) or readings that were not measured, and NotIdentifiableError if no
     model fits.
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
     for frf in measured:
-        if frf.unit not in ("", "m/N"):
-            raise ParameterError(f"'{name}' is in {frf.unit}: a plant of a certificate must be in m/N")
+        wanted = response_unit(control.law.commands)
+        if frf.unit not in ("", wanted):
+            raise ParameterError(
+                f"'{name}' is in {frf.unit}: the plant of a law that commands a {control.law.commands} must be in "
+                f"{wanted}"
+            )
         if np.count_nonzero(frf.frequency < 0.5 / sample_time) < 2:
             raise ParameterError(f"'{name}' has fewer than two lines below half the sample rate")
         size = np.abs(frf.response)
         wrong = np.flatnonzero(~((size > _SIZES[0]) & (size < _SIZES[1])))
         if wrong.size:
             raise ParameterError(
-                f"'{name}' is {Quantity(size[wrong[0]], 'm/N'):3 SI} at {Quantity(frf.frequency[wrong[0]], 'Hz'):6}: "
+                f"'{name}' is {Quantity(size[wrong[0]], wanted):3 SI} at {Quantity(frf.frequency[wrong[0]], 'Hz'):6}: "
                 "no axis is"
             )
     chosen = [load if motor is None or reading == READINGS[1] else motor for reading in readings]

@@ -66,6 +66,7 @@ class Target:
     plants      True if it can contain a plant
     together    True if it can contain the controllers of several axes as one
     fixed       arguments with which its function is always called
+    velocity    True if it supports laws that command a velocity
     linear      True if it supports linear axes only, since it uses mm
     in_c        True if it contains the code of the target c, whose `broken_rule` returns the code of a violated rule
     proof       None if the export cannot run on this computer; `unproven` gives the reason
@@ -79,6 +80,7 @@ class Target:
     together: bool = False
     fixed: Mapping[str, Any] = field(default_factory=dict[str, Any])
     linear: bool = False
+    velocity: bool = False
     in_c: bool = False
     proof: Proof | None = None
     unproven: str = ""
@@ -121,6 +123,7 @@ TARGETS: dict[str, Target] = {
         _BOTH,
         plants=True,
         together=True,
+        velocity=True,
         in_c=True,
         proof=Proof("c_bundle", 1_000_000, own_build=False),
     ),
@@ -172,6 +175,7 @@ TARGETS: dict[str, Target] = {
         "write_structured_text",
         precisions=_BOTH,
         together=True,
+        velocity=True,
         unproven="runs on a PLC: {name}_check.st, in the same directory, makes the same comparison there",
     ),
     "parameters": Target(
@@ -309,6 +313,14 @@ def _planned(
     design = read_design(
         source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
     )
+    if "velocity" in {loop.axis.actuator.commands for loop in design.system.loops().values()}:
+        fits = ", ".join(target_ for target_, entry in TARGETS.items() if entry.velocity)
+        if plant or not chosen.velocity:
+            given = "--plant" if plant else f"--target = '{target}'"
+            raise ParameterError(
+                f"{given}: the drive of axis {design.axis} is commanded by "
+                f"velocities, and this is written for axes that take a force; the control can be exported to {fits}"
+            )
     if chosen.linear and any(loop.axis.rotary for loop in design.system.loops().values()):
         fits = ", ".join(target_ for target_, entry in TARGETS.items() if not entry.linear)
         raise ParameterError(

@@ -19,7 +19,7 @@ from feeddrive.language.errors import FileError, ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import joined
-from feeddrive.loop.routine import run, target_name
+from feeddrive.loop.routine import run
 from feeddrive.version import __version__
 
 MOST = 20_000_000  # samples
@@ -268,7 +268,7 @@ def _compared(
     answers: Answers,
     wanted: np.ndarray,
 ) -> Verified:
-    names = [variable.name for variable in design.routine.outputs]
+    paths = [variable.path for variable in design.routine.outputs]
     outputs = answers.outputs
     bits = np.ascontiguousarray(outputs).view(np.uint64) != np.ascontiguousarray(wanted).view(np.uint64)
     # sign and payload of a NaN differ between processors and mean nothing
@@ -277,8 +277,8 @@ def _compared(
         apart = np.where(bits, np.abs(outputs - wanted), 0.0).max(axis=0)
     trips = limited = 0
     for port, loop in zip(design.routine.origin.ports(), design.routine.origin.loops().values(), strict=True):
-        trip, force = (wanted[:, names.index(target_name(f"{port}{name}"))] for name in ("trip", "force"))
-        limit = loop.control.force_limit
+        trip, force = (wanted[:, paths.index(f"{port}{name}")] for name in ("trip", "force"))
+        limit = loop.control.force_limit if loop.control.velocity_limit is None else loop.control.velocity_limit
         trips += int(np.sum((trip[1:] > 0.0) & (trip[:-1] == 0.0)))
         limited += 0 if limit is None else int(np.sum(np.abs(force) >= 0.75 * float(limit)))
     double = design.layout.precision == "double"
@@ -297,7 +297,7 @@ def _compared(
         limited=limited,
         seed=seed,
         differing=int(bits.sum()),
-        worst=dict(zip(names, apart.tolist(), strict=True)),
+        worst=dict(zip((variable.name for variable in design.routine.outputs), apart.tolist(), strict=True)),
         against="the simulator" if double else "the same operations in Python, in single precision",
         altered=altered,
         written_by=manifest.version,

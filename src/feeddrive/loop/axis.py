@@ -20,7 +20,7 @@ CHANNEL_MOTOR, CHANNEL_LOAD = 0.0, 16.0
 
 
 class Axis(Block):
-    """One axis, from the commanded force to the encoder readings.
+    """One axis, from the command of its drive, a force or a velocity, to the encoder readings.
 
     Over each substep h = T/substeps, the linear mechanics are integrated exactly for constant forces.  Forces that
     depend on the motion are evaluated at the predicted midpoint, x + v h/2.  The friction force is consistent with the
@@ -39,18 +39,19 @@ class Axis(Block):
 
     class State(NamedTuple):
         """Positions (m) and velocities (m/s) of the coordinates, drive force (N) if the drive has a lag, and states of
-        friction, forces and encoders.
+        friction, forces, encoders and the drive's velocity loop.
         """
 
         position: tuple[Number, ...]
         velocity: tuple[Number, ...]
         drive: tuple[Number, ...]
-        pending: tuple[Number, ...]  # commands still on their way, newest first, N
+        pending: tuple[Number, ...]  # commands still on their way, newest first, N or m/s
         friction_motor: Any
         friction_load: Any
         encoder_motor: Any
         encoder_load: Any
         forces: tuple[Any, ...]
+        velocity_loop: Any = Nothing()
 
     class Step(NamedTuple):
         """The friction and drive forces (N) over the last substep of a sample, to be recorded with the run."""
@@ -140,7 +141,7 @@ class Axis(Block):
         """Return the state of an axis that moves as a rigid body at `velocity` (m/s), with the load at `position` (m),
         relaxed springs and no drive force.
         """
-        along = self.plant.mechanics().rigid_motion()
+        along, loop = self.plant.mechanics().rigid_motion(), self.actuator.velocity_loop
         rigid = Motion(position, position, velocity, velocity)
         return self.State(
             position=tuple(_part(share, position) for share in along),
@@ -152,6 +153,7 @@ class Axis(Block):
             encoder_motor=Nothing() if self.encoder_motor is None else self.encoder_motor.start(position),
             encoder_load=Nothing() if self.encoder_load is None else self.encoder_load.start(position),
             forces=tuple(force.start(self.plant, rigid) for force in self.forces),
+            velocity_loop=Nothing() if loop is None else loop.start(ops.zero(position)),
         )
 
     def motion(self, state: State) -> Motion:

@@ -1,6 +1,7 @@
 """The controller of one axis: prefilter, compensation, feedback law, filters, feedforward, force limit and guard."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple, Self
@@ -45,6 +46,9 @@ class Control(Block):
         above=0,
         default=None,
     )
+    velocity_limit: Number | None = parameter(
+        "m/s", "largest velocity that a law commands to a drive; absent for no limit", above=0, default=None
+    )
     force_limit: Number | None = parameter("N", "largest commanded force; absent for no limit", above=0, default=None)
     guard: Guard | None = part("enable, trips and broken readings", default=None)
 
@@ -83,7 +87,7 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """The forces of a sample in N, the trip code, and 1 while the loop runs. `requested` is the sum of feedback,
+        """The commands of a sample in N (or m/s: `Law.commands`), the trip code, and 1 while the loop runs. `requested` is the sum of feedback,
         feedforward and compensation; `applied` is the force that is commanded, after limit and guard.
         """
 
@@ -110,7 +114,10 @@ class Control(Block):
             )
 
     def check(self) -> None:
-        """Reject duplicate feedforward terms and compensations that this law does not support."""
+        """Reject duplicate feedforward terms, compensations that this law does not support, and forces and velocities
+        in one command.
+        """
+        self._check_command()
         for block in self.compensation:
             block.suits(self.law)
         if self.feedback_delay is not None and self.law.fed():
@@ -127,6 +134,35 @@ class Control(Block):
                         f"already: the force would act twice; leave one of them out"
                     )
                 fed[name] = block.kind
+
+    def _check_command(self) -> None:
+        """Raise StructureError for parts whose unit is not that of the law's command."""
+        kind, by_velocity = self.law.kind, self.law.commands == "velocity"
+        if not by_velocity:
+            if self.velocity_limit is not None:
+                raise StructureError(
+                    f"control.velocity_limit bounds a commanded velocity, and {kind} commands a force: give "
+                    "force_limit in N, or guard.velocity_limit for the speed of the axis"
+                )
+            return
+        for name in ("force_limit", "feedforward", "compensation"):
+            if getattr(self, name) not in (None, ()):
+                raise StructureError(
+                    f"control.{name} is a force in N, and {kind} commands a velocity in m/s to a drive that makes the "
+                    f"force by itself: leave it out{', or give velocity_limit' if name == 'force_limit' else ''}"
+                )
+        held = None if self.guard is None else self.guard.safe_force
+        if isinstance(held, float | int) and held != 0.0:
+            raise StructureError(
+                f"control.guard.safe_force = {Quantity(held, 'N'):6} is a force, and {kind} commands a velocity: leave "
+                "it out; the velocity loop of the drive holds the axis"
+            )
+
+    def unlimited(self) -> Self:
+        """Return the controller without guard and limits of its command, for linear models."""
+        if self.guard is None and self.force_limit is None and self.velocity_limit is None:
+            return self
+        return replace(self, guard=None, force_limit=None, velocity_limit=None)
 
     def prepare(self, T: Number) -> Prepared:
         """Compute the numbers of every part that depend on its parameters only."""
@@ -300,6 +336,8 @@ class Control(Block):
         applied = requested
         if self.force_limit is not None:
             applied = ops.clip(requested, -self.force_limit, self.force_limit)
+        if self.velocity_limit is not None:
+            applied = ops.clip(requested, -self.velocity_limit, self.velocity_limit)
         command = self.Command(applied, requested, feedback, forward, added, 0.0, 1.0)
         return self.Memory(prefilter, tuple(compensation), law, tuple(filters), tuple(fed)), command
 

@@ -31,8 +31,8 @@ class Acting(NamedTuple):
     next (see `Columns`), and a constant force on the load.
     """
 
-    new: Number  # N
-    old: Number | None  # N; None without a part of a sample of dead time
+    new: Number  # N, or m/s of a drive with a velocity loop
+    old: Number | None  # the same; None without a part of a sample of dead time
     load: Number | None  # N; None: none
 
 
@@ -179,7 +179,13 @@ class Core:
             at = acting[name]
             drives[name] = _mean_drive(prepared.change, columns[name], states[name], lag, index, at)
             lag += len(states[name].drive)
-            push = Push(None, at.load)
+            push, loop = Push(None, at.load), axis.actuator.velocity_loop
+            if loop is not None:
+                # the command is a velocity, and what acts is the force that the drive makes of it
+                speed = self.motion(name, states, shared).velocity_motor
+                after, drives[name] = loop.step(states[name].velocity_loop, drives[name], speed, h)
+                held[name] = held[name]._replace(velocity_loop=after)
+                push = push + (drives[name], None)
             if axis.forces:
                 # at the middle: taken at the start of the substep, they would add energy to an oscillation
                 motion, remembered = self.middle(name, states, shared, h), list[Any]()
@@ -209,9 +215,10 @@ class Core:
         for i, x in enumerate(before):
             change = matrix.dot(prepared.change[i], before)
             for name, column in columns.items():
-                change = plus(change, column.new[index][i], acting[name].new)
-                if acting[name].old is not None:
-                    change = plus(change, column.old[index][i], acting[name].old)
+                if self.axes[name].actuator.velocity_loop is None:
+                    change = plus(change, column.new[index][i], acting[name].new)
+                    if acting[name].old is not None:
+                        change = plus(change, column.old[index][i], acting[name].old)
                 change = plus(change, column.forces[0][i], pushes[name].motor)
                 change = plus(change, column.forces[1][i], pushes[name].load)
             # the change is summed alone and added last: x is much larger, and would cost the change its digits

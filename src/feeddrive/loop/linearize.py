@@ -22,8 +22,8 @@ from feeddrive.language.text import Text
 from feeddrive.language.units import units_of
 from feeddrive.loop.frequency_response import FRF, transfer
 from feeddrive.loop.gradient import push, require_slopes
-from feeddrive.loop.loop import SETPOINT, UNITS, Loop, Probe, quantity
-from feeddrive.loop.machine import Machine, System, check_system
+from feeddrive.loop.loop import SETPOINT, Loop, Probe, quantity, unit_of
+from feeddrive.loop.machine import Machine, System, check_system, velocity_ports
 from feeddrive.loop.runner import Prepared
 from feeddrive.loop.trace import lengths, node_values
 
@@ -96,6 +96,7 @@ class StateSpace(Result):
     """The state-space model x(k+1) = A x + B u,  y = C x + D u  of small deviations, at a sample time in s.
 
     Only states that are reachable from an input and observable at an output are kept.  Poles are those of A.
+    `by_velocity` holds the signal prefixes of axes whose drives are commanded by velocities.
     """
 
     A: np.ndarray
@@ -106,6 +107,7 @@ class StateSpace(Result):
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    by_velocity: frozenset[str] = frozenset()
 
     def poles(self) -> np.ndarray:
         """Return the eigenvalues of A, the largest first."""
@@ -149,8 +151,7 @@ class StateSpace(Result):
             solved = np.linalg.solve(matrix, right)[:, :, 0] if n else np.zeros((z.size, 0))
             values = solved @ self.C[row] + self.D[row, column]
         names = self.inputs[column], self.outputs[row]
-        unit = f"{UNITS[quantity(names[1])]}/{INPUT_UNITS[quantity(names[0])]}"
-        return FRF(frequency, values, names[0], names[1], unit, self.sample_time)
+        return FRF(frequency, values, names[0], names[1], _unit(*names, self.by_velocity), self.sample_time)
 
     def to_control(self) -> Any:
         """Return a named python-control StateSpace. Raises MissingExtraError if python-control is not installed."""
@@ -195,6 +196,12 @@ class StateSpace(Result):
             Column("damping", "1", ".3f"),
         ]
         return Table(title, columns, rows)
+
+
+def _unit(source: str, signal: str, by_velocity: frozenset[str]) -> str:
+    """Return the unit of a response, that of a linear axis."""
+    over = unit_of(source, (), INPUT_UNITS[quantity(source)], by_velocity)
+    return f"{unit_of(signal, (), None, by_velocity)}/{f'({over})' if '/' in over else over}"
 
 
 def check_below_nyquist(frequency: np.ndarray, sample_time: float) -> None:
@@ -350,7 +357,8 @@ def linearize(
     if period > 1 and not any(_OF_MEMORY.match(samples.names[i]) for i in kept_states(samples.jacobians, n)):
         # the output does not depend on the multirate law, so all samples have one model
         lifted, period = first[:n], 1
-    return _trimmed(np.vstack([lifted, first[n:]]), n, samples.names, tuple(inputs), tuple(outputs), period * T)
+    model = _trimmed(np.vstack([lifted, first[n:]]), n, samples.names, tuple(inputs), tuple(outputs), period * T)
+    return dataclasses.replace(model, by_velocity=velocity_ports(loop))
 
 
 def _ages(state: Mapping[str, Any], name: str, size: int) -> np.ndarray:
@@ -385,10 +393,10 @@ def _unlimited(loop: Loop) -> Loop:
     held = loop.control
     law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)
     there = any(new is not old for new, old in zip((law, *compensation), (held.law, *held.compensation), strict=True))
-    if not there and held.guard is None and held.force_limit is None:
+    bare = held.unlimited()
+    if not there and bare is held:
         return loop
-    control = dataclasses.replace(held, law=law, compensation=compensation, guard=None, force_limit=None)
-    return dataclasses.replace(loop, control=control)
+    return dataclasses.replace(loop, control=dataclasses.replace(bare, law=law, compensation=compensation))
 
 
 def _everywhere(loop: System, position: Any, velocity: Any) -> dict[str, tuple[float, float]]:
@@ -557,7 +565,7 @@ class Lifted:
         right = turn @ B.T
         inner = np.linalg.solve(z[:, None, None] * np.eye(n) - A, right[:, :, None])[:, :, 0]
         values = np.sum(np.conj(turn) * (inner @ C.T + turn @ D.T), axis=1) / N
-        unit = f"{UNITS[quantity(output)]}/{INPUT_UNITS[quantity(input)]}"
+        unit = _unit(input, output, self.samples[0].by_velocity)
         return FRF(frequency, values, input, output, unit, self.sample_time)
 
 
@@ -614,6 +622,7 @@ def lifted(
                 names,
                 tuple(inputs),
                 tuple(outputs),
+                velocity_ports(loop),
             )
             for jacobian in samples.jacobians
         )

@@ -82,13 +82,27 @@ def quantity(signal: str) -> str:
     return signal.rpartition(".")[2]
 
 
-def unit_of(signal: str, turning: Collection[str], unit: str | None = None) -> str:
+# signals and probes that are commands of the control, or parts of one
+COMMANDS = frozenset(("force", "requested", "feedback", "feedforward", "compensation", "cut", "added_force"))
+
+
+def unit_of(
+    signal: str, turning: Collection[str], unit: str | None = None, by_velocity: Collection[str] = frozenset()
+) -> str:
     """Return the unit of a signal, an angular unit for a rotary axis; `unit` is the unit for a linear axis (default:
-    SI). `turning` holds the signal prefixes of rotary axes, such as `c.`.
+    SI). `turning` holds the signal prefixes of rotary axes, such as `c.`, and `by_velocity` those of axes whose drives
+    are commanded by velocities: their commands are in m/s.
     """
     name = quantity(signal)
+    prefix = signal.removesuffix(name)
     unit = UNITS[name] if unit is None else unit
-    return turned(unit) if signal.removesuffix(name) in turning else unit
+    unit = "m/s" if name in COMMANDS and prefix in by_velocity else unit
+    return turned(unit) if prefix in turning else unit
+
+
+def response_unit(commands: str) -> str:
+    """Return the unit of the response from a command, "force" or "velocity", to a position of a linear axis."""
+    return {"force": "m/N", "velocity": "m/(m/s)"}[commands]
 
 
 class Loop(Block):
@@ -143,6 +157,17 @@ class Loop(Block):
             raise StructureError(
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
                 f"axis gives one for both: give it two encoders, or take a law with one, such as cascade_ppi"
+            )
+        takes, commands = self.axis.actuator.commands, self.control.law.commands
+        if takes != commands:
+            advice = (
+                "take a law that commands a velocity, such as position_loop"
+                if takes == "velocity"
+                else "take a law that commands a force, such as cascade_ppi, or give the axis its actuator.velocity_loop"
+            )
+            raise StructureError(
+                f"control.law: {self.control.law.kind} commands a {commands}, and the drive of the axis takes a "
+                f"{takes}: {advice}"
             )
         # symbols and variants are checked when a run is prepared
         if isinstance(self.sample_time, float) and isinstance(self.axis.actuator.dead_time, float):

@@ -480,6 +480,12 @@ def turning_ports(system: System) -> frozenset[str]:
     return frozenset(port for loop, port in pairs if loop.axis.rotary)
 
 
+def velocity_ports(system: System) -> frozenset[str]:
+    """Return the signal prefixes of the axes whose drives are commanded by velocities."""
+    pairs = zip(system.loops().values(), system.ports(), strict=True)
+    return frozenset(port for loop, port in pairs if loop.axis.actuator.commands == "velocity")
+
+
 def check_system(system: Any) -> None:
     """Raise ParameterError, with a remedy, for anything but a loop or a machine."""
     if not isinstance(system, Loop | Machine):

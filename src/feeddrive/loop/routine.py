@@ -51,6 +51,7 @@ from feeddrive.loop.machine import (
     motors,
     noise_of,
     turning_ports,
+    velocity_ports,
 )
 from feeddrive.loop.trace import Carried, Program, concrete, leaf, node, numbers
 
@@ -202,8 +203,16 @@ def off_outputs(routine: Routine) -> dict[str, float]:
         held = 0.0 if guard is None else float(guard.safe_force)
         command = {} if motor is None else {"command": held / float(motor.force_per_unit())}
         off = {"force": held, **command, "trip": 0.0, "enabled": 0.0}
-        outputs |= {target_name(f"{port}{name}"): value for name, value in off.items()}
+        by_velocity = velocity_ports(routine.origin)
+        outputs |= {output_name(f"{port}{name}", by_velocity): value for name, value in off.items()}
     return outputs
+
+
+def output_name(signal: str, by_velocity: Collection[str]) -> str:
+    """Return the name of an output on a target: a velocity that is commanded must not be called a force."""
+    prefix = signal.removesuffix(quantity(signal))
+    is_velocity = quantity(signal) == "force" and prefix in by_velocity
+    return target_name(f"{prefix}commanded_velocity" if is_velocity else signal)
 
 
 def target_name(path: str) -> str:
@@ -268,9 +277,12 @@ def controller_routine(system: System, name: str) -> Routine:
         before = gathered(begun, (traced.graph.input(f"state.{state}") for state in names))
         after, answers = both.step(prepared, before, inputs, T)
     units = {f"{port}command": motor.unit for port, motor in motors(block) if motor is not None}
+    velocities = {f"{port}force" for port in velocity_ports(system)}
     outputs = {
         signal: (units[signal], "the same in the unit of the drive", value)
         if signal in units
+        else ("m/s", "commanded velocity at the table, within the limit", value)
+        if signal in velocities
         else (*MEANINGS[quantity(signal)], value)
         for signal, value in answers.items()
     }
@@ -412,7 +424,7 @@ class _Traced:
         symbolic = tree.rebuild(block, iter([symbol for _, symbol in self.parameters]))
         self.symbolic: Any = tree.with_tables(symbolic, rows)
         self.owners = tuple(_owners(self.symbolic))
-        self.turning = turning_ports(loop)
+        self.turning, self.by_velocity = turning_ports(loop), velocity_ports(loop)
         self.units = Units(rotary=True) if self.turning else USUAL
         # the code of a controller only passes values on: its local names would take precedence over those of the law
         runs = isinstance(block, Controller | Controllers)
@@ -479,7 +491,13 @@ class _Traced:
             ),
             inputs=tuple(Variable(target_name(i), i, *meaning_of(i, self.turning), s.index) for i, s in inputs.items()),
             outputs=tuple(
-                Variable(target_name(signal), signal, unit_of(signal, self.turning, unit), meaning, node(value).index)
+                Variable(
+                    output_name(signal, self.by_velocity),
+                    signal,
+                    unit_of(signal, self.turning, unit, self.by_velocity),
+                    meaning,
+                    node(value).index,
+                )
                 for signal, (unit, meaning, value) in outputs.items()
             ),
             states=tuple(

@@ -24,7 +24,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.loop import UNITS, Loop, quantity, unit_of
-from feeddrive.loop.machine import Machine, System, check_system, turning_ports
+from feeddrive.loop.machine import Machine, System, check_system, turning_ports, velocity_ports
 from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
@@ -172,8 +172,8 @@ class Run(Result):
     """A simulated run: signals over time. `run["force"]` is an array of shape (n,), in the unit `run.units["force"]`.
 
     Row k is the sample at `time[k]` = kT; see `loop.Signals` for the meaning of each signal.  For a machine its name is
-    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`; the prefix of a
-    single axis is empty.
+    prefixed by the axis: `run["x.force"]`.  `turning` holds the prefixes of rotary axes, such as `c.`, and
+    `by_velocity` those of axes whose drives are commanded by velocities, in m/s; the prefix of a single axis is empty.
     """
 
     name: str
@@ -182,6 +182,7 @@ class Run(Result):
     samples: int
     first: int = 0
     turning: frozenset[str] = frozenset()
+    by_velocity: frozenset[str] = frozenset()
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -204,14 +205,16 @@ class Run(Result):
         if not by_quantity:
             there = dict.fromkeys(signal.rpartition(".")[0] for signal in self.signals)
             raise ParameterError(f"the run has no axis '{name}'; it has {', '.join(filter(None, there))}")
-        turning = frozenset({""} if f"{name}." in self.turning else ())
+        turning, by_velocity = (
+            frozenset({""} if f"{name}." in ports else ()) for ports in (self.turning, self.by_velocity)
+        )
         signals = {short: self.signals[signal] for short, signal in by_quantity.items()}
-        return Run(f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning)
+        return Run(f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning, by_velocity)
 
     @property
     def units(self) -> dict[str, str]:
         """The SI unit of every signal."""
-        return {name: unit_of(name, self.turning) for name in self.signals}
+        return {name: unit_of(name, self.turning, None, self.by_velocity) for name in self.signals}
 
     @property
     def rotary(self) -> bool:
@@ -308,7 +311,7 @@ def simulate(
         return first
     names = list(first.signals)
     rows = np.concatenate([piece.signals.rows for piece in parts if isinstance(piece.signals, Recorded)])
-    return Run(name, Recorded(names, rows), first.sample_time, len(rows), 0, first.turning)
+    return Run(name, Recorded(names, rows), first.sample_time, len(rows), 0, first.turning, first.by_velocity)
 
 
 def checked_signals(system: System, record: Sequence[str], arithmetic: str) -> list[str]:
@@ -494,4 +497,4 @@ def stream(
             progress.step(f"{name}: seconds of the run", int(first * work.T), int(count * work.T))
         rows = course.advance(compiled, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
-        yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop))
+        yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop), velocity_ports(loop))

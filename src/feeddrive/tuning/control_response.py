@@ -229,7 +229,7 @@ class ControlResponse:
                 f"most {MOST}; set position_every <= {MOST}"
             )
         settled = tuple(block.settled() for block in control.compensation)
-        control = replace(control, compensation=settled, guard=None, force_limit=None)
+        control = replace(control.unlimited(), compensation=settled)
         for name in tunables:
             tree.declaration(control, name)
         self.T, self.tunables, self.velocity = float(sample_time), tuple(tunables), velocity

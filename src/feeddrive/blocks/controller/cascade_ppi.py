@@ -7,6 +7,7 @@ from feeddrive.blocks.axis_model import AxisModel, Start
 from feeddrive.blocks.controller.cascade_options import (
     Interpolator,
     ReferenceModel,
+    commanded_velocity,
     expected_velocity,
     interpolated,
     interpolator,
@@ -152,8 +153,7 @@ class CascadePPI(Law):
         position = reading.position(self.velocity_encoder)
         velocity = (position - state.positions[-1]) / (self.velocity_samples * T)
         smoothed, velocity = smoothed_velocity(state.smoothed, velocity, self.velocity_lag, T)
-        wanted = self.Kv * (setpoint.position - reading.position_load)
-        wanted = wanted + self.velocity_feedforward * setpoint.backward_velocity(T)
+        wanted = commanded_velocity(self.Kv, self.velocity_feedforward, setpoint, reading, T)
         interpolator, wanted = interpolated(state.interpolator, wanted, self.position_every)
         e = wanted - velocity
         model, expected = expected_velocity(state.model, wanted, self.Kp, self.model_mass, T)
