@@ -74,9 +74,10 @@ class ControlInMaster:
 
     cst  the force of the control, with its guard; a control without one gets one without limits, as only a guard can
          switch it on.  Its force limit is that of the control, or limits.force where that is smaller
-    csv  the velocity that the position loop of a `CascadePPI` asks for, with the force feedforward of the control; the
-         velocity loop is that of the drive, and no guard runs.  Raises StructureError for another law, and for filters
-         and compensations, which act on a force
+    csv  the velocity of a law that commands one (`PositionLoop`), with its guard, within its velocity limit and
+         limits.velocity; or the velocity that the position loop of a `CascadePPI` asks for, with the force feedforward
+         of the control, without a guard.  The velocity loop is that of the drive.  Raises StructureError for another
+         law, and for filters and compensations that act on a force
 
     A control starts at rest from the force that acts, which `begin` is given: its integral carries it.
     Raises ParameterError for a loop whose sample time is not that of the drive.  It is made before the drive is opened:
@@ -90,11 +91,12 @@ class ControlInMaster:
         *,
         mode: str = "cst",
         force: float,
+        velocity: float = math.inf,
         encoders: int = 1,
         lost_frames: int = 3,
     ) -> None:
-        """Trace and compile the step; `force` is the largest that the drive may get, N, `lost_frames` as in the drive
-        file.
+        """Trace and compile the step; `force` and `velocity` are the largest that the drive may get, N and m/s,
+        `lost_frames` as in the drive file.
         """
         if isinstance(control, Loop):
             if not math.isclose(float(control.sample_time), sample_time):
@@ -115,7 +117,12 @@ class ControlInMaster:
                 "for the position loop alone"
             )
         self.mode = mode
-        made = _in_torque(control, force) if mode == "cst" else _in_velocity(control)
+        # of a cascade only the outer loop runs here
+        self._outer = mode == "csv" and control.law.commands == "force"
+        if mode == "cst":
+            made = _in_torque(control, force)
+        else:
+            made = _outer_loop(control) if self._outer else _in_velocity(control, velocity)
         self.control = replace(made, guard=_patient(made.guard, lost_frames))
         self.remarks: list[str] = []
         own = control.force_limit
@@ -124,9 +131,9 @@ class ControlInMaster:
             self.remarks.append(
                 Text(f"The control {said}, and limits.force of the drive file to {Quantity(force, 'N')}: that acts.")
             )
-        # in csv the motor stands for the law, at whatever is given as its position
-        self.encoders = 1 if mode == "csv" else encoders
-        encoders = 2 if mode == "csv" else encoders
+        # of the outer loop of a cascade the motor stands for the law, at whatever is given as its position
+        self.encoders = 1 if self._outer else encoders
+        encoders = 2 if self._outer else encoders
         self.sample_time = sample_time
         self._system = InMaster(control=self.control, sample_time=sample_time, encoders=encoders)
         self._plain = concrete(self._system)
@@ -155,29 +162,31 @@ class ControlInMaster:
     @property
     def needs_torque_offset(self) -> bool:
         """True if the control commands a force beside a velocity."""
-        return self.mode == "csv" and bool(self.control.feedforward)
+        return self._outer and bool(self.control.feedforward)
 
     def begin(self, position: float, motor: float | None) -> None:
         """Start for an axis that stands at a reading, m (`motor`: of the second encoder), before the drive is enabled:
         it takes some cycles.
         """
-        self._lay_out(self._start(motor if self.mode == "cst" and motor is not None else 0.0, position))
+        self._lay_out(self._start(0.0 if self._outer or motor is None else motor, position))
 
     def rest(self, position: float, motor: float | None, force: float) -> None:
         """Take the readings (m) of an axis at rest, and the force (N) that holds it: the next sample is enabled, and
-        begins with this force.
+        begins with this force; one that commands a velocity begins at rest.
         """
+        if self.mode == "csv":
+            force = 0.0
         limit = self.control.force_limit
         if limit is not None:
             force = max(-float(limit), min(float(limit), force))
         self.step(Setpoint(position), position, motor, enable=False)
         self._states[self._travel] = 0.0
         self._states[self._forces] = force
-        self._last = Commanded(force if self.mode == "cst" else 0.0)
+        self._last = Commanded(force)
 
     def step(self, setpoint: Setpoint, load: float, motor: float | None = None, *, enable: bool = True) -> Commanded:
         """Compute a sample from a setpoint and the last readings, m; after a trip the last command is held."""
-        second = motor if self.mode == "cst" and motor is not None else 0.0
+        second = 0.0 if self._outer or motor is None else motor
         values = (*setpoint, second, load, float(enable))
         inputs = self._inputs
         for column, place in self._columns:
@@ -186,7 +195,10 @@ class ControlInMaster:
         force, feedback, feedforward, trip = self._out[self._rows, 0].tolist()
         if trip:
             return self._last._replace(trip=f"the guard of the control tripped: {TRIPS[trip]}")
-        self._last = Commanded(force) if self.mode == "cst" else Commanded(feedforward, feedback)
+        if self._outer:
+            self._last = Commanded(feedforward, feedback)
+        else:
+            self._last = Commanded(force) if self.mode == "cst" else Commanded(0.0, force)
         return self._last
 
     def _start(self, motor: float, load: float) -> Any:
@@ -217,12 +229,26 @@ def _patient(guard: Guard | None, lost_frames: int) -> Guard:
 
 
 def _in_torque(control: Control, force: float) -> Control:
-    """Return the control with a force limit of at most `force`, N."""
+    """Return the control with a force limit of at most `force`, N. Raises StructureError for a law that commands a
+    velocity.
+    """
+    if control.law.commands != "force":
+        raise StructureError(
+            f'control.law: {control.law.kind} commands a {control.law.commands}, and mode = "cst" takes a force: take '
+            'mode = "csv", or a law that commands a force, such as cascade_ppi'
+        )
     limit = control.force_limit
     return replace(control, force_limit=force if limit is None else min(force, float(limit)))
 
 
-def _in_velocity(control: Control) -> Control:
+def _in_velocity(control: Control, velocity: float) -> Control:
+    """Return the control of a law that commands a velocity, with a limit of at most `velocity`, m/s."""
+    limit = control.velocity_limit
+    most = velocity if limit is None else min(velocity, float(limit))
+    return replace(control, velocity_limit=most if math.isfinite(most) else None)
+
+
+def _outer_loop(control: Control) -> Control:
     """Return the outer loop of a cascade as a control whose feedback is the set velocity, m/s.
 
     It is the cascade itself, with a velocity gain of 1 and a motor that stands: what is left is its set velocity.
@@ -231,7 +257,7 @@ def _in_velocity(control: Control) -> Control:
     if not isinstance(law, CascadePPI):
         raise StructureError(
             f'control.law: {law.kind} commands a force, and mode = "csv" takes the velocity of a position loop around '
-            'the velocity loop of the drive: take mode = "cst", or a cascade_ppi'
+            'the velocity loop of the drive: take mode = "cst", or a position_loop or cascade_ppi'
         )
     held = [name for name in ("filters", "compensation") if getattr(control, name)]
     if held:

@@ -223,6 +223,11 @@ class GantryMotion:
         return self.gantry.first.rotary
 
     @property
+    def commands(self) -> str:
+        """What a control on trial commands: a force."""
+        return "force"
+
+    @property
     def takes(self) -> tuple[type[Block], ...]:
         """What a control on trial may have beside its law."""
         return self.gantry.first.takes

@@ -99,6 +99,11 @@ class LiveAxis(Protocol):
         """What a control on trial may have beside its law: feedforward and filters, some kinds of them, or nothing."""
         ...
 
+    @property
+    def commands(self) -> str:
+        """What a control on trial commands: "force" or, around the velocity loop of the drive, "velocity"."""
+        ...
+
     def limited(self, limits: BusLimits) -> LiveAxis:
         """Return the same axis under tighter limits."""
         ...
@@ -206,6 +211,24 @@ class BusAxis:
     def takes(self) -> tuple[type[Block], ...]:
         """What a control on trial may have beside its law: nothing, if only its gains go into the drive."""
         return () if self.file.gains else (Feedforward, Filter)
+
+    @property
+    def commands(self) -> str:
+        """What a control in the master commands: with mode = "csv" in the drive file a velocity, else a force."""
+        return "velocity" if self.file.drive.mode == "csv" and not self.file.gains else "force"
+
+    def in_mode(self, mode: str) -> Self:
+        """Return the same axis with another mode of a control in the master, "cst" or "csv".
+
+        Raises ParameterError for a drive that closes all loops by itself.
+        """
+        if self.file.gains:
+            raise ParameterError(
+                f"{self.where}: --mode {mode} is for a control in the master, and [gains] of the drive file says that "
+                "the drive closes all loops by itself: leave one of them out"
+            )
+        # cst is what the drive file says with csp: the drive moves by itself until there is a control
+        return self._with(replace(self.file.drive, mode="csv" if mode == "csv" else "csp"))
 
     def limited(self, limits: BusLimits) -> Self:
         """Return the same axis under tighter limits. Raises ParameterError for one that is looser."""
@@ -331,6 +354,7 @@ class BusAxis:
                 self.sample_time,
                 mode=mode,
                 force=float(drive.limits.force),
+                velocity=float(drive.limits.velocity),
                 encoders=self._positions(),
                 lost_frames=drive.lost_frames,
             )

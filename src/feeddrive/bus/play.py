@@ -381,7 +381,8 @@ def play_together(
     the drive first holds the axis by its own control, where it has `csp`: the force that this takes is what the control
     begins with.  The excitation is added to the force of the control, and the sum stays within limits.force.  Row k of
     such a log holds the readings that the control used in cycle k, and what it commanded there (`commanded`, N): from a
-    row's command to the readings that show it pass `lag` + 1 cycles.
+    row's command to the readings that show it pass `lag` + 1 cycles.  In `csv` the log has the velocity that was
+    commanded, too (`commanded_velocity`, m/s), to which an excitation in m/s is added; `commanded` is the force offset.
 
     The motions are relative to the positions at the start.  Row k of a log holds the setpoints sent in cycle k and the
     drive's response to them, `lag` cycles later.  `progress` is updated ten times a second; cancelling it ends the
@@ -856,7 +857,7 @@ def _halt(client: DriveClient, reaction: str) -> str:
     return f"; the axis was stopped and is in '{words}'"
 
 
-_FORCES = ("force", "commanded")  # columns of a log
+_FORCES, _SPEEDS = ("force", "commanded"), ("velocity_load", "commanded_velocity")  # columns of a log
 
 
 class _Rows:
@@ -874,6 +875,7 @@ class _Rows:
         self.told: list[ActualValues] = []
         self.lost: list[float] = []
         self.commanded: list[float] = []  # N, of a control in the master
+        self.velocities: list[float] = []  # m/s, of one that commands a velocity
         self._last, self._heard = client.told, True
         self.leading, self._held = leading, held
         if leading is not None:
@@ -915,13 +917,16 @@ class _Rows:
         lost = None if self._heard else math.nan
         load, motor = (told.position, told.second) if lost is None else (lost, lost)
         found = leading.control.step(setpoint, load, motor)
-        force = max(-limits.force, min(limits.force, found.force + excitation))
-        velocity = max(-limits.velocity, min(limits.velocity, found.velocity))
+        # what is added to a velocity is a velocity
+        added, pushed = (excitation, 0.0) if profile.unit == "m/s" else (0.0, excitation)
+        force = max(-limits.force, min(limits.force, found.force + pushed))
+        velocity = max(-limits.velocity, min(limits.velocity, found.velocity + added))
         self.client.command(velocity=velocity, force=force)
         self.told.append(told)
         self.lost.append(float(not self._heard))
         self.sent.append((setpoint.position, excitation))
         self.commanded.append(force)
+        self.velocities.append(velocity)
         # what the answer to this target is compared with is the setpoint of the sample that reads it
         ahead = self.start + leading.setpoints[min(k + self.client.drive.lag + 1, last)][0]
         return _Sent(Target(ahead, velocity, force), excitation, setpoint.position, found.trip)
@@ -991,9 +996,11 @@ class _Rows:
                 channels[column] = values
         if self.leading is not None:
             channels["commanded"] = self.commanded[:rows]
+        if self.leading is not None and client.drive.mode == "csv":
+            channels["commanded_velocity"] = self.velocities[:rows]
         if any(self.lost):
             channels["lost"] = self.lost[lag : lag + rows]
-        known = {"excitation": profile.unit, "velocity_load": "m/s", "lost": "", **dict.fromkeys(_FORCES, "N")}
+        known = {"excitation": profile.unit, "lost": "", **dict.fromkeys(_FORCES, "N"), **dict.fromkeys(_SPEEDS, "m/s")}
         units = {key: known.get(key, "m") for key in channels}
         if client.drive.rotary:
             units = {key: turning(unit) for key, unit in units.items()}

@@ -37,7 +37,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.axis import Axis
+from feeddrive.loop.axis import Axis, require_force
 from feeddrive.loop.box import Box, Corner, Dimension
 from feeddrive.loop.linearize import Lifted, StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -254,6 +254,7 @@ class Prover:
         self.family = Family(loop.axis, box, model.inputs)
         self.control = ControlLines(model)
         actuator = loop.axis.actuator
+        require_force(loop.axis, "a proof over a box")
         self.dead_time = float(actuator.dead_time)
         bandwidth = actuator.current_loop
         self.lag = None if bandwidth is None else 2.0 * np.pi * float(bandwidth)

@@ -25,7 +25,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import Lifted, StateSpace
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, response_unit
 from feeddrive.tuning.operating_point import OperatingPoint
 
 CLAIM = (
@@ -383,7 +383,8 @@ def _plant_like(point: OperatingPoint | Loop) -> PlantLike:
 
 def _response(point: OperatingPoint, row: int, variance: np.ndarray) -> FRF:
     output = ("reading_motor", "reading_load")[row]
-    return FRF(point.frequency, point.by_force[row], "cut", output, "m/N", point.sample_time, None, variance)
+    unit = response_unit(point.commands)
+    return FRF(point.frequency, point.by_force[row], "cut", output, unit, point.sample_time, None, variance)
 
 
 def _storable(value: float) -> float:

@@ -13,6 +13,7 @@ from feeddrive.blocks.force.backlash import Backlash
 from feeddrive.blocks.force.spring import check_spring
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.stribeck import Stribeck
+from feeddrive.commissioning.trial import COMMANDED
 from feeddrive.files.log import Log
 from feeddrive.identification.motion.motion_log import MotionLog
 from feeddrive.identification.motion.output_error import Refinement, refine
@@ -53,7 +54,8 @@ def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0, *, p
     motion = MotionLog(
         name=log.name,
         position=log["reading_load"] - log["set_position"][0],
-        force=log["commanded"],
+        # the command of the control, by which a run is compared with the log: a velocity where it commands one
+        force=log[COMMANDED[ran.axis.actuator.commands]],
         sample_time=log.sample_time,
         set_position=log["set_position"] - log["set_position"][0],
         rotary=ran.axis.rotary,

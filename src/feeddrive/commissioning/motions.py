@@ -19,6 +19,8 @@ REST = 0.25  # s at rest before, between and after moves
 PUSH_BAND = (8.0, 24.0)  # Hz: above the position loops of slow drives, below the modes of most axes
 PUSH_PERIOD = 0.5  # s
 PUSH_PERIODS = 4  # in steady state
+SPREAD = 0.06  # of a frequency, to the next line of a multisine
+FADE, SETTLES = 0.25, 0.5  # s in which a multisine swells, and after which the axis has forgotten how it began
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,65 @@ def push(distance: float, pace: Pace, amplitude: float, sample_time: float) -> P
 def push_distance(pace: Pace) -> float:
     """Return the distance over which the push moves at its pace, m."""
     return pace.speed * ((PUSH_PERIODS + 2) * PUSH_PERIOD + 2.0 * (pace.speed / pace.acceleration + RAMP))
+
+
+@dataclass(frozen=True, eq=False)
+class Shaken:
+    """A slow move with a multisine on it: the profile, its period in samples, and the first whole period's sample."""
+
+    profile: Profile
+    period: int
+    first: int
+    periods: int
+
+    @property
+    def whole(self) -> slice:
+        """The rows of all whole periods."""
+        return slice(self.first, self.first + self.periods * self.period)
+
+    def sized(self, amplitude: float, unit: str) -> Profile:
+        """Return the profile with a multisine of another peak amplitude, N or m/s."""
+        excitation = amplitude / float(np.max(np.abs(self.profile.excitation))) * self.profile.excitation
+        return replace(self.profile, excitation=excitation, unit=unit)
+
+
+def lines_of(top: float, resolution: float) -> np.ndarray:
+    """Return the multiples of a resolution up to `top` (Hz) that a multisine has: each of them where they are far
+    apart for the frequency, then SPREAD apart from each other, so that high ones do not take the amplitude of low ones.
+    """
+    lines, here = list[int](), 1.0
+    while here * resolution <= top:
+        lines.append(round(here))
+        here = max(here + 1.0, here * (1.0 + SPREAD))
+    return np.array(lines)
+
+
+def shaken(
+    name: str, distance: float, lines: np.ndarray, period: int, periods: int, pace: Pace, sample_time: float, seed: int
+) -> Shaken:
+    """Return an even move over a distance (m), with a multisine of amplitude 1 and random phases on it."""
+    random = np.random.default_rng(seed)
+    sizes = np.ones(lines.size)
+    phases = low_crest_phases(lines, sizes, random.uniform(0.0, 2.0 * np.pi, lines.size))
+    wave = summed(lines, sizes, phases, period)
+    fade = max(1, min(period, round(FADE / sample_time)))
+    # the fades are parts of a period, and a slow axis forgets them in another half
+    ahead = fade + max(period // 2, round(SETTLES / sample_time))
+    rows = np.arange(-ahead, periods * period + fade)
+    window = np.ones(rows.size)
+    swell = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade) / fade)
+    window[:fade], window[rows.size - fade :] = swell, swell[::-1]
+    even = rows.size * sample_time
+    speed = abs(distance) / (even + 2.0 * RAMP)
+    position = np.concatenate(
+        [np.zeros(max(1, round(REST / sample_time))), moved(distance, Pace(speed, pace.acceleration), sample_time)]
+    )
+    ramp = round(REST / sample_time) + round((speed / pace.acceleration + RAMP) / sample_time)
+    count = max(position.size, ramp + rows.size) + round(REST / sample_time)
+    position = np.concatenate([position, np.full(count - position.size, position[-1])])
+    excitation = np.zeros(count)
+    excitation[ramp : ramp + rows.size] = window * wave[rows % period]
+    return Shaken(profile(name, position, sample_time, excitation), period, ramp + ahead, periods)
 
 
 # of the pace: viscous friction shows at the fast ones, the curve near standstill at the slow ones

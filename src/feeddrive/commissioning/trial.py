@@ -25,6 +25,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import simulate
 
+COMMANDED = {"force": "commanded", "velocity": "commanded_velocity"}  # column of what a control commands
 AGREED = 0.1  # share by which measured and predicted may differ
 
 
@@ -70,7 +71,7 @@ def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
     apart = (second - first)[motion.pulsed]
     begin = (second - first)[max(0, motion.pulsed.start - 10) : motion.pulsed.start]
     deflection = float(np.max(np.abs(apart - np.mean(begin))))
-    force = alone["commanded"] if "commanded" in alone.channels else alone["force"]
+    force = acting_force(alone)
     return Figures(
         following_rms=float(np.sqrt(np.mean(moving**2))),
         following_peak=float(np.max(np.abs(moving))),
@@ -78,6 +79,14 @@ def figures(motion: TrialMotion, alone: Log, pushed: Log) -> Figures:
         force_noise=float(np.std(force[motion.rest])),
         position_noise=float(np.std(alone["reading_load"][motion.rest])),
     )
+
+
+def acting_force(log: Log) -> np.ndarray:
+    """Return the force of a log, N: that which a control of ours commanded, or the one that the drive tells, where it
+    makes the force by itself.
+    """
+    ours = "commanded" in log.channels and "commanded_velocity" not in log.channels
+    return log["commanded"] if ours else log["force"]
 
 
 def filled(log: Log) -> Log:
@@ -97,30 +106,39 @@ _READ = ("reading_load", "reading_motor", "velocity_load", "force")  # columns t
 
 
 def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, seed: int = 0) -> Log:
-    """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m)."""
+    """Return the log of a profile as the loop is predicted to answer it, with counts and noise of the encoders (m).
+
+    A drive that is commanded by velocities makes the force by itself: its log has both, as that of `play`.
+    """
     real = replace(loop, axis=counted(loop.axis, increment, noise))
     T = float(loop.sample_time)
+    inner = real.axis.actuator.velocity_loop
+    added = played.excitation
+    if inner is not None and played.unit == "N":
+        added = inner.equivalent(played.excitation, T)
     # a law that is switched on begins with the force that acts, which carries a hanging axis
     enable = None if real.control.guard is None else (np.arange(played.set_position.size) > 0).astype(float)
     run = simulate(
         real,
         path_of(real.control, played.set_position, T),
-        added_force=RecordedForce(force=played.excitation, sample_time=T) if np.any(played.excitation) else None,
+        added_force=RecordedForce(force=added, sample_time=T) if np.any(added) else None,
         enable=enable,
         seed=seed,
-        record=["set_position", "reading_load", "force", "velocity_load", "velocity_motor"],
+        record=["set_position", "reading_load", "force", "drive_force", "velocity_load", "velocity_motor"],
         name=played.name,
     )
     rows = slice(0, played.set_position.size)
-    force = run["force"][rows]
+    command = run["force"][rows]
+    force = command if inner is None else run["drive_force"][rows]
+    pushed = played.excitation[: force.size]
     channels = {
         "set_position": run["set_position"][rows],
         "reading_load": run["reading_load"][rows],
         "velocity_load": run["velocity_load"][rows],
         "velocity_motor": run["velocity_motor"][rows],
         "force": force,
-        "commanded": force + played.excitation[: force.size],
-        "excitation": played.excitation[: force.size],
+        "commanded": force + pushed if inner is None else pushed if played.unit == "N" else 0.0 * pushed,
+        "excitation": pushed,
     }
     units = {
         "set_position": "m",
@@ -129,8 +147,11 @@ def predicted(loop: Loop, played: Profile, increment: float, noise: float, *, se
         "velocity_motor": "m/s",
         "force": "N",
         "commanded": "N",
-        "excitation": "N",
+        "excitation": played.unit,
     }
+    if inner is not None:
+        channels["commanded_velocity"] = command + (pushed if played.unit == "m/s" else 0.0)
+        units["commanded_velocity"] = "m/s"
     return Log(name=played.name, time=run.time[rows], channels=channels, units=units, sample_time=T)
 
 

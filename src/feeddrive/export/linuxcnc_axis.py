@@ -102,6 +102,11 @@ class LinuxcncAxis:
         return self.file.simulated
 
     @property
+    def commands(self) -> str:
+        """What a control on trial commands: a force."""
+        return "force"
+
+    @property
     def takes(self) -> tuple[type[Block], ...]:
         """What a control on trial may have beside its law: gains of pids feed a mass and a viscous friction forward."""
         return (Inertia,) if self.file.trial == "gains" else (Feedforward, Filter)

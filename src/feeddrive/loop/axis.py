@@ -207,6 +207,15 @@ class Axis(Block):
         return motor, load
 
 
+def require_force(axis: Axis, what: str) -> None:
+    """Raise StructureError for a drive that is commanded by velocities, for what knows only forces."""
+    if axis.actuator.commands != "force":
+        raise StructureError(
+            f"axis.actuator.velocity_loop: {what} is for axes that take a force, and the drive of this one is commanded "
+            "by velocities"
+        )
+
+
 def _part(share: Any, x: Any) -> Any:
     """Return share · x; if `share` is the constant 0, the result is a zero of the type of x."""
     return ops.zero(x) if matrix.is_zero(share) else x if matrix.is_one(share) else share * x

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from feeddrive.commissioning.trial import acting_force
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
@@ -96,8 +97,8 @@ def _curve(log: Log, values: np.ndarray, name: str, number: int, look: str = PLA
 
 
 def _force(log: Log) -> np.ndarray:
-    """Return the commanded force, N; a control of the drive's own tells the actual one alone."""
-    return log["commanded"] if "commanded" in log.channels else log["force"]
+    """Return the force, N; see `acting_force`."""
+    return acting_force(log)
 
 
 def _sizes(error: np.ndarray) -> str:

@@ -13,7 +13,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import AVERAGES, FRF, transfers
 from feeddrive.loop.linearize import StateSpace, linearize
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, response_unit
 from feeddrive.tuning.control_response import READINGS, Axis, ControlResponse, Response
 
 _HALF_WIDTHS = (4, 7, 12, 20, 34)  # neighboring lines used for each line
@@ -170,6 +170,7 @@ class OperatingPoint:
     loop, model  the loop of a model, and the state-space model of its axis
     known_as     a loop whose axis agrees with the measurement (`with_table_force`), for simulating the tuned controller
     by_force_at  function that returns by_force at any frequency, for the images of a multirate controller
+    commands     what the drive takes: by_force is in m/N, or in m/(m/s) of one that is commanded by velocities
     bounds_only  True for a plant of a box, at which the limits apply but not the goal
     """
 
@@ -189,6 +190,15 @@ class OperatingPoint:
     by_force_at: Axis | None = None
     coherence: np.ndarray | None = None
     bounds_only: bool = False
+    commands: str = "force"
+
+    def holds(self) -> bool:
+        """Return True if the axis alone returns after a constant force: its drive closes a velocity loop with an
+        integral.
+        """
+        loop = self.loop or self.known_as
+        held = None if loop is None else loop.axis.actuator.velocity_loop
+        return held is not None and held.Tn is not None
 
     def chosen(self, keep: np.ndarray) -> Self:
         """Return the operating point restricted to the lines with the given indices."""
@@ -296,6 +306,7 @@ def modelled_point(
         loop=loop,
         model=model,
         by_force_at=by_force_at,
+        commands=loop.axis.actuator.commands,
     )
 
 
@@ -308,19 +319,22 @@ def measured_point(
     delay: float = 0.0,
     name: str = "measured",
     averages: int = AVERAGES,
+    commands: str = "force",
 ) -> OperatingPoint:
-    """Return the operating point given by measured responses, which must be in m/N and on the same lines.
+    """Return the operating point given by measured responses on the same lines, in m/N or, for a law that commands a
+    velocity, in m/(m/s).
 
     load, motor   responses of the readings to the commanded force; with a single encoder leave `motor` out
     disturbance   responses of the load and motor readings to a force on the table (impact hammer); without them,
                   stiffness and rope-snap error refer to a force at the drive
     sample_time   sample time of the controller to be tuned, s
     delay         computation delay, s, if the input of the measured responses is the actual force, not its command
+    commands      what the drive takes: "force" or "velocity"
     averages      number of averages, for a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
     Responses with a variance are smoothed as far as the variance allows; where motor and table move nearly together,
     their ratio is fitted (`stiff_ratio`).
-    Raises ParameterError for differing lines, for fewer than ten lines, and for a unit other than m/N.
+    Raises ParameterError for differing lines, for fewer than ten lines, and for another unit.
     """
     both = (load if motor is None else motor, load)
     hit: Sequence[FRF] = () if disturbance is None else (disturbance[1] or disturbance[0], disturbance[0])
@@ -329,13 +343,16 @@ def measured_point(
             raise ParameterError(
                 "the measured responses have different frequencies: measure or interpolate them on the same lines"
             )
-        if frf.unit not in ("", "m/N"):
-            raise ParameterError(f"the response from {frf.input} to {frf.output} is in {frf.unit}: it must be m/N")
+        wanted_unit = "m/N" if any(frf is other for other in hit) else response_unit(commands)
+        if frf.unit not in ("", wanted_unit):
+            raise ParameterError(
+                f"the response from {frf.input} to {frf.output} is in {frf.unit}: it must be {wanted_unit}"
+            )
         bad = np.flatnonzero(~((np.abs(frf.response) > _LEAST) & (np.abs(frf.response) < _MOST)))
         if bad.size:
             raise ParameterError(
                 f"the response from {frf.input} to {frf.output} is "
-                f"{Quantity(np.abs(frf.response[bad[0]]), 'm/N'):3 SI} at {Quantity(frf.frequency[bad[0]], 'Hz')} "
+                f"{Quantity(np.abs(frf.response[bad[0]]), wanted_unit):3 SI} at {Quantity(frf.frequency[bad[0]], 'Hz')} "
                 f"({bad.size} such lines), which is impossible for an axis: check columns and unit, and leave out "
                 "lines on which nothing was measured"
             )
@@ -386,6 +403,7 @@ def measured_point(
         ratio=ratio,
         by_force_at=_between(lines, by_force),
         coherence=_coherence(both, inside, wanted),
+        commands=commands,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from feeddrive.loop.axis import require_force
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.linearize import StateSpace, linearize
 from feeddrive.loop.loop import Loop
@@ -48,6 +49,7 @@ class SampledPlants:
         only = load if axis.encoder_load is not None else motor
         self._drive, self._load = shape[plain.drive], load
         self._outputs = np.array([only if one else motor, only if one else load, load])
+        require_force(axis, "a search over plants of a box")
         bandwidth = axis.actuator.current_loop
         self._lag = None if bandwidth is None else 2.0 * np.pi * float(bandwidth)
         samples = float(axis.actuator.dead_time) / self.T

@@ -1361,12 +1361,19 @@ def _tuner(
         times = joined(", ", [f"'{point.name}' {Quantity(point.sample_time, 's'):6}" for point in operating_points])
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
+    for point in operating_points:
+        if point.commands != control.law.commands:
+            raise ParameterError(
+                f"control.law: {control.law.kind} commands a {control.law.commands}, and '{point.name}' is the response "
+                f"of a drive that takes a {point.commands}: take a law that commands it"
+            )
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
     tuner = Tuner(
         operating_points, figure, kept, band, confidence, starts, seed, velocity, progress or Progress(), box, around
     )
     integrates = ControlResponse(control, operating_points[0].sample_time, (), velocity).integrates
-    if figure.goal.returns and not integrates(()):
+    held = all(point.holds() for point in operating_points)
+    if figure.goal.returns and not held and not integrates(()):
         raise ParameterError(
             f"goal = '{goal}' needs a control with integral action: without it ('{control.law.kind}' as it is) a force "
             "causes a permanent offset of the table; give it one, such as law.Tn, let the search begin with one (law "

@@ -19,6 +19,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.commission_gantry import GantryChain
 from feeddrive.workflow.commission_steps import Chain, CommissionRequest
+from feeddrive.workflow.commission_velocity import VelocityChain
 
 
 @command(CommissionRequest)
@@ -31,14 +32,25 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     The result is a `Commissioned`; a reason to stop is its `refusal`.  Raises BusError and AbortedError for a drive
     that cannot be commanded, ParameterError for limits that are too narrow.
     """
-    axis = _axis(request)
+    axis = _in_mode(_axis(request), request.mode)
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
-    chain = GantryChain if isinstance(axis, GantryMotion) else Chain
+    chain = GantryChain if isinstance(axis, GantryMotion) else VelocityChain if axis.commands == "velocity" else Chain
     if request.out is None:
         with TemporaryDirectory() as folder:
             return chain(request, axis, Path(folder), progress).run(kept=False)
     return chain(request, axis, request.out, progress).run(kept=True)
+
+
+def _in_mode(axis: LiveAxis, mode: str | None) -> LiveAxis:
+    """Return the axis with the mode of the request. Raises ParameterError for an axis that has no such modes."""
+    if mode is None or (mode == "cst" and not isinstance(axis, BusAxis)):
+        return axis
+    if not isinstance(axis, BusAxis):
+        raise ParameterError(
+            f"--mode {mode}: {axis.where} is no CiA 402 drive of one axis, and takes forces alone: leave it out"
+        )
+    return axis.in_mode(mode)
 
 
 def _axis(request: CommissionRequest) -> LiveAxis:
@@ -50,28 +62,23 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     first, second = _axis_of(request.drive), _axis_of(request.second)
     if not (isinstance(first, BusAxis) and isinstance(second, BusAxis)):
         raise ParameterError("--second: the two drives of a gantry are CiA 402 drives on one EtherCAT segment")
+    for axis in (first, second):
+        if axis.commands != "force":
+            raise ParameterError(
+                f'{axis.file.name}: mode = "csv": the two drives of a gantry are controlled by forces: write mode = "csp"'
+            )
     return Gantry(first, second).common
 
 
 def _axis_of(drive: str | Path | DriveFile | LiveAxis) -> LiveAxis:
     """Return the axis of a drive file, of the file of an axis of LinuxCNC, or as it is."""
     if isinstance(drive, DriveFile):
-        return _on_bus(drive)
+        return BusAxis(drive)
     if not isinstance(drive, str | Path):
         return drive
     if isinstance(read_toml(drive).content.get("hal"), str):
         return LinuxcncAxis(read_linuxcnc_file(drive))
-    return _on_bus(read_drive(drive))
-
-
-def _on_bus(file: DriveFile) -> BusAxis:
-    """Return the axis of a drive file. Raises ParameterError for csv: the plant of a loop there is a velocity loop."""
-    if file.drive.mode == "csv":
-        raise ParameterError(
-            f'{file.name}: mode = "csv": commission closes its loops by force (cst), or by gains in the drive '
-            '([gains]): write mode = "csp"'
-        )
-    return BusAxis(file)
+    return BusAxis(read_drive(drive))
 
 
 def virtual_axis(machine: MachineLike) -> LiveAxis:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from feeddrive.blocks.actuator.actuator import Actuator
-from feeddrive.blocks.families import Filter, Force
+from feeddrive.blocks.families import Filter, Force, Law
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward
 from feeddrive.blocks.feedforward.inertia import Inertia
 from feeddrive.blocks.force.backlash import Backlash
@@ -47,7 +47,7 @@ from feeddrive.commissioning.record import (
     remove_stale,
     write_record,
 )
-from feeddrive.commissioning.trial import AGREED, Figures, Trial, figures, filled, predicted
+from feeddrive.commissioning.trial import AGREED, COMMANDED, Figures, Trial, acting_force, figures, filled, predicted
 from feeddrive.export.design import weight
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
@@ -157,6 +157,12 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
         default=None,
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
+    mode: str | None = option(
+        "what a control in the master commands: a force (cst), or a velocity to the velocity loop of the drive (csv); "
+        "default: csv if the drive file says so, else cst",
+        options=("cst", "csv"),
+        default=None,
+    )
     target: str = option("target of the export, as of feeddrive export", default="c", short="-t")
     yes: bool = option("answer every question with yes; for a virtual drive only", default=False)
     out: Path | None = option(
@@ -170,6 +176,8 @@ class CommissionRequest(Request, more=limit_options(), after="goal"):
         """Raise ParameterError unless there is one drive, real or virtual."""
         if (self.drive is None) == (self.virtual is None):
             raise ParameterError("give either a drive file, or --virtual with a machine, whose drive is then simulated")
+        if self.mode == "csv" and self.second is not None:
+            raise ParameterError("--mode csv is for one drive: the two drives of a gantry are controlled by forces")
         if self.virtual is not None and self.second is not None:
             raise ParameterError("--second is a drive; a virtual gantry is a machine with a cross_beam")
 
@@ -178,6 +186,8 @@ def asked_of(request: CommissionRequest) -> Asked:
     """Return the options that decide what a step does, by the step that is the first to use them."""
     limits = [figure.limit.option for figure in limitable() if figure.limit]
     used = {"tune": ["goal", *limits], "export": ["target"]}
+    if request.mode is not None:
+        used["start_law"] = ["mode"]
     return {step: {option: str(getattr(request, option)) for option in options} for step, options in used.items()}
 
 
@@ -268,7 +278,15 @@ Told: TypeAlias = tuple[str, Mapping[str, float]]
 
 
 class Chain:
-    """The steps of one commissioning, in order, with what they told so far."""
+    """The steps of one commissioning, in order, with what they told so far.
+
+    late    s from the column `commanded` of a log to the force that acts, until it is measured
+    forces  file of the step `responses` with the responses to a force, and whether that force was measured, in place
+            of commanded: there is no dead time in them then
+    """
+
+    late = UNKNOWN_DELAY
+    forces, measured_force = "responses/frf.csv", False
 
     def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
         self.request, self.axis, self.folder, self.progress = request, axis, folder, progress
@@ -747,9 +765,9 @@ class Chain:
             )
         )
         played = self._strokes(loop.control, pace, travel)
-        along = self._along(played.log)
-        self._kept(strokes=played.log if along is None else acting(played.log, along, UNKNOWN_DELAY))
-        facts, told = self._identified(machine, "commanded" if along is None else "acting")
+        log, along = self._forced(played.log), self._along(played.log)
+        self._kept(strokes=log if along is None else acting(log, along, self.late))
+        facts, told = self._identified(self._by_force(machine), "commanded" if along is None else "acting")
         if facts["mass_error"] > SURE * facts["mass"]:
             # the responses will tell it: until then the law for the rough mass has moved the axis safely
             facts |= {"mass": self.facts["rough_mass"], "mass_error": ROUGH * self.facts["rough_mass"]}
@@ -844,7 +862,7 @@ class Chain:
 
     def _fits(self, log: Log) -> bool:
         """Return True if a predicted motion stays within following error and force."""
-        force = float(np.max(np.abs(log["commanded"])))
+        force = float(np.max(np.abs(acting_force(log))))
         fastest = max(float(np.max(np.abs(log[name]))) for name in ("velocity_load", "velocity_motor"))
         limits = self.limits
         within = _error(log.channels) <= USED * limits.following_error and force <= limits.force
@@ -1058,11 +1076,9 @@ class Chain:
 
         Raises NotIdentifiableError for a model under which the start law does not make the strokes.
         """
-        model = read_machine(self.place / "machine.toml").loop(AXIS)
-        control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
+        model = self._model_of(read_machine(self.place / "machine.toml").loop(AXIS))
         strokes = self._in("friction_and_mass", "strokes.parquet")
-        law: Any = model.control.law
-        control = replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
+        control = self._start_control(model)
         fit, explained = self._explained(model, control, read_log(strokes))
         text = self._machine(explained, "feeddrive commission: responses and strokes")
         says = Text(
@@ -1074,6 +1090,16 @@ class Chain:
         if fit.gap:
             says = Text(f"{says} Between motor and load is a play of {Quantity(fit.gap, 'm'):3}.")
         return _Model(fit.left, unused, place, lagging, with_origins(text, inputs), says, fit.gap)
+
+    def _model_of(self, fitted: Loop) -> Loop:
+        """Return the loop of the model with the axis that was fitted to responses from forces."""
+        return fitted
+
+    def _start_control(self, model: Loop) -> Control:
+        """Return the start law as it ran, on the encoder that the model says."""
+        control = read_machine(self._in("start_law", "machine.toml")).loop(AXIS).control
+        law: Any = model.control.law
+        return replace(control, law=replace(control.law, velocity_encoder=law.velocity_encoder))
 
     def _explained(self, model: Loop, control: Control, log: Log) -> tuple[FrictionFit, Loop]:
         """Return the friction that explains best what a control did, and the model with it.
@@ -1111,7 +1137,15 @@ class Chain:
 
     def _along(self, log: Log) -> Cogging | None:
         """Return the force that repeats along the strokes, if there is a clear one."""
-        return periodic_force(log, UNKNOWN_DELAY)
+        return periodic_force(self._forced(log), self.late)
+
+    def _forced(self, log: Log) -> Log:
+        """Return a log whose column `commanded` is the force that drives the axis, `late` seconds later."""
+        return log
+
+    def _by_force(self, machine: MachineFile) -> MachineFile:
+        """Return a machine with the axis of another one that takes a force."""
+        return machine
 
     def _pulled(self, loop: Loop) -> Loop:
         """Return a loop with the force along the travel and the play that were found, by the drive's own positions."""
@@ -1129,13 +1163,17 @@ class Chain:
         """Return where the only encoder may be; of a drive with two encoders both places are known."""
         return ("both",) if len(self._responses()) > 1 else ("motor", "load")
 
+    def _begin_of_fit(self) -> Loop:
+        """Return a loop under a start law that commands a force, with whose axis a fit begins."""
+        return read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
+
     def _fitted(self, place: str, structure: str | None, low: float, high: float, *, lagging: bool) -> Outcome[Any]:
         """Fit the responses with the encoder at a place, and write the files of the step; by evidence without a
         structure.
 
         lagging  the lag of the current loop is fitted, too: without it, masses and dead time take its place
         """
-        loop = read_machine(self._in("excitation", "machine.toml")).loop(AXIS)
+        loop = self._begin_of_fit()
         encoder = Encoder(resolution=self.axis.increment) if self.axis.increment else Encoder()
         axis = replace(
             loop.axis,
@@ -1150,11 +1188,12 @@ class Chain:
         text = self._machine(loop, "start law for the identified axis")
         return identify.run(
             IdentifyRequest(
-                (self._in("responses", "responses/frf.csv"),),
+                (self._in("responses", self.forces),),
                 machine=machine_of_text(text, "machine.toml"),
                 axis=AXIS,
                 band=f"{low:.6g}..{high:.6g}",
                 model=structure,
+                measured_input=self.measured_force,
                 out=self.place,
                 motor=only if place == "motor" else None,
                 load=only if place == "load" else None,
@@ -1169,11 +1208,7 @@ class Chain:
         }
         model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
 
-        limits["filters"] = "placed" if Filter in self.axis.takes else "kept"
-        if self._noise > 0.0:
-            # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks
-            limits["reading_noise"] = self._noise
-            limits["max_noise"] = limits["max_noise"] or SHAKEN * self._free
+        limits |= self._tuning()
 
         def tuned(source: Path, **more: Any) -> Outcome[Any]:
             request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
@@ -1211,6 +1246,15 @@ class Chain:
         if how := self._again():
             raise MeasureAgainError(Text(f"tuning: {whys[-1]}"), how)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
+
+    def _tuning(self) -> dict[str, Any]:
+        """Return options of the tuning that the drive and its readings decide."""
+        options: dict[str, Any] = {"filters": "placed" if Filter in self.axis.takes else "kept"}
+        if self._noise > 0.0:
+            # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks
+            options["reading_noise"] = self._noise
+            options["max_noise"] = self.request.max_noise or SHAKEN * self._free
+        return options
 
     def _again(self, *, opens: bool = True) -> str:
         """Return how the responses may be measured again, if another trial may be asked for; "" if they may not.
@@ -1264,12 +1308,14 @@ class Chain:
         """Write the model with the start law, all of whose rates are a share of those of its rule."""
         model = self._in("model", "machine.toml")
         loop = read_machine(model).loop(AXIS)
-        law: Any = loop.control.law
-        law = replace(law, Kv=slower * law.Kv, Kp=slower * law.Kp, Tn=law.Tn / slower)
-        loop = replace(loop, control=replace(loop.control, law=law))
+        loop = replace(loop, control=replace(loop.control, law=self._slowed(loop.control.law, slower)))
         with new_directory(self.place) as folder:
             text = self._machine(loop, "safe start law of feeddrive commission")
             write_whole(folder / "machine.toml", with_origins(text, (model,)))
+
+    def _slowed(self, law: Any, share: float) -> Law:
+        """Return a law, all of whose rates are a share of what they were."""
+        return replace(law, Kv=share * law.Kv, Kp=share * law.Kp, Tn=law.Tn / share)
 
     def _not_certified(self, outcome: Outcome[Any] | None = None, *, fitted: bool = False) -> str:
         """Return why the machine file of this step cannot be certified by the responses; "" if it can.
@@ -1367,6 +1413,16 @@ class Chain:
         told |= {f"measured_{name}": value for name, value in self.trial.measured.values().items()}
         return self.trial.sentence(), told
 
+    @property
+    def _unit(self) -> str:
+        """The unit of what a control on trial commands."""
+        return "N" if self.axis.commands == "force" else "m/s"
+
+    @property
+    def _most_command(self) -> float:
+        """The largest command of a control on trial: limits.force, N, or limits.velocity, m/s."""
+        return float(self.limits.force if self.axis.commands == "force" else self.limits.velocity)
+
     def _guarded(self, control: Control, simulated: Mapping[str, Log]) -> Control:
         """Return the control with the bound of its guard near to what is predicted, and so while the axis is slow.
 
@@ -1385,12 +1441,13 @@ class Chain:
         expected = self._predicted(loop, slow)
         played = self._play(axis, slow, loop.control, step="tune")
         # a limit cycle shows in the changes from sample to sample, long before it leaves the following error
-        most, busy = (float(np.std(np.diff(log["commanded"]))) for log in (expected, played.log))
-        if busy > HARDLY * most + NERVOUS * self.limits.force:
+        column, unit, limit = COMMANDED[self.axis.commands], self._unit, self._most_command
+        most, busy = (float(np.std(np.diff(log[column]))) for log in (expected, played.log))
+        if busy > HARDLY * most + NERVOUS * limit:
             raise UnlikePredictedError(
                 Text(
-                    f"the new control oscillates: its force changes by {Quantity(busy, 'N'):3} RMS from sample to "
-                    f"sample, where {Quantity(most, 'N'):3} was predicted: the model misses a mode or a delay; measure "
+                    f"the new control oscillates: its command changes by {Quantity(busy, unit):3} RMS from sample to "
+                    f"sample, where {Quantity(most, unit):3} was predicted: the model misses a mode or a delay; measure "
                     "the responses to a higher frequency"
                 )
             )

@@ -249,9 +249,14 @@ def _record(log: Log, of_input: str, of_output: str, references: Sequence[str]) 
         sample_time=log.sample_time,
         input_name=_plain(of_input),
         output_name=_plain(of_output),
-        unit=f"{unit_out}/{unit_in}" if unit_in and unit_out else "",
+        unit=_over(unit_out, unit_in) if unit_in and unit_out else "",
         name=log.name,
     )
+
+
+def _over(output: str, source: str) -> str:
+    """Return the unit of a response: m/N, and m/(m/s) of a commanded velocity."""
+    return f"{output}/({source})" if "/" in source else f"{output}/{source}"
 
 
 def _input(log: Log) -> str:

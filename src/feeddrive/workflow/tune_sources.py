@@ -20,7 +20,7 @@ from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
-from feeddrive.loop.loop import Loop
+from feeddrive.loop.loop import Loop, response_unit
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, measured_point, with_table_force
@@ -178,8 +178,12 @@ def point_of(
 ) -> tuple[OperatingPoint, list[str]]:
     """Return a measured operating point and remarks. Raise ParameterError, with the remedy, for inconsistent data."""
     turns = loop is not None and loop.axis.rotary
-    responses = {key: in_metres(measurement.name, frf, unit, turns) for key, frf in read_frfs(measurement.load).items()}
-    load, motor = _roles(measurement, responses, unit, turns)
+    commands = "force" if loop is None else loop.axis.actuator.commands
+    responses = {
+        key: in_metres(measurement.name, frf, unit, turns, commands)
+        for key, frf in read_frfs(measurement.load).items()
+    }
+    load, motor = _roles(measurement, responses, unit, turns, commands)
     remarks = [
         words
         for frf in (load, motor)
@@ -204,7 +208,7 @@ def point_of(
     for frf in (load, motor):
         if frf is not None:
             _check_sign(measurement.name, frf)
-    point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name)
+    point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name, commands=commands)
     if loop is not None:
         _check_size(measurement.name, point, loop, stated=bool(load.unit) or unit is not None)
         if motor is None and measurement.motor != _NONE:
@@ -221,7 +225,7 @@ def point_of(
 
 
 def _roles(
-    measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool
+    measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool, commands: str
 ) -> tuple[FRF, FRF | None]:
     """Return the responses of the load and the motor from one or two files; None for the motor if there is only one
     encoder.
@@ -250,22 +254,31 @@ def _roles(
             "must hold one"
         )
     load = next(iter(responses.values()))
-    return load, None if measurement.motor in (None, _NONE) else _only(measurement.motor, unit, turns)
+    return load, None if measurement.motor in (None, _NONE) else _only(measurement.motor, unit, turns, commands)
 
 
-def _only(source: FrfLike, unit: str | None, turns: bool) -> FRF:
+def _only(source: FrfLike, unit: str | None, turns: bool, commands: str = "force") -> FRF:
     responses, path = read_frfs(source), called(source)
     if len(responses) != 1:
         raise ParameterError(f"{path}: holds {len(responses)} responses, {', '.join(responses)}: one is wanted here")
-    return in_metres(path, next(iter(responses.values())), unit, turns)
+    return in_metres(path, next(iter(responses.values())), unit, turns, commands)
 
 
-def in_metres(path: str, frf: FRF, unit: str | None, turns: bool) -> FRF:
-    """Return a response in m/N; for a rotary axis in rad/(N m), which is also labeled m/N.
+def in_metres(path: str, frf: FRF, unit: str | None, turns: bool, commands: str = "force") -> FRF:
+    """Return a response in m/N; for a rotary axis in rad/(N m), which is also labeled m/N.  That of a drive that is
+    commanded by velocities is in m/(m/s), or in rad/(rad/s), which is labeled alike.
 
     A velocity or acceleration is integrated.  Raises ParameterError for a response in a unit of another kind.
     """
     stated = unit or frf.unit
+    if commands == "velocity":
+        wanted_unit = response_unit(commands)
+        if stated in ("", wanted_unit, units.turning(wanted_unit)):
+            return replace(frf, unit=wanted_unit)
+        raise ParameterError(
+            f"{path}: the response from {frf.input} to {frf.output} is in {stated}, and the drive of the axis is "
+            f"commanded by velocities: give the response from the commanded velocity to the position, in {wanted_unit}"
+        )
     f = frf.frequency
     by_order = {"m/N": 1.0 + 0.0 * f, "(m/s)/N": 1.0 / (2j * np.pi * f), "(m/s2)/N": -1.0 / (2.0 * np.pi * f) ** 2}
     wanted = {
@@ -352,6 +365,12 @@ def _on_the_table(
         if not completed.at_drive:
             return completed, [words]
         remarks.append(words)
+    if point.commands == "velocity":
+        # a force at the drive would stand for that on the table, and its command is none
+        raise ParameterError(
+            f"{point.name}: {remarks[-1]}; a drive that is commanded by velocities needs a baseline whose plant agrees: "
+            "identify it again"
+        )
     if motor is None:
         return point, remarks
     try:
