@@ -58,7 +58,8 @@ _ABOVE_NYQUIST = 1e-3  # share of the excitation's power that may be lost betwee
 class Profile:
     """A motion sampled at the bus cycle: excitation in `unit` (N, m or m/s), set position relative to its start (m).
 
-    `velocity` in m/s is the set velocity of the file, or else the central difference of the set position.
+    `velocity` in m/s is the set velocity of the file, or else the central difference of the set position.  Under a
+    control in the master `beside` is a force that is added beside the excitation, N.
     """
 
     name: str
@@ -68,6 +69,13 @@ class Profile:
     excitation: np.ndarray
     set_position: np.ndarray
     velocity: np.ndarray
+    beside: np.ndarray | None = None
+
+    @property
+    def added_force(self) -> np.ndarray:
+        """The force that is added to that of a control, N, shape (n,)."""
+        force = self.excitation if self.unit == "N" else np.zeros(self.excitation.size)
+        return force if self.beside is None else force + self.beside
 
     def reference(self, start: float = 0.0) -> Recorded:
         """Return the motion from a position (m) on as a control follows it, here and in `simulate`: the acceleration is
@@ -240,7 +248,7 @@ def check_profile(profile: Profile, drive: BusDrive, *, follows: bool = False) -
     planned = [
         ("travel", _reach(profile, drive), limits.travel, "m"),
         ("velocity", float(np.max(np.abs(profile.velocity), initial=0.0)), limits.velocity, "m/s"),
-        ("force", float(np.max(np.abs(profile.excitation), initial=0.0)) * (profile.unit == "N"), limits.force, "N"),
+        ("force", float(np.max(np.abs(profile.added_force), initial=0.0)), limits.force, "N"),
     ]
     for key, got, most, unit in planned:
         if got > most:
@@ -396,6 +404,8 @@ def play_together(
         # for every drive, before the first one is switched on
         if np.any(profile.excitation):
             client.excites(profile.unit)
+        if profile.beside is not None:
+            client.excites("N")
     # before that as well: it takes longer than a cycle
     leading = [
         None if control is None else _led_by(control, client, profile)
@@ -605,10 +615,11 @@ _CHANGES = 20  # cycles within which a drive changes its mode
 
 
 class _Leading(NamedTuple):
-    """A control in the master, and the setpoints of its motion, relative to where it begins."""
+    """A control in the master, the setpoints of its motion, relative to where it begins, and the forces added, N."""
 
     control: ControlInMaster
     setpoints: Sequence[Sequence[float]]
+    forces: Sequence[float]
 
 
 def _led_by(control: ControlInMaster, client: DriveClient, profile: Profile) -> _Leading:
@@ -632,7 +643,7 @@ def _led_by(control: ControlInMaster, client: DriveClient, profile: Profile) -> 
         client.excites("N")
     control.begin(told.position, told.second)
     rows = profile.reference().at(np.arange(profile.set_position.size) * profile.sample_time)
-    return _Leading(control, np.column_stack([*rows]).tolist())
+    return _Leading(control, np.column_stack([*rows]).tolist(), profile.added_force.tolist())
 
 
 def _switch_on(
@@ -918,7 +929,8 @@ class _Rows:
         load, motor = (told.position, told.second) if lost is None else (lost, lost)
         found = leading.control.step(setpoint, load, motor)
         # what is added to a velocity is a velocity
-        added, pushed = (excitation, 0.0) if profile.unit == "m/s" else (0.0, excitation)
+        added = excitation if profile.unit == "m/s" else 0.0
+        pushed = float(leading.forces[k]) if k <= last else 0.0
         force = max(-limits.force, min(limits.force, found.force + pushed))
         velocity = max(-limits.velocity, min(limits.velocity, found.velocity + added))
         self.client.command(velocity=velocity, force=force)

@@ -78,21 +78,19 @@ def fit_velocity_loop(
 
     axis         with the plant as it is known, which takes a force
     by_velocity  responses of the readings to a commanded velocity, by name, m/(m/s)
-    by_force     the same to a force offset, m/N, on the same lines
+    by_force     the same to a force offset, m/N
     held_force   N that holds the axis
 
     Raises NotIdentifiableError if no PI velocity loop explains the responses within 15 %.
     """
     plain = replace(axis, actuator=Actuator(), substeps=max(1, round(sample_time / SUBSTEP)))
     names = list(by_velocity)
-    first = by_velocity[names[0]]
     Kp = gain_of(by_force[names[0]])
     masses = [name for name, _ in tree.leaves(axis.plant) if "mass" in name or "inertia" in name]
     viscous = [name for name, _ in tree.leaves(axis.plant) if name.startswith("viscous")]
     total = float(axis.plant.rigid_mass())
     rate = Kp / total
     start = np.log([Kp, 6.0 / rate, 0.5 * sample_time + SUBSTEP, 2.5 * sample_time, 1.0, 1e-2 * Kp])
-    z = np.exp(2j * np.pi * first.frequency * sample_time)
 
     def made(x: np.ndarray) -> Axis:
         gain, Tn, lag, late, scale, damping = np.exp(x).tolist()
@@ -109,18 +107,22 @@ def fit_velocity_loop(
         loop = there.actuator.velocity_loop
         assert loop is not None
         assert loop.Tn is not None
-        of_force = (z - 1.0) / (z - 1.0 + sample_time / float(loop.Tn)) / float(loop.Kp)
         velocities, forces = list[np.ndarray](), list[np.ndarray]()
         for name in names:
-            response = model.response(first.frequency, name, "cut").response
-            velocities.append(_log_ratio(response, by_velocity[name].response))
-            forces.append(_log_ratio(of_force * response, by_force[name].response))
-        return np.array(velocities), np.array(forces)
+            measured, pushed = by_velocity[name], by_force[name]
+            velocities.append(_log_ratio(model.response(measured.frequency, name, "cut").response, measured.response))
+            # a force acts as the velocities do that `VelocityLoop.equivalent` makes of it
+            z = np.exp(2j * np.pi * pushed.frequency * sample_time)
+            of_force = (z - 1.0) / (z - 1.0 + sample_time / float(loop.Tn)) / float(loop.Kp)
+            forces.append(
+                _log_ratio(of_force * model.response(pushed.frequency, name, "cut").response, pushed.response)
+            )
+        return np.concatenate(velocities), np.concatenate(forces)
 
-    weights = [np.array([_weight(responses[name]) for name in names]) for responses in (by_velocity, by_force)]
+    weights = [np.concatenate([_weight(responses[name]) for name in names]) for responses in (by_velocity, by_force)]
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        rows = np.concatenate([(w * a).ravel() for w, a in zip(weights, apart(x), strict=True)])
+        rows = np.concatenate([w * a for w, a in zip(weights, apart(x), strict=True)])
         return np.concatenate([rows.real, rows.imag])
 
     low = np.log([1e-2 * Kp, _SLOW, 0.1 * SUBSTEP, 1e-2 * sample_time, 0.3, 1e-6 * Kp])

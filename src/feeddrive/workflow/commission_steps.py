@@ -989,15 +989,21 @@ class Chain:
         if along is None:
             return self._play(axis, profile, control, step="excitation").log
         # the start law is soft: left to it, this force would take most of the following error
-        against = along.at(self._stands() + profile.set_position)
-        # at rest friction holds the axis, and a force that begins or ends at once is a jump
-        still = round(motions.RAMP / self.T)
-        fade = np.minimum(1.0, np.arange(against.size) / still)
-        against = fade * fade[::-1] * against
+        against = self._held_against(along, profile)
         played = self._play(axis, replace(profile, excitation=profile.excitation - against), control, step="excitation")
         # no part of what the responses are correlated with
         channels = {**played.log.channels, "excitation": profile.excitation[: len(played.log)]}
         return replace(played.log, channels=channels)
+
+    def _held_against(self, along: Cogging, profile: Profile) -> np.ndarray:
+        """Return the force along the travel of a profile from where the axis stands, N, which a motion is held
+        against.
+        """
+        force = along.at(self._stands() + profile.set_position)
+        # at rest friction holds the axis, and a force that begins or ends at once is a jump
+        still = round(motions.RAMP / self.T)
+        fade = np.minimum(1.0, np.arange(force.size) / still)
+        return fade * fade[::-1] * force
 
     def _estimated(self, logs: Sequence[Log]) -> str:
         """Estimate the frequency responses of logs, and return a sentence on them."""

@@ -18,6 +18,7 @@ from feeddrive.blocks.actuator.velocity_loop import VelocityLoop
 from feeddrive.blocks.controller.position_loop import PositionLoop
 from feeddrive.blocks.families import Law
 from feeddrive.bus.live import LiveAxis
+from feeddrive.bus.play import Profile
 from feeddrive.commissioning import motions
 from feeddrive.commissioning.cogging import acting, stated
 from feeddrive.commissioning.motions import Pace, Shaken
@@ -30,6 +31,7 @@ from feeddrive.files.machine import MachineFile, machine_of_text
 from feeddrive.files.read_log import read_log
 from feeddrive.identification.excitation.estimate_frf import estimate_frf
 from feeddrive.identification.excitation.frequency_estimate import Record
+from feeddrive.identification.response.plant_fit import on_lines
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
@@ -59,6 +61,7 @@ FIRST = 0.2  # of the friction: force of the first excitation, by whose motion t
 MOST_LARGER = 20.0  # times the first excitation, at most
 PERIODS, TIMES = 3, 4  # whole periods of a realisation, and how many there are of each kind
 SLOWEST = 5e-3  # m/s of the even move, below which periods are shorter
+STEP = 0.02  # of limits.force: step on the table in the simulation that proves a tuning, far from any limit
 SEEDS = {"N": 100, "m/s": 200}  # of the phases
 
 
@@ -203,8 +206,16 @@ class VelocityChain(Chain):
             drawn = motions.shaken(
                 "responses", distance, plan.lines, shaken.period, PERIODS, pace, self.T, SEEDS[unit] + number
             )
-            logs.append(self._play(axis, drawn.sized(amplitude, unit), control, step="excitation").log)
+            played = self._against(drawn.sized(amplitude, unit))
+            logs.append(self._play(axis, played, control, step="excitation").log)
         return logs
+
+    def _against(self, profile: Profile) -> Profile:
+        """Return the profile with the force against that along the travel, which would pass for noise."""
+        along = stated(self.facts)
+        if along is None:
+            return profile
+        return replace(profile, beside=-self._held_against(along, profile))
 
     def _sized(self, plan: _Plan, logs: Sequence[Log], weak: float) -> float:
         """Return the amplitude (N) at which the axis goes on sliding, within following error and force."""
@@ -230,25 +241,30 @@ class VelocityChain(Chain):
         return tuple(name for name in ("reading_motor", "reading_load") if name in log.channels)
 
     def _acted(self, log: Log) -> Log:
-        """Return a log with the column `acting`: the force that the drive tells, without that along the travel."""
+        """Return a log with the columns `acting`, the force that the drive tells, and `added`, its force offset, both
+        with the force along the travel.
+        """
         along = stated(self.facts)
-        told = self._forced(log)
-        made = {"acting": log["force"]} if along is None else acting(told, along, 0.0).channels
-        return replace(
-            log, channels={**log.channels, "acting": made["acting"]}, units={**log.units, "acting": log.units["force"]}
-        )
+        made = {"acting": log["force"], "added": log["commanded"]}
+        if along is not None:
+            made = {
+                "acting": acting(self._forced(log), along, self.late)["acting"],
+                "added": acting(log, along, self.late)["acting"],
+            }
+        units = dict.fromkeys(made, log.units["force"])
+        return replace(log, channels={**log.channels, **made}, units={**log.units, **units})
 
     def _rough(self, logs: Sequence[Log]) -> FRF:
         """Return the response of the reading to a force offset, with what the slow position loop does meanwhile."""
         records = [
             Record(
-                input=log["commanded"],
+                input=log["added"],
                 output=log["reading_load"],
                 references=(log["excitation"],),
                 sample_time=self.T,
                 unit="m/N",
             )
-            for log in logs
+            for log in map(self._acted, logs)
         ]
         return estimate_frf(records, method="periodic", period=round(self.facts["period"])).frf
 
@@ -275,12 +291,15 @@ class VelocityChain(Chain):
         """
         outputs = [name for name in ("reading_motor", "reading_load") if name in self._log("led_1").channels]
         by_velocity = self._estimate("led", TIMES, "commanded_velocity", outputs, "responses")
-        both = self._estimate("pushed", TIMES, "commanded", [*outputs, "commanded_velocity"], "offset")
-        moved = both["commanded_velocity"].response
-        alone = list[FRF]()
+        both = self._estimate("pushed", TIMES, "added", [*outputs, "commanded_velocity"], "offset")
+        moved, alone = both["commanded_velocity"], list[FRF]()
         for name in outputs:
-            answer = both[name]
-            alone.append(replace(answer, response=answer.response - by_velocity[name].response * moved))
+            # a line that one of the two estimates leaves out, as too noisy, is left out of both
+            here = np.isin(np.round(moved.frequency, 6), np.round(by_velocity[name].frequency, 6))
+            there = np.isin(np.round(by_velocity[name].frequency, 6), np.round(moved.frequency, 6))
+            answer = on_lines(both[name], here)
+            led = by_velocity[name].response[there] * moved.response[here]
+            alone.append(replace(answer, response=answer.response - led))
         with new_directory(self.place / "offset_alone") as place:
             write_frf(place / "frf.csv", *alone)
         self._estimate("pushed", TIMES, "acting", outputs, "force")
@@ -308,7 +327,8 @@ class VelocityChain(Chain):
             raise ParameterError(
                 "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave it out"
             )
-        return {"filters": "kept"}
+        # the control has no limit of force, of which the proof of a tuning takes a share
+        return {"filters": "kept", "step_force": STEP * float(self.limits.force)}
 
     def _slowed(self, law: Any, share: float) -> Law:
         return replace(law, Kv=share * law.Kv)
