@@ -1,6 +1,6 @@
 """Commission drives that feeddrive does not know, one process each, and print what came of them.
 
-PYTHONPATH=src python benchmarks/commission.py [--seed 0] [--count 20] [--out DIR] [--only SEED,SEED]
+PYTHONPATH=src python benchmarks/commission.py [--seed 0] [--count 20] [--out DIR] [--only SEED,SEED] [--mode csv]
 
 The drives are those of tests/unknown_drives.py: two to four traits each, drawn by seed, with a person who confirms and
 measures.  Rules: a drive counts as proven if the new control was kept and certified, and the measured RMS of the
@@ -35,8 +35,8 @@ FIGURES = ("following_rms", "following_peak", "stiffness")
 LIMITS = ("max_torque", "following_error_window", "position_least", "position_most", "quick_stop_deceleration")
 
 
-def one(seed: int, out: Path) -> dict[str, Any]:
-    """Commission one drive; return its row."""
+def one(seed: int, out: Path, mode: str | None = None) -> dict[str, Any]:
+    """Commission one drive, by force or with mode "csv" by velocities; return its row."""
     import feeddrive as fd
     import unknown_drives as ud
     from feeddrive.bus.drive_file import read_drive
@@ -50,7 +50,7 @@ def one(seed: int, out: Path) -> dict[str, Any]:
     axis = BusAxis(read_drive(path), transport=lambda _drive: unknown.transport(), paced=False)
     began, error = time.process_time(), ""
     try:
-        fd.commission(axis, out=out / "commission", progress=person)
+        fd.commission(axis, mode=mode, out=out / "commission", progress=person)
     except FeeddriveError as refused:
         error = f"{type(refused).__name__}: {refused}"
     except Exception:  # a fault of the command is a row of the table, too
@@ -185,13 +185,14 @@ HEAD = (
 )
 
 
-def main(seeds: Sequence[int], out: Path) -> None:
+def main(seeds: Sequence[int], out: Path, mode: str | None = None) -> None:
     print(HEAD, flush=True)
     rows = []
     for seed in seeds:
         folder = out / str(seed)
         folder.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, __file__, "--one", str(seed), "--out", str(folder)]
+        command += [] if mode is None else ["--mode", mode]
         done = subprocess.run(command, capture_output=True, text=True, timeout=1800)
         (folder / "output.txt").write_text(done.stdout + done.stderr, encoding="utf-8")
         if done.returncode != 0:
@@ -208,13 +209,14 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--only", default="")
+    parser.add_argument("--mode", choices=("cst", "csv"))
     parser.add_argument("--one", type=int)
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     where = given.out or Path(tempfile.mkdtemp(prefix="commission_"))
     if given.one is not None:
-        (where / "row.json").write_text(json.dumps(one(given.one, where)), encoding="utf-8")
+        (where / "row.json").write_text(json.dumps(one(given.one, where, given.mode)), encoding="utf-8")
     else:
         wanted = [int(s) for s in given.only.split(",")] if given.only else range(given.seed, given.seed + given.count)
-        main(list(wanted), where)
+        main(list(wanted), where, given.mode)
         print(f"files: {where}")

@@ -68,7 +68,9 @@ def gain_of(by_force: FRF) -> float:
 
         1/(s G_F) = C + m s + b + ...,      whose least magnitude is about Kp
     """
-    return float(np.min(1.0 / np.abs(2.0 * np.pi * by_force.frequency * by_force.response)))
+    sizes = 1.0 / np.abs(2.0 * np.pi * by_force.frequency * by_force.response)
+    known = _weight(by_force) > 0.0
+    return float(np.min(sizes[known] if np.any(known) else sizes))
 
 
 def fit_velocity_loop(
@@ -130,7 +132,11 @@ def fit_velocity_loop(
     found = least_squares(
         residuals, np.clip(start, low + 1e-6, high - 1e-6), bounds=(low, high), loss="soft_l1", x_scale=0.3, max_nfev=40
     )
-    left = [float(np.sqrt(np.mean(np.abs(a[w > 0.0]) ** 2))) for w, a in zip(weights, apart(found.x), strict=True)]
+    # each line counts as much as it is known: noisy ones say nothing about the model
+    left = [
+        float(np.sqrt(np.sum(np.abs(w * a) ** 2) / np.sum(w**2))) if np.any(w) else np.inf
+        for w, a in zip(weights, apart(found.x), strict=True)
+    ]
     if not max(left) <= APART:
         raise NotIdentifiableError(
             Text(

@@ -100,8 +100,19 @@ class Control(Block):
         running: Number
 
     def rules(self) -> Iterator[Rule]:
-        """Yield the condition that the guard's safe force does not exceed the force limit."""
+        """Yield the conditions that the guard's safe force does not exceed the force limit, and is 0 where the command
+        is a velocity.
+        """
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
+        if self.law.commands == "velocity" and held is not None:
+            yield Rule(
+                ops.equal(held, 0.0),
+                "guard.safe_force is 0 of a law that commands a velocity",
+                lambda: Text(
+                    f"control.guard.safe_force = {Quantity(held, 'N'):6} is a force, and {self.law.kind} commands a "
+                    "velocity: leave it out; the velocity loop of the drive holds the axis"
+                ),
+            )
         if limit is not None and held is not None:
             yield Rule(
                 ops.absolute(held) <= limit,
@@ -151,12 +162,6 @@ class Control(Block):
                     f"control.{name} is a force in N, and {kind} commands a velocity in m/s to a drive that makes the "
                     f"force by itself: leave it out{', or give velocity_limit' if name == 'force_limit' else ''}"
                 )
-        held = None if self.guard is None else self.guard.safe_force
-        if isinstance(held, float | int) and held != 0.0:
-            raise StructureError(
-                f"control.guard.safe_force = {Quantity(held, 'N'):6} is a force, and {kind} commands a velocity: leave "
-                "it out; the velocity loop of the drive holds the axis"
-            )
 
     def unlimited(self) -> Self:
         """Return the controller without guard and limits of its command, for linear models."""

@@ -59,7 +59,9 @@ ASSUMED = 10.0  # Hz of the velocity loop in the machine file of the start law, 
 SLIDES = 0.5  # of the speed of the even move, that an excitation may add: the axis goes on sliding
 FIRST = 0.2  # of the friction: force of the first excitation, by whose motion the others are sized
 MOST_LARGER = 20.0  # times the first excitation, at most
-PERIODS, TIMES = 3, 4  # whole periods of a realisation, and how many there are of each kind
+PERIODS = 3  # whole periods of a realisation
+TIMES = {"N": 2, "m/s": 4}  # realisations with a force, which tells the velocity loop alone, and with velocities
+WIDE, LEAST_TOP = 20.0, 100.0  # times the rate of the velocity loop, and Hz: highest line, above which nothing matters
 SLOWEST = 5e-3  # m/s of the even move, below which periods are shorter
 STEP = 0.02  # of limits.force: step on the table in the simulation that proves a tuning, far from any limit
 SEEDS = {"N": 100, "m/s": 200}  # of the phases
@@ -140,13 +142,15 @@ class VelocityChain(Chain):
         plan = self._planned()
         first, last = plan.lines[[0, -1]] * plan.resolution
         return Text(
-            f"{plan.lines.size} lines from {Quantity(first, 'Hz'):3} to {Quantity(last, 'Hz'):3}, on the force "
-            f"({TIMES} realisations) and on the velocity ({TIMES})"
+            f"{plan.lines.size} lines from {Quantity(first, 'Hz'):3} to {Quantity(last, 'Hz'):3}, or less where the "
+            f"velocity loop turns out to be slow; on the force ({TIMES['N']} realisations) and on the velocity "
+            f"({TIMES['m/s']})"
         ), {"period": float(plan.pairs[0].period), "amplitude": FIRST * self.facts["friction"]}
 
-    def _planned(self) -> _Plan:
+    def _planned(self, top: float = MODES) -> _Plan:
+        """Return the excitation with lines up to `top`, Hz, or to what the bus carries."""
         travel, pace = REACH * self.limits.travel, self._pace(self.facts["mass"])
-        top = min(MODES, BAND / self.T)
+        top = min(top, BAND / self.T)
         for resolution in (0.5 * LINES[0][0], LINES[0][0], LINES[1][0]):
             period = round(1.0 / (resolution * self.T))
             lines = motions.lines_of(top, 1.0 / (period * self.T))
@@ -173,7 +177,7 @@ class VelocityChain(Chain):
         far = float(np.ptp(plan.pairs[0].profile.set_position))
         self._ask(
             Text(
-                f"Responses: the axis moves slowly by {Quantity(far, 'm'):3 mm} and back, {TIMES + 1} times, and is "
+                f"Responses: the axis moves slowly by {Quantity(far, 'm'):3 mm} and back, {sum(TIMES.values()) // 2 + 1} times, and is "
                 f"shaken by a force and by its velocity, weakly first."
             )
         )
@@ -181,11 +185,14 @@ class VelocityChain(Chain):
         weak = FIRST * self.facts["friction"]
         tried = self._shaken(axis, plan, control, weak, "N", (0, 1))
         by_force = self._sized(plan, tried, weak)
-        pushed = self._shaken(axis, plan, control, by_force, "N", range(TIMES))
+        rate = gain_of(self._rough(tried)) / (2.0 * np.pi * self.facts["mass"])
+        # lines far above the velocity loop take amplitude from those that count
+        plan = self._planned(max(LEAST_TOP, WIDE * rate))
+        pushed = self._shaken(axis, plan, control, by_force, "N", range(TIMES["N"]))
         rough = gain_of(self._rough(pushed))
         speed = SLIDES * float(np.max(np.abs(plan.pairs[0].profile.velocity)))
         by_velocity = min(speed, WORK * self._free / rough)
-        led = self._shaken(axis, plan, control, by_velocity, "m/s", range(TIMES))
+        led = self._shaken(axis, plan, control, by_velocity, "m/s", range(TIMES["m/s"]))
         with_all = {f"pushed_{k}": log for k, log in enumerate(pushed, start=1)}
         with_all |= {f"led_{k}": log for k, log in enumerate(led, start=1)}
         self._kept(**{name: self._acted(log) for name, log in with_all.items()})
@@ -268,11 +275,11 @@ class VelocityChain(Chain):
         ]
         return estimate_frf(records, method="periodic", period=round(self.facts["period"])).frf
 
-    def _estimate(self, kind: str, count: int, source: str, outputs: Sequence[str], folder: str) -> dict[str, FRF]:
+    def _estimate(self, kind: str, unit: str, source: str, outputs: Sequence[str], folder: str) -> dict[str, FRF]:
         """Estimate responses of the step from logs of a kind; return them by output."""
         frf.run(
             FrfRequest(
-                tuple(self.place / f"{kind}_{k}.parquet" for k in range(1, count + 1)),
+                tuple(self.place / f"{kind}_{k}.parquet" for k in range(1, TIMES[unit] + 1)),
                 input=source,
                 output=tuple(outputs),
                 reference=("excitation",),
@@ -290,8 +297,8 @@ class VelocityChain(Chain):
         While a force is added, the position loop moves the velocity as well: G_F = X/F - G_w W/F.
         """
         outputs = [name for name in ("reading_motor", "reading_load") if name in self._log("led_1").channels]
-        by_velocity = self._estimate("led", TIMES, "commanded_velocity", outputs, "responses")
-        both = self._estimate("pushed", TIMES, "added", [*outputs, "commanded_velocity"], "offset")
+        by_velocity = self._estimate("led", "m/s", "commanded_velocity", outputs, "responses")
+        both = self._estimate("pushed", "N", "added", [*outputs, "commanded_velocity"], "offset")
         moved, alone = both["commanded_velocity"], list[FRF]()
         for name in outputs:
             # a line that one of the two estimates leaves out, as too noisy, is left out of both
@@ -302,7 +309,7 @@ class VelocityChain(Chain):
             alone.append(replace(answer, response=answer.response - led))
         with new_directory(self.place / "offset_alone") as place:
             write_frf(place / "frf.csv", *alone)
-        self._estimate("pushed", TIMES, "acting", outputs, "force")
+        self._estimate("led", "m/s", "acting", outputs, "force")
 
     def _log(self, name: str) -> Log:
         return read_log(self.place / f"{name}.parquet")
