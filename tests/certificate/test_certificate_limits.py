@@ -129,7 +129,7 @@ def fitted(
     f = np.arange(1.0, 2001.0)
     P = model.response(f).response
     frf = fd.FRF(f, P, "force", "reading_load", "m/N", float(loop.sample_time), None, (noise * np.abs(P)) ** 2)
-    return fitted_plant("x", [frf], loop.control, float(loop.sample_time))[2], fit
+    return fitted_plant("x", [frf], float(loop.sample_time))[2], fit
 
 
 @pytest.mark.parametrize(("factor", "modes"), [(0.9, 0), (0.8, 8)])

@@ -177,7 +177,7 @@ _BETTER = 0.85  # an additional mode must reduce the misfit to this fraction
 _USELESS = 0.5  # largest median relative misfit of a model
 
 
-def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float) -> tuple[StateSpace, float, int]:
+def fitted_plant(name: str, measured: Sequence[FRF], T: float) -> tuple[StateSpace, float, int]:
     """Fit a sampled plant model to measured frequency lines; return it, its dead time in s and its number of modes.
 
         x/f = e^(-s·dead_time) hold(s) [ (a + b s)/(s (s + corner)) + Σ (aᵢ + bᵢ s)/(s² + 2ζᵢωᵢs + ωᵢ²) ]
@@ -209,7 +209,7 @@ def fitted_plant(name: str, measured: Sequence[FRF], control: Control, T: float)
         elif count >= _modes(best[1]) + 2:
             break
     assert best is not None
-    model = _sampled(best[1], f, G, weight, control, T, len(measured))
+    model = _sampled(best[1], f, G, weight, T, len(measured))
     left = np.array([model.response(f, output=output).response for output in model.outputs])
     if np.median(np.abs(left / G - 1.0)) > _USELESS:
         raise NotIdentifiableError(
@@ -297,9 +297,7 @@ def _refined(f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: 
     return float(np.sqrt(np.mean(fit.fun**2))), fit.x
 
 
-def _sampled(
-    values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, control: Control, T: float, count: int
-) -> StateSpace:
+def _sampled(values: np.ndarray, f: np.ndarray, G: np.ndarray, weight: np.ndarray, T: float, count: int) -> StateSpace:
     """Sample the modes exactly; fit the outputs, as combinations of positions and velocities, to the measured frequency
     lines.
     """
@@ -411,8 +409,8 @@ def measured_plant(
 
     `measured` contains the response of the load encoder and, if measured, that of the motor encoder; a single response
     is used for all readings.
-    Raises ParameterError for a unit other than m/N (m/(m/s) of a law that commands a velocity) or readings that were not measured, and NotIdentifiableError if no
-    model fits.
+    Raises ParameterError for a unit other than m/N (m/(m/s) of a law that commands a velocity) or readings that were
+    not measured, and NotIdentifiableError if no model fits.
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
     for frf in measured:
@@ -438,7 +436,7 @@ def measured_plant(
     if axis is None:
         if any(np.any(frf.frequency != taken[0].frequency) for frf in taken if frf.frequency.size):
             raise ParameterError(f"'{name}': the responses of both encoders have different lines")
-        model, late, modes = fitted_plant(name, taken, control, sample_time)
+        model, late, modes = fitted_plant(name, taken, sample_time)
         C = model.C if len(taken) == len(readings) else np.repeat(model.C, len(readings), axis=0)
         model = replace(model, C=C, D=np.zeros((len(readings), 1)), outputs=tuple(readings))
         return NominalPlant(name, model, lines, f"free motion and {modes} modes fitted to {count}", late)

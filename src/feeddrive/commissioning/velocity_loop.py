@@ -58,15 +58,16 @@ class VelocityFit:
         assert loop.lag is not None
         return Text(
             f"The drive's velocity loop has Kp {Quantity(loop.Kp, 'N s/m'):3}, Tn {Quantity(loop.Tn, 's'):3}, a lag of "
-            f"{Quantity(loop.lag, 's'):2} and {Quantity(self.axis.actuator.dead_time, 's'):2} of dead time; responses to "
-            f"velocities {Quantity(self.by_velocity, 'share'):2} off, to forces {Quantity(self.by_force, 'share'):2}."
+            f"{Quantity(loop.lag, 's'):2} and {Quantity(self.axis.actuator.dead_time, 's'):2} of dead time; responses "
+            f"to velocities {Quantity(self.by_velocity, 'share'):2} off, to forces "
+            f"{Quantity(self.by_force, 'share'):2}."
         )
 
 
 def gain_of(by_force: FRF) -> float:
     """Return the velocity gain of a drive roughly, N s/m, from the response of its reading to a force offset, m/N.
 
-        1/(s G_F) = C + m s + b + ...,      whose least magnitude is about Kp
+    1/(s G_F) = C + m s + b + ...,      whose least magnitude is about Kp
     """
     sizes = 1.0 / np.abs(2.0 * np.pi * by_force.frequency * by_force.response)
     known = _weight(by_force) > 0.0

@@ -87,8 +87,9 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """The commands of a sample in N (or m/s: `Law.commands`), the trip code, and 1 while the loop runs. `requested` is the sum of feedback,
-        feedforward and compensation; `applied` is the force that is commanded, after limit and guard.
+        """The commands of a sample in N (or m/s: `Law.commands`), the trip code, and 1 while the loop runs.
+        `requested` is the sum of feedback, feedforward and compensation; `applied` is what is commanded, after limit
+        and guard.
         """
 
         applied: Number

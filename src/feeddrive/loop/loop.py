@@ -163,7 +163,7 @@ class Loop(Block):
             advice = (
                 "take a law that commands a velocity, such as position_loop"
                 if takes == "velocity"
-                else "take a law that commands a force, such as cascade_ppi, or give the axis its actuator.velocity_loop"
+                else "take a law that commands a force, such as cascade_ppi, or give the axis an actuator.velocity_loop"
             )
             raise StructureError(
                 f"control.law: {self.control.law.kind} commands a {commands}, and the drive of the axis takes a "

@@ -209,7 +209,9 @@ class Run(Result):
             frozenset({""} if f"{name}." in ports else ()) for ports in (self.turning, self.by_velocity)
         )
         signals = {short: self.signals[signal] for short, signal in by_quantity.items()}
-        return Run(f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning, by_velocity)
+        return Run(
+            f"{self.name}, axis {name}", signals, self.sample_time, self.samples, self.first, turning, by_velocity
+        )
 
     @property
     def units(self) -> dict[str, str]:

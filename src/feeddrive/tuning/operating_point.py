@@ -352,9 +352,9 @@ def measured_point(
         if bad.size:
             raise ParameterError(
                 f"the response from {frf.input} to {frf.output} is "
-                f"{Quantity(np.abs(frf.response[bad[0]]), wanted_unit):3 SI} at {Quantity(frf.frequency[bad[0]], 'Hz')} "
-                f"({bad.size} such lines), which is impossible for an axis: check columns and unit, and leave out "
-                "lines on which nothing was measured"
+                f"{Quantity(np.abs(frf.response[bad[0]]), wanted_unit):3 SI} at "
+                f"{Quantity(frf.frequency[bad[0]], 'Hz')} ({bad.size} such lines), which is impossible for an "
+                "axis: check columns and unit, and leave out lines on which nothing was measured"
             )
     inside = load.frequency < 0.5 / sample_time
     if np.count_nonzero(inside) < 10:

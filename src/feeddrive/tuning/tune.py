@@ -1364,8 +1364,8 @@ def _tuner(
     for point in operating_points:
         if point.commands != control.law.commands:
             raise ParameterError(
-                f"control.law: {control.law.kind} commands a {control.law.commands}, and '{point.name}' is the response "
-                f"of a drive that takes a {point.commands}: take a law that commands it"
+                f"control.law: {control.law.kind} commands a {control.law.commands}, and '{point.name}' is the "
+                f"response of a drive that takes a {point.commands}: take a law that commands it"
             )
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
     tuner = Tuner(

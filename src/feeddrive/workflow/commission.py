@@ -65,7 +65,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     for axis in (first, second):
         if axis.commands != "force":
             raise ParameterError(
-                f'{axis.file.name}: mode = "csv": the two drives of a gantry are controlled by forces: write mode = "csp"'
+                f'{axis.file.name}: mode = "csv": the drives of a gantry are controlled by forces: write mode = "csp"'
             )
     return Gantry(first, second).common
 

@@ -1453,8 +1453,8 @@ class Chain:
             raise UnlikePredictedError(
                 Text(
                     f"the new control oscillates: its command changes by {Quantity(busy, unit):3} RMS from sample to "
-                    f"sample, where {Quantity(most, unit):3} was predicted: the model misses a mode or a delay; measure "
-                    "the responses to a higher frequency"
+                    f"sample, where {Quantity(most, unit):3} was predicted: the model misses a mode or a delay; "
+                    "measure the responses to a higher frequency"
                 )
             )
 

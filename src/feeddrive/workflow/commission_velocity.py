@@ -45,12 +45,10 @@ from feeddrive.workflow.commission_steps import (
     LINES,
     MODES,
     REACH,
-    STANDS_OUT,
     UNKNOWN_DELAY,
     USED,
     WORK,
     Chain,
-    RefusedError,
 )
 from feeddrive.workflow.frf import FrfRequest, frf
 
@@ -174,11 +172,11 @@ class VelocityChain(Chain):
         """Shake the axis by a force and by the velocity in even moves, and estimate the responses to both."""
         plan = self._planned()
         control = self._control(START)
-        far = float(np.ptp(plan.pairs[0].profile.set_position))
+        far, times = float(np.ptp(plan.pairs[0].profile.set_position)), sum(TIMES.values()) // 2 + 1
         self._ask(
             Text(
-                f"Responses: the axis moves slowly by {Quantity(far, 'm'):3 mm} and back, {sum(TIMES.values()) // 2 + 1} times, and is "
-                f"shaken by a force and by its velocity, weakly first."
+                f"Responses: the axis moves slowly by {Quantity(far, 'm'):3 mm} and back, {times} times, and is "
+                "shaken by a force and by its velocity, weakly first."
             )
         )
         axis = self._under_control()
@@ -332,7 +330,8 @@ class VelocityChain(Chain):
         """Return options of the tuning: no filters, which the drive has itself, and no noise of a force."""
         if self.request.max_noise is not None:
             raise ParameterError(
-                "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave it out"
+                "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave "
+                "it out"
             )
         # the control has no limit of force, of which the proof of a tuning takes a share
         return {"filters": "kept", "step_force": STEP * float(self.limits.force)}

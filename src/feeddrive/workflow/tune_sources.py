@@ -180,8 +180,7 @@ def point_of(
     turns = loop is not None and loop.axis.rotary
     commands = "force" if loop is None else loop.axis.actuator.commands
     responses = {
-        key: in_metres(measurement.name, frf, unit, turns, commands)
-        for key, frf in read_frfs(measurement.load).items()
+        key: in_metres(measurement.name, frf, unit, turns, commands) for key, frf in read_frfs(measurement.load).items()
     }
     load, motor = _roles(measurement, responses, unit, turns, commands)
     remarks = [
@@ -368,8 +367,8 @@ def _on_the_table(
     if point.commands == "velocity":
         # a force at the drive would stand for that on the table, and its command is none
         raise ParameterError(
-            f"{point.name}: {remarks[-1]}; a drive that is commanded by velocities needs a baseline whose plant agrees: "
-            "identify it again"
+            f"{point.name}: {remarks[-1]}; a drive that is commanded by velocities needs a baseline whose plant "
+            "agrees: identify it again"
         )
     if motor is None:
         return point, remarks

@@ -38,7 +38,7 @@ class Actuator(Block):
         """Raise StructureError for a current loop beside a velocity loop, which has a lag of its own."""
         if self.velocity_loop is not None and self.current_loop is not None:
             raise StructureError(
-                "actuator.current_loop is outside of the drive's velocity loop: give its delay as velocity_loop.lag in s"
+                "actuator.current_loop is outside of the drive's velocity loop: give its delay as velocity_loop.lag, s"
             )
 
     def delay(self) -> Number:

@@ -25,9 +25,14 @@ class VelocityLoop(Block):
     """
 
     Kp: Number = parameter("N s/m", "velocity gain of the drive", above=0)
-    Tn: Number | None = parameter("s", "integral time of the drive's velocity loop; absent for none", above=0, default=None)
+    Tn: Number | None = parameter(
+        "s", "integral time of the drive's velocity loop; absent for none", above=0, default=None
+    )
     lag: Number | None = parameter(
-        "s", "time constant of the force: current loop, smoothed velocity, sampling; absent for none", above=0, default=None
+        "s",
+        "time constant of the force: current loop, smoothed velocity, sampling; absent for none",
+        above=0,
+        default=None,
     )
     most_force: Number | None = parameter("N", "largest force of the drive; absent for no limit", above=0, default=None)
     held_force: Number = parameter("N", "with which it begins: what holds a hanging axis", default=0)
@@ -65,7 +70,7 @@ class VelocityLoop(Block):
     def equivalent(self, force: Number, sample_time: float) -> Number:
         """Return the velocities (m/s) that act as forces added to those of the loop do, N; both of shape (n,).
 
-            force = Kp w + (Kp/Tn) Σ T w          so that   w(k) = (force(k) - I(k))/Kp,   I(k+1) = I(k) + (Kp T/Tn) w(k)
+            force = Kp w + (Kp/Tn) Σ T w     so that   w(k) = (force(k) - I(k))/Kp,   I(k+1) = I(k) + (Kp T/Tn) w(k)
 
         It is exact while the loop is not at its limit: the loop makes the same u of either.
         """
@@ -84,7 +89,7 @@ class VelocityLoop(Block):
         if self.Tn is not None:
             Tn = self.Tn
             yield Rule(
-                T <= Tn,
+                Tn >= T,
                 "the integral time of the drive's velocity loop is at least a sample",
                 lambda: Text(
                     f"axis.actuator.velocity_loop.Tn = {Quantity(Tn, 's'):6 SI} is less than the sample time of "

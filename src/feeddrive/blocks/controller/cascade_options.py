@@ -10,7 +10,7 @@ from feeddrive.language.block import Number
 def commanded_velocity(Kv: Number, share: Number, setpoint: Setpoint, reading: Reading, T: Number) -> Number:
     """Return the velocity that a P position loop with velocity feedforward commands, m/s.
 
-        wanted = Kv (x_set - x_load) + share · v_set,   v_set = (x_set(k) - x_set(k-1)) / T
+    wanted = Kv (x_set - x_load) + share · v_set,   v_set = (x_set(k) - x_set(k-1)) / T
     """
     wanted = Kv * (setpoint.position - reading.position_load)
     return wanted + share * setpoint.backward_velocity(T)
