@@ -113,13 +113,14 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     )
     made = drive("ethercat", limits=bounded)
     paper = Paper(
-        ("quick_stop_option",),
+        ("quick_stop_option", "disable_operation_option"),
         max_torque=0,
         following_error_window=0,
         following_error_timeout=100,
         quick_stop_deceleration=0,
         quick_stop_option=0,
         fault_reaction_option=0,
+        disable_operation_option=1,
         max_motor_speed=0,
         position_most=0,
     )
@@ -132,7 +133,11 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     assert paper.values["quick_stop_deceleration"] == 500_000_000
     assert paper.values["position_most"] == 30_000_000
     assert paper.values["max_motor_speed"] == 3000  # 0.5 m/s on a screw of 10 mm
-    assert remarks == ["The drive does not take 0x605A:00 (quick stop option): set this limit with its maker's tool."]
+    # what it does not take, but holds, is no remark
+    assert remarks == [
+        "The drive does not take 0x605A:00 (quick stop option), which holds 0 in place of 2: "
+        "set this limit with its maker's tool."
+    ]
     paper.values["max_torque"] = 777
     write_limits(paper, made, own_force=True)
     assert paper.values["max_torque"] == 777
@@ -208,6 +213,7 @@ class Stubborn(Paper):
         ("quick_stop_deceleration", 600_000_000, "holds 600000000 in 0x6085:00"),
         ("quick_stop_option", 6, "holds 6 in 0x605A:00"),
         ("following_error_timeout", 100, "holds 100 in 0x6066:00 (following error timeout), where 6 was written"),
+        ("disable_operation_option", 0, "holds 0 in 0x605C:00 (disable operation option), where 1 was written"),
         ("fault_reaction_option", 0, "holds 0 in 0x605E:00 (fault reaction option), where 2 was written"),
         ("max_torque", 5000, "a looser limit"),
         ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 210000 and reads back"),
