@@ -260,6 +260,19 @@ def test_a_drive_that_does_not_hold_its_axis_by_itself_makes_a_quick_stop_and_sa
     assert len(played.log) == 100
 
 
+def test_a_speed_beyond_its_limit_is_braked_along_a_ramp_before_the_drive_has_its_fault() -> None:
+    """The drive watches the same speed (0x6080): at one bound its fault would come first, in the very cycle."""
+    bench = Bench(bench_loop())
+    slow = replace(WIDE, velocity=0.05)
+    moves = move(rows=900, distance=0.022, peak=150.0)
+    with DriveClient(bench.transport(), drive("ethercat", mode="csp", limits=slow), paced=False) as client:
+        played = play_profile(client, moves)
+    assert played.aborted is not None
+    assert "limits.velocity" in played.aborted
+    assert played.cause == "velocity"
+    assert bench.firmware.values["error_code"] == 0
+
+
 @pytest.mark.parametrize("brake_time", [0.0, 0.2])
 def test_a_motion_waits_for_the_brake(brake_time: float) -> None:
     bench = Bench(bench_loop(), brake=Brake(0.19, 0.05))

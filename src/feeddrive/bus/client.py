@@ -159,8 +159,10 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
         "fault_reaction_option": 2,  # as a quick stop, in a fault in which the drive can
     }
     if scaling.turns:
+        # as for the following error: what the axis gains in speed until the reaction of the monitor acts
+        speed = limits.velocity + limits.quick_stop_deceleration * reaction_time(drive)
         # rounded up: a slow axis has few turns a minute, and below its limit the drive would hold it back
-        wanted["max_motor_speed"] = math.ceil(scaling.turns_per_minute(limits.velocity))
+        wanted["max_motor_speed"] = math.ceil(scaling.turns_per_minute(speed))
     for name, metres in (("position_least", limits.position_least), ("position_most", limits.position_most)):
         if metres is not None:
             wanted[name] = scaling.increments(metres)
