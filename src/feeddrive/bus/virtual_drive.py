@@ -359,8 +359,9 @@ class Firmware:
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
     With a `brake` the axis stands until it has opened.  A drive that is switched off in order holds the axis until it
-    has closed; in a fault, and on disable operation with 0x605C = 0, the axis falls meanwhile.  Without `changes_mode` the mode of operation is taken over only
-    while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`, and act from the next sample on.
+    has closed; in a fault, and on disable operation with 0x605C = 0, the axis falls meanwhile.  Without `changes_mode`
+    the mode of operation is taken over only while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`,
+    and act from the next sample on.
 
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
     in 0x6085 and then switches off.  A fault does the same if 0x605E = 2 and the drive can still brake, and removes the
