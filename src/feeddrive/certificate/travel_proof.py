@@ -25,7 +25,7 @@ factorization that ends proves a matrix positive definite).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from math import comb
@@ -36,6 +36,7 @@ import numpy as np
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.gain_schedule import GainSchedule
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.certificate import travel_check
 from feeddrive.certificate.enclosure import ORDER, Enclosed, enclose
 from feeddrive.identification.travel import TravelFit
 from feeddrive.language import tree
@@ -52,6 +53,10 @@ from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.traced_model import traced_loop
 from feeddrive.tuning.travel import Travel, frozen
 
+OUTSIDE = (
+    "saturation, friction other than its slope, rounding of signals, tolerances of the axis, and what its model lacks, such as a further mode",
+    "the axis between its measured positions is that of the fitted curves; in a sample it is that of one position that it passes",
+)
 WORK = 20_000  # cells of positions that are examined at most: a minute or two
 _UNIT = 2.0**-53
 _ROUND = 1.05 * _UNIT  # of a sum of products, for each of its operations
@@ -488,10 +493,11 @@ class TravelProof(Result):
     proven       True if it holds at every position between them, False if it does not at `position`, None if that is
                  undecided there
     reason       the reason why it is not proven, as a clause
-    cells        the positions proven, from and to in m, shape (cells, 2), ascending
+    cells        the cells of positions that were proven, ascending
     speed        m/s, up to which the moving loop is proven stable; 0 if none was proven, None if none was looked for
     most         True if no higher speed was tried
     top          the largest speed that the guard of the control allows, m/s; None without one
+    motion       the proof for the axis that moves, if there is one
     """
 
     along: AlongTravel
@@ -499,11 +505,11 @@ class TravelProof(Result):
     proven: bool | None
     position: float | None
     reason: Text
-    cells: np.ndarray
+    cells: tuple[Cell, ...]
     speed: float | None
     most: bool
     top: float | None
-    _moving: Moving | None
+    motion: Moving | None
 
     @property
     def first(self) -> float:
@@ -549,7 +555,7 @@ class TravelProof(Result):
     def table(self) -> Table:
         """Tabulate the intervals that were proven, joined where they touch, and the speed."""
         joined_: list[list[float]] = []
-        for low, high in self.cells.tolist():
+        for low, high in [cell[:2] for cell in self.cells]:
             if joined_ and joined_[-1][1] == low:
                 joined_[-1][1] = high
                 joined_[-1][2] += 1
@@ -568,11 +574,62 @@ class TravelProof(Result):
             "reason": self.reason or None,
             "from_m": self.first,
             "to_m": self.last,
-            "cells": int(self.cells.shape[0]),
+            "cells": len(self.cells),
             "speed_m_s": self.speed,
             "higher_tried": not self.most,
             "top_speed_m_s": self.top,
         }
+
+
+def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) -> dict[str, Any]:
+    """Return the proof as a document that `travel_check` accepts. Raises ParameterError for one that is not proven.
+
+    made_from  names and SHA-256 digests of the machine files
+    """
+    if not proof.proven:
+        raise ParameterError(f"there is no proof to write: {proof.reason}")
+    along = proof.along
+    moving: dict[str, Any] | None = None
+    if proof.motion is not None:
+        edges, P, step, _ = proof.motion
+        cell, X = along.matrices(edges[:-1], edges[1:], step if along.places else 0.0)
+        moving = {
+            "step_m": step,
+            "edges_m": edges.tolist(),
+            "P": [_lower(each) for each in P],
+            "cells": [{"cell": int(place), "entries": _entries(X, i)} for i, place in enumerate(cell)],
+        }
+    content = {
+        "format": travel_check.FORMAT,
+        "claim": str(proof.sentence()),
+        "outside": list(OUTSIDE),
+        "made_from": [dict(origin) for origin in made_from],
+        "sensitivity_peak": proof.bound,
+        "from_m": along.first,
+        "to_m": along.last,
+        "sample_time_s": along.T,
+        "states": list(along.traced.names),
+        "cells": [
+            {"from_m": c.low, "to_m": c.high, "low": _lower(c.P), "high": _lower(c.Q), "entries": _entries(c.X, i)}
+            for c in proof.cells
+            for i in range(len(c.X.rest))
+        ],
+        "moving": moving,
+    }
+    return {**content, "sha256": travel_check.digest(content)}
+
+
+def _lower(P: np.ndarray) -> list[list[float]]:
+    return [P[i, : i + 1].tolist() for i in range(len(P))]
+
+
+def _entries(X: Enclosures, i: int) -> list[list[Any]]:
+    """Return the entries of the matrix of a cell that are not 0: row, column, terms, slopes and rest."""
+    there = (np.abs(X.terms[:, i]).sum(axis=0) + np.abs(X.slope[:, i]).sum(axis=0) + X.rest[i]) > 0.0
+    return [
+        [int(r), int(c), X.terms[:, i, r, c].tolist(), X.slope[:, i, r, c].tolist(), float(X.rest[i, r, c])]
+        for r, c in np.argwhere(there)
+    ]
 
 
 def prove_along_travel(
@@ -604,12 +661,22 @@ def prove_along_travel(
     moving = _fastest(along, progress) if speed and search.proven else None
     guard = control.guard
     top = None if guard is None or guard.velocity_limit is None else float(guard.velocity_limit)
-    cells = np.array(sorted(search.cells)).reshape(-1, 2)
+    cells = tuple(sorted(search.cells, key=lambda cell: cell.low))
     fastest = None if not speed else 0.0 if moving is None else moving.step / along.T
     most = moving is not None and moving.most
     return TravelProof(
         along, sensitivity_peak, search.proven, search.position, search.reason, cells, fastest, most, top, moving
     )
+
+
+class Cell(NamedTuple):
+    """A cell of positions (m) at which the frozen loop is proven: P at both ends, and the loop in each branch."""
+
+    low: float
+    high: float
+    P: np.ndarray
+    Q: np.ndarray
+    X: Enclosures
 
 
 class _Search:
@@ -618,7 +685,7 @@ class _Search:
     def __init__(self, along: AlongTravel, bound: float | None) -> None:
         self.along, self.bound = along, bound
         self.functions = _Functions(along, bound)
-        self.cells: list[tuple[float, float]] = []
+        self.cells: list[Cell] = []
         self.proven: bool | None = True
         self.position: float | None = None
         self.reason = Text()
@@ -656,7 +723,9 @@ class _Search:
                 proven = _frozen_holds(X.take(rows), P, Q, self.bound)
                 np.logical_and.at(holds, cell[rows], proven)
             for i in np.flatnonzero(holds):
-                self.cells.append(some[i])
+                (a, b), pair = some[i], pairs[i]
+                assert isinstance(pair, tuple)
+                self.cells.append(Cell(a, b, pair[0], pair[1], X.take(np.flatnonzero(cell == i))))
             for i in np.flatnonzero(~holds)[::-1]:
                 a, b = some[i]
                 pair = pairs[i]
