@@ -554,15 +554,19 @@ class TravelProof(Result):
 
     def table(self) -> Table:
         """Tabulate the intervals that were proven, joined where they touch, and the speed."""
-        joined_: list[list[float]] = []
-        for low, high in [cell[:2] for cell in self.cells]:
-            if joined_ and joined_[-1][1] == low:
-                joined_[-1][1] = high
-                joined_[-1][2] += 1
-            else:
-                joined_.append([low, high, 1])
+        rows = [[a, b, sum(a <= cell.low < b for cell in self.cells)] for a, b in self.intervals()]
         columns = [Column("from", "m", "6 mm"), Column("to", "m", "6 mm"), "cells"]
-        return Table(Text(f"along the travel: {self.verdict}"), columns, [[a, b, int(n)] for a, b, n in joined_])
+        return Table(Text(f"along the travel: {self.verdict}"), columns, rows)
+
+    def intervals(self) -> list[tuple[float, float]]:
+        """Return the intervals of positions (m) that were proven, joined where they touch."""
+        found: list[tuple[float, float]] = []
+        for cell in self.cells:
+            if found and found[-1][1] == cell.low:
+                found[-1] = found[-1][0], cell.high
+            else:
+                found.append((cell.low, cell.high))
+        return found
 
     def record(self) -> dict[str, Any]:
         """Return the result as plain values for JSON."""
