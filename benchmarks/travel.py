@@ -18,7 +18,6 @@ import argparse
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,6 +190,32 @@ def moving(axis: Drawn, x: np.ndarray, random: np.random.Generator) -> np.ndarra
     return size / largest
 
 
+def judged(axis: Drawn, random: np.random.Generator, frozen_: int, moving_: int, samples: int) -> dict[str, Any]:
+    """Prove the schedule of an axis, draw, and return the figures of both."""
+    first, last = float(axis.places[0]), float(axis.places[-1])
+    coarse = [frozen(axis, float(x)) for x in np.linspace(first, last, 25)]
+    if max(growth for growth, _ in coarse) >= 1.0:
+        return {"verdict": "unstable on the grid"}
+    bound = 1.01 * max(peak for _, peak in coarse)
+    travel = Travel.of({float(x): loop_of(axis, float(x)) for x in np.linspace(first, last, 5)})
+    begun = time.process_time()
+    proof = prove_along_travel(travel, loop_of(axis, first).control, sensitivity_peak=bound)
+    took = time.process_time() - begun
+    peaks = [frozen(axis, float(x)) for x in random.uniform(first, last, frozen_)]
+    row: dict[str, Any] = {
+        "verdict": proof.verdict,
+        "bound": bound,
+        "largest_Ms": max(peak for _, peak in peaks),
+        "largest_growth": max(growth for growth, _ in peaks),
+        "cells": len(proof.cells),
+        "speed_m_s": proof.speed,
+        "cpu_s": took,
+    }
+    if proof.speed:
+        row["left"] = float(np.max(moving(axis, motions(random, first, last, proof.speed, moving_, samples), random)))
+    return row
+
+
 def contradicted(row: Mapping[str, Any]) -> bool:
     """Return True if a draw contradicts the proof of its axis."""
     if row["verdict"] != "proven":
@@ -212,33 +237,9 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     for i in range(asked.axes):
         axis = drawn(random)
-        first, last = float(axis.places[0]), float(axis.places[-1])
-        grid = np.linspace(first, last, 25)
-        coarse = [frozen(axis, float(x)) for x in grid]
-        if max(growth for growth, _ in coarse) >= 1.0:
-            rows.append({"axis": i, "verdict": "unstable on the grid"})
-            continue
-        bound = 1.01 * max(peak for _, peak in coarse)
-        travel = Travel.of({float(x): loop_of(axis, float(x)) for x in np.linspace(first, last, 5)})
-        begun = time.process_time()
-        proof = prove_along_travel(travel, loop_of(axis, first).control, sensitivity_peak=bound)
-        took = time.process_time() - begun
-        peaks = [frozen(axis, float(x)) for x in random.uniform(first, last, asked.frozen // asked.axes)]
-        row: dict[str, Any] = {
-            "axis": i,
-            "verdict": proof.verdict,
-            "bound": bound,
-            "largest_Ms": max(peak for _, peak in peaks),
-            "largest_growth": max(growth for growth, _ in peaks),
-            "cells": len(proof.cells),
-            "speed_m_s": proof.speed,
-            "cpu_s": took,
-        }
-        if proof.speed:
-            x = motions(random, first, last, proof.speed, asked.moving // asked.axes, asked.samples)
-            row["left"] = float(np.max(moving(axis, x, random)))
-        rows.append(row)
-        print(json.dumps(row), flush=True)
+        each = asked.frozen // asked.axes, asked.moving // asked.axes, asked.samples
+        rows.append({"axis": i, **judged(axis, random, *each)})
+        print(json.dumps(rows[-1]), flush=True)
     wrong = [row for row in rows if contradicted(row)]
     print(f"{len(rows)} axes, {sum(row['verdict'] == 'proven' for row in rows)} proven, {len(wrong)} contradicted")
     if asked.out:

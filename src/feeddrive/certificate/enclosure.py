@@ -112,7 +112,9 @@ class Enclosed(NamedTuple):
         rest = rest + widths[0] * widths[1] + a.rest * (sizes[1] + widths[1] + b.rest) + b.rest * (sizes[0] + widths[0])
         slope = _sum(_scaled(a.slope, b.terms), _scaled(b.slope, a.terms))
         lost = _ROUND * (sizes[0] + widths[0]) * (sizes[1] + widths[1])
-        return Enclosed(whole[: ORDER + 1], slope, rest * (1.0 + _ROUND) + lost)
+        rest = rest * (1.0 + _ROUND) + lost
+        # 0 times infinity is no bound
+        return Enclosed(whole[: ORDER + 1], slope, np.where(np.isnan(rest), np.inf, rest))
 
     def inverse(self) -> "Enclosed":
         """Return 1/y; the rest is infinite where y may be 0."""
@@ -289,7 +291,8 @@ def enclose(
 
     def branches(which: np.ndarray, forced: tuple[_Forced, ...]) -> list[tuple[np.ndarray, list[Enclosed]]]:
         here = {name: x.take(which) for name, x in leaves.items()}
-        values, undecided = _evaluated(graph, order, last, here, which.size, dict(forced))
+        with np.errstate(all="ignore"):
+            values, undecided = _evaluated(graph, order, last, here, which.size, dict(forced))
         found = [_full(values[end], which.size, others) for end in ends]
         infinite = np.any([~np.isfinite(x.rest) for x in found], axis=0) if found else np.zeros(which.size, bool)
         open_ = next(((node, there) for node, there in undecided if np.any(there & infinite)), None)
@@ -387,10 +390,10 @@ def _apply(name: str, inner: Sequence[Any]) -> Any:
         case "quantise":
             x, step = inner
             return Enclosed(x.terms, x.slope, x.rest + 0.5 * step.size * (1.0 + _ROUND) + _ROUND * x.size)
-        case "power_of_two" if not np.any(inner[0].reach):
-            return Enclosed(np.ldexp(1.0, inner[0].value.astype(int))[None], None, np.zeros(1))
         case "power_of_two":
-            return Enclosed(np.zeros_like(inner[0].terms[:1]), None, np.full_like(inner[0].value, np.inf))
+            whole = inner[0].reach == 0.0
+            power = np.ldexp(1.0, np.where(whole, inner[0].value, 0.0).astype(int))
+            return Enclosed(power[None], None, np.where(whole, 0.0, np.inf))
         case _ if name in _FUNCTIONS:
             return inner[0].through(*_FUNCTIONS[name])
         case _:

@@ -203,24 +203,27 @@ def frozen(document: Mapping[str, Any], n: int) -> str:
         low, high = number(cell["from_m"], "from_m"), number(cell["to_m"], "to_m")
         what = f"the cell from {low!r} to {high!r} m"
         need(low < high, f"{what} has no length")
-        found, slopes, rest = corners(cell["entries"], n + 1, what)
-        need(not slopes, f"{what} has slopes of other variables")
+        need(cell["branches"], f"{what} has no model")
         ends = [matrix(cell[name], n, what) for name in ("low", "high")]
         for P in ends:
             need(factor(P), f"{what}: P is not positive definite")
         G = mixed(ends[0], 0.5, ends[1], 0.5)
-        if bound is None:
-            found, rest = [[row[:n] for row in X[:n]] for X in found], [row[:n] for row in rest[:n]]
         weight = G if bound is None else padded(G, 1.0)
         lower = factor(weight)
         need(lower, f"{what}: G is not positive definite")
         assert lower is not None
         W = inverse(lower)
-        for k, X in enumerate(found):
-            share = k / (len(found) - 1)
-            P = mixed(ends[0], 1.0 - share, ends[1], share)
-            before, after = (P, P) if bound is None else (padded(P, bound * bound * (1.0 - 4.0 * UNIT)), padded(P, 1.0))
-            need(positive(X, rest, before, after, weight, W), f"{what} is not proven")
+        for entries in cell["branches"]:
+            found, slopes, rest = corners(entries, n + 1, what)
+            need(not slopes, f"{what} has slopes of other variables")
+            if bound is None:
+                found, rest = [[row[:n] for row in X[:n]] for X in found], [row[:n] for row in rest[:n]]
+            for k, X in enumerate(found):
+                share = k / (len(found) - 1)
+                P = mixed(ends[0], 1.0 - share, ends[1], share)
+                most = None if bound is None else bound * bound * (1.0 - 4.0 * UNIT)
+                before, after = (P, P) if most is None else (padded(P, most), padded(P, 1.0))
+                need(positive(X, rest, before, after, weight, W), f"{what} is not proven")
         cells.append((low, high))
     need(covered(cells, first, last), "the cells leave a gap in the travel")
     robust = "" if bound is None else f" and Ms <= {bound!r}"
@@ -241,32 +244,30 @@ def moving(document: Mapping[str, Any], n: int) -> Iterator[str]:
     change = [
         mixed(b, 1.0 / (y - x), a, -1.0 / (y - x)) for (x, y), (a, b) in zip(pairwise(edges), pairwise(P), strict=True)
     ]
-    there = set[int]()
-    for cell in part["cells"]:
-        i = cell["cell"]
-        need(isinstance(i, int) and 0 <= i < len(change), "a cell has no edges")
+    need(len(part["cells"]) == len(change), "the moving axis: a cell is missing")
+    for i, branches in enumerate(part["cells"]):
         what = f"the moving axis from {edges[i]!r} to {edges[i + 1]!r} m"
-        found, slopes, rest = corners(cell["entries"], n + 1, what)
-        found, slopes = ([[row[:n] for row in X[:n]] for X in part_] for part_ in (found, slopes))
-        rest = [row[:n] for row in rest[:n]]
-        slopes = [slope for slope in slopes if any(map(any, slope))]
+        need(branches, f"{what} has no model")
         weight = mixed(P[i], 0.5, P[i + 1], 0.5)
         lower = factor(weight)
         need(lower, f"{what}: P is not positive definite")
         assert lower is not None
         W = inverse(lower)
-        ways = ((1.0, i), (-1.0, i), (1.0, max(i - 1, 0)), (-1.0, min(i + 1, len(change) - 1)))
-        for k, X in enumerate(found):
-            after = mixed(P[i], 1.0 - k / (len(found) - 1), P[i + 1], k / (len(found) - 1))
-            for sign in product((-1.0, 1.0), repeat=len(slopes)):
-                value = X
-                for s, slope in zip(sign, slopes, strict=True):
-                    value = mixed(value, 1.0, slope, s)
-                for way, j in dict.fromkeys(ways):
-                    before = mixed(after, 1.0, change[j], -way * 2.0 * step)
-                    need(positive(value, rest, before, after, weight, W), f"{what} is not proven")
-        there.add(i)
-    need(there == set(range(len(change))), "the moving axis: a cell is missing")
+        ways = {(1.0, i), (-1.0, i), (1.0, max(i - 1, 0)), (-1.0, min(i + 1, len(change) - 1))}
+        for entries in branches:
+            found, slopes, rest = corners(entries, n + 1, what)
+            found, slopes = ([[row[:n] for row in X[:n]] for X in part_] for part_ in (found, slopes))
+            rest = [row[:n] for row in rest[:n]]
+            slopes = [slope for slope in slopes if any(map(any, slope))]
+            for k, X in enumerate(found):
+                after = mixed(P[i], 1.0 - k / (len(found) - 1), P[i + 1], k / (len(found) - 1))
+                for sign in product((-1.0, 1.0), repeat=len(slopes)):
+                    value = X
+                    for s, slope in zip(sign, slopes, strict=True):
+                        value = mixed(value, 1.0, slope, s)
+                    for way, j in ways:
+                        before = mixed(after, 1.0, change[j], -way * 2.0 * step)
+                        need(positive(value, rest, before, after, weight, W), f"{what} is not proven")
     yield f"moving: stable up to {step / T:.4g} m/s, {len(change)} cells"
 
 

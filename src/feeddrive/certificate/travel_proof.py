@@ -601,7 +601,9 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
             "step_m": step,
             "edges_m": edges.tolist(),
             "P": [_lower(each) for each in P],
-            "cells": [{"cell": int(place), "entries": _entries(X, i)} for i, place in enumerate(cell)],
+            "cells": [
+                [_entries(X, i) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)
+            ],
         }
     content = {
         "format": travel_check.FORMAT,
@@ -614,9 +616,14 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
         "sample_time_s": along.T,
         "states": list(along.traced.names),
         "cells": [
-            {"from_m": c.low, "to_m": c.high, "low": _lower(c.P), "high": _lower(c.Q), "entries": _entries(c.X, i)}
+            {
+                "from_m": c.low,
+                "to_m": c.high,
+                "low": _lower(c.P),
+                "high": _lower(c.Q),
+                "branches": [_entries(c.X, i) for i in range(len(c.X.rest))],
+            }
             for c in proof.cells
-            for i in range(len(c.X.rest))
         ],
         "moving": moving,
     }

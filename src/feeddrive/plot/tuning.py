@@ -37,7 +37,7 @@ _WORDS = {
     "jerk_feedforward": "jerk",
     "snap_feedforward": "snap",
 }
-_UNITS = {"N/m": ("N/um", 1e-6)}  # of figures, as a picture shows them, with the factor
+_UNITS = {"N/m": ("N/um", 1e-6), "m √s/N": ("nm √s/N", 1e9)}  # of figures, as a picture shows them, with the factor
 
 
 def trial_chart(trial: Trial) -> Chart:
