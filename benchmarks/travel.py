@@ -3,11 +3,11 @@
     python benchmarks/travel.py --axes 20 --seed 5
 
 Each drawn axis of two masses has a stiffness by its position, fitted from five places, and a schedule of P-PI gains at
-three.  Its frozen loops are proven to be stable and to keep a bound on Ms that is 1 % above what a coarse grid shows,
+three.  Its frozen loops are proven stable, with a bound on Ms 1 % above what a coarse grid shows,
 and its moving loop up to a speed.  Then
 
-- frozen positions are drawn: eigenvalues of the loop, and |S| on 2000 lines refined at the peak, both from matrices that
-  are written here from the equations of the axis and of the law;
+- frozen positions are drawn: eigenvalues of the loop, and |S| on 2000 lines refined at the peak, from matrices that are
+  written here from the equations of the axis and of the law;
 - moving axes are drawn: motions at up to the proven speed (sweeps, dither, random walks), along which the stiffness
   changes within the samples, too. From a random state the loop without setpoint must come to rest.
 """
@@ -18,6 +18,7 @@ import argparse
 import json
 import time
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -142,7 +143,9 @@ def frozen(axis: Drawn, x: float) -> tuple[float, float]:
     return growth, best
 
 
-def motions(random: np.random.Generator, first: float, last: float, speed: float, count: int, samples: int) -> np.ndarray:
+def motions(
+    random: np.random.Generator, first: float, last: float, speed: float, count: int, samples: int
+) -> np.ndarray:
     """Return positions at the samples, shape (samples + 1, count): never faster than `speed`."""
     step, length = speed * T, last - first
     t = np.arange(samples + 1)[:, None]
@@ -173,7 +176,7 @@ def moving(axis: Drawn, x: np.ndarray, random: np.random.Generator) -> np.ndarra
 
     h = T / SUBSTEPS
     size = np.zeros(count)
-    for now, then in zip(x[:-1], x[1:], strict=True):
+    for now, then in pairwise(x):
         Kv, Kp, Tn = axis.gains_at(now)
         e = -Kv * q[1] - (q[0] - last) / T
         integral = integral + Kp * T / Tn * e

@@ -27,7 +27,7 @@ _MOST_BRANCHES = 3  # comparisons without a common outcome in one cell: two bran
 
 
 class Enclosed(NamedTuple):
-    """A number over cells: terms of shape (1 to ORDER + 1, cells), slope (2 others, cells) or None for 0, rest (cells,).
+    """A number over cells: terms of shape (1 to ORDER + 1, cells), slope (2 others, cells) or None, rest (cells,).
 
     A single cell stands for all cells.
     """
@@ -200,9 +200,7 @@ def _where(condition: Truth, a: Enclosed, b: Enclosed) -> Enclosed:
     others = max((len(x.slope) for x in (a, b) if x.slope is not None), default=0)
     full = [_full(x, cells, others) for x in (both, a, b)]
     may, may_not = (np.broadcast_to(x, cells) for x in condition)
-    parts = [
-        np.where(may & may_not, h, np.where(may, x, y)) for h, x, y in zip(*full, strict=True)
-    ]
+    parts = [np.where(may & may_not, h, np.where(may, x, y)) for h, x, y in zip(*full, strict=True)]
     return Enclosed(parts[0], parts[1] if others else None, parts[2])
 
 
@@ -258,7 +256,10 @@ _FUNCTIONS: dict[str, tuple[Callable[[Any], Sequence[Any]], Callable[[Any, Any],
     "exp": (_exp, _ends(lambda x: np.exp(x) / 120.0)),
     "expm1": (lambda x: [np.expm1(x), *_exp(x)[1:]], _ends(lambda x: np.exp(x) / 120.0)),
     "sqrt": (_root, _positive(lambda x: 0.02734375 * x**-4.5)),
-    "log": (lambda x: [np.log(x), 1.0 / x, -0.5 * x**-2.0, x**-3.0 / 3.0, -0.25 * x**-4.0], _positive(lambda x: 0.2 * x**-5.0)),
+    "log": (
+        lambda x: [np.log(x), 1.0 / x, -0.5 * x**-2.0, x**-3.0 / 3.0, -0.25 * x**-4.0],
+        _positive(lambda x: 0.2 * x**-5.0),
+    ),
     "sin": (lambda x: _sine(x, 0), lambda low, _: np.full_like(low, 1.0 / 120.0)),
     "cos": (lambda x: _sine(x, 1), lambda low, _: np.full_like(low, 1.0 / 120.0)),
 }
@@ -276,7 +277,8 @@ def enclose(
 ) -> tuple[np.ndarray, list[Enclosed]]:
     """Return enclosures of nodes over cells: the cell of each branch, shape (branches,), and the number at each node.
 
-    leaves  every input of the graph by name, each over all cells;  others  how many slopes there are: two for each variable beside t
+    leaves  every input of the graph by name, each over all cells
+    others  how many slopes there are: two for each variable beside t
 
     A cell has one branch, or more if comparisons have no common outcome in it and the hull of both is unbounded.
     Raises ParameterError for operations that have no enclosure: tables, rings, random numbers.

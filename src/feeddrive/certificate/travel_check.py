@@ -8,8 +8,8 @@ a matrix P at both of its ends.  Checked are that the cells cover the travel and
     [ Π'    Xᵀ Γ   ]
     [ Γ X   2Γ - Π ]  > 0,    Γ = diag(G, 1), Π = diag(P, 1), Π' = diag(P', γ²), G the mean of P at both ends,
 
-from which Xᵀ diag(P, 1) X < diag(P, γ²) follows: each frozen loop is stable and |S| < γ at all frequencies.  For an axis
-that moves P is continuous from cell to cell, P' is that of the last sample, at most two steps away, and γ is left out.
+from which Xᵀ diag(P, 1) X < diag(P, γ²) follows: each frozen loop is stable and |S| < γ at all frequencies.  If it
+moves, P is continuous from cell to cell, P' is that of the last sample, at most two steps away, and γ is left out.
 
 Numbers are floats: every bound includes its rounding, and a Cholesky factorization of the matrix less all bounds proves
 it positive definite (Rump 2006).  That the polynomials are those of a machine is not checked here.
@@ -122,7 +122,7 @@ def positive(value: Matrix, rest: Matrix, before: Matrix, after: Matrix, weight:
     cross = times(times(W, times(weight, value)), Wt)
     lost = mixed(rest, 1.0 + (3 * n + 4) * ROUND, size(value), (3 * n + 4) * ROUND)
     error = times(times(A, times(size(weight), lost)), At)
-    plain = (2 * n + 4) * ROUND
+    plain = (2 * n + 12) * ROUND
     error_upper = times(times(A, size(before)), At)
     error_lower = times(times(A, mixed(size(weight), 2.0, size(after), 1.0)), At)
     whole = [[*upper[i], *(cross[j][i] for j in range(n))] for i in range(n)]
@@ -171,7 +171,9 @@ def corners(entries: Any, n: int, what: str) -> tuple[list[Matrix], list[Matrix]
             slopes[k][i][j] = x
         whole = sum(map(abs, terms))
         # of the conversion to Bernstein's basis, and of one addition for each slope
-        rest[i][j] = float(left) + ROUND * ((8 * count + others + 1) * spread * whole + (others + 1) * sum(map(abs, slope)))
+        rest[i][j] = float(left) + ROUND * (
+            (8 * count + others + 1) * spread * whole + (others + 1) * sum(map(abs, slope))
+        )
     return found, slopes, rest
 
 

@@ -15,8 +15,9 @@ positions of a sample and of the one before.
     [ Γᵀ X   Γ + Γᵀ - Π ]  > 0,    Γ = diag(G, 1), Π = diag(P, 1), Π' = diag(P', γ²)
 
 since Γ + Γᵀ - Π <= Γᵀ Π⁻¹ Γ.  This matrix is affine in X, P and P' together.  Over a cell of positions X is enclosed
-by a straight line and a bound on the rest, P is a straight line, and G is its middle: the matrix is positive definite in
-the cell if it is so at the corners, by more than the rest.  A cell where it is not is halved.
+by polynomials and a bound on the rest, P is a straight line, and G is its middle: the matrix is positive definite in
+the cell if it is so, by more than the rest, at the coefficients of the polynomials in Bernstein's basis, whose convex
+hull they do not leave.  A cell where it is not is halved.
 
 P is found in floating point, from a Riccati or Lyapunov equation; that it does what it should is proven with bounds on
 all rounding.  Sources: Rantzer 1996 (the lemma); de Oliveira, Bernussou & Geromel 1999 (G); Rump 2006 (a Cholesky
@@ -54,13 +55,24 @@ from feeddrive.loop.traced_model import traced_loop
 from feeddrive.tuning.travel import Travel, frozen
 
 OUTSIDE = (
-    "saturation, friction other than its slope, rounding of signals, tolerances of the axis, and what its model lacks, such as a further mode",
-    "the axis between its measured positions is that of the fitted curves; in a sample it is that of one position that it passes",
+    "saturation, friction other than its slope, rounding of signals and coefficients",
+    "tolerances of the axis, and what its model lacks, such as a further mode",
+    "between its measured positions the axis is that of the fitted curves; within a sample it is that of one position",
 )
 WORK = 20_000  # cells of positions that are examined at most: a minute or two
 _UNIT = 2.0**-53
 _ROUND = 1.05 * _UNIT  # of a sum of products, for each of its operations
-_MARGINS = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)  # by which P is to decay in each sample, largest first
+_MARGINS = (
+    1e-2,
+    3e-3,
+    1e-3,
+    3e-4,
+    1e-4,
+    3e-5,
+    1e-5,
+    3e-6,
+    1e-6,
+)  # by which P is to decay in each sample, largest first
 _OF_OUTPUT = 10.0  # times the same for the square of the bound
 _WEAK = 1e-6  # weight of all states beside the output, so that P is positive definite
 _DOUBLINGS = 40  # 2^40 terms of a sum: enough for a pole 1e-10 from the unit circle
@@ -90,7 +102,9 @@ class Enclosures(NamedTuple):
         whole = np.zeros((2 * ORDER + 1, *a.rest.shape))
         for i, term in enumerate(a.terms):
             whole[i : i + ORDER + 1] += term @ b.terms
-        sizes, slopes = ([np.sum(np.abs(part), axis=0) for part in parts] for parts in ((a.terms, b.terms), (a.slope, b.slope)))
+        sizes, slopes = (
+            [np.sum(np.abs(part), axis=0) for part in parts] for parts in ((a.terms, b.terms), (a.slope, b.slope))
+        )
         rest = np.sum(np.abs(whole[ORDER + 1 :]), axis=0)
         seconds = [np.sum(np.abs(x.terms[2:]), axis=0) for x in (a, b)]
         firsts = [np.abs(x.terms[1]) + second for x, second in zip((a, b), seconds, strict=True)]
@@ -125,7 +139,9 @@ def _to_bernstein() -> np.ndarray:
     """Return the matrix from powers of t on -1 <= t <= 1 to Bernstein's basis."""
     n = ORDER
     # t = 2 s - 1, 0 <= s <= 1
-    powers = np.array([[comb(j, i) * 2.0**i * (-1.0) ** (j - i) if i <= j else 0.0 for j in range(n + 1)] for i in range(n + 1)])
+    powers = np.array(
+        [[comb(j, i) * 2.0**i * (-1.0) ** (j - i) if i <= j else 0.0 for j in range(n + 1)] for i in range(n + 1)]
+    )
     basis = np.array([[comb(k, i) / comb(n, i) if i <= k else 0.0 for i in range(n + 1)] for k in range(n + 1)])
     return basis @ powers
 
@@ -259,7 +275,8 @@ class AlongTravel:
         graph = Graph()
         T = graph.input("sample_time")
         old, new = (
-            tree.rebuild(law, (graph.input(f"{kind}.{name}") for name, _ in tree.leaves(law))) for kind in ("old", "new")
+            tree.rebuild(law, (graph.input(f"{kind}.{name}") for name, _ in tree.leaves(law)))
+            for kind in ("old", "new")
         )
         control, zero = self.loop.control, np.float64(0.0)
         begun = control.start(control.prepare(self.T), Setpoint(zero), zero, zero, zero).memory.law
@@ -279,7 +296,9 @@ class AlongTravel:
                 if tangent is not None and name in places and other in places:
                     entries.append((places[other], places[name]))
                     nodes.append(graph.symbol(tangent).index)
-        return _Retuned(graph, tuple(entries), tuple(nodes), frozenset(places[name] for name in names if name in places))
+        return _Retuned(
+            graph, tuple(entries), tuple(nodes), frozenset(places[name] for name in names if name in places)
+        )
 
     def _retune_matrix(
         self, laws: dict[str, Enclosed], numbers: dict[str, Enclosed], inner: np.ndarray, cells: int
@@ -345,14 +364,14 @@ def proven_positive(
     error = A @ (np.abs(weight) @ (rest + _ROUND * (3 * n + 4) * (np.abs(value) + rest))) @ At
     whole[:, :n, :n], whole[:, n:, n:] = W @ before @ Wt, W @ (2.0 * weight - after) @ Wt
     whole[:, n:, :n], whole[:, :n, n:] = cross, cross.transpose(0, 2, 1)
-    errors[:, :n, :n] = _ROUND * (2 * n + 4) * (A @ np.abs(before) @ At)
-    errors[:, n:, n:] = _ROUND * (2 * n + 4) * (A @ (2.0 * np.abs(weight) + np.abs(after)) @ At)
+    errors[:, :n, :n] = _ROUND * (2 * n + 12) * (A @ np.abs(before) @ At)
+    errors[:, n:, n:] = _ROUND * (2 * n + 12) * (A @ (2.0 * np.abs(weight) + np.abs(after)) @ At)
     errors[:, n:, :n], errors[:, :n, n:] = error, error.transpose(0, 2, 1)
     whole = 0.5 * (whole + whole.transpose(0, 2, 1))
     # |yᵀ E y| <= Σ yᵢ² Σⱼ |Eᵢⱼ| for symmetric |E|
     taken = np.sum(np.maximum(errors, errors.transpose(0, 2, 1)), axis=2) * (1.0 + 1e-12)
     trace = np.trace(np.abs(whole), axis1=1, axis2=2)
-    # Rump 2006: the factorization of a matrix less this much of the identity ends only if the matrix is positive definite
+    # Rump 2006: the factorization of a matrix less so much of the identity ends only if it is positive definite
     taken += ((2 * n + 2) * 2.0 * _UNIT * trace)[:, None]
     places = np.arange(2 * n)
     whole[:, places, places] = (whole[:, places, places] - taken) * (1.0 - 1e-15) - 1e-300
@@ -601,9 +620,7 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
             "step_m": step,
             "edges_m": edges.tolist(),
             "P": [_lower(each) for each in P],
-            "cells": [
-                [_entries(X, i) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)
-            ],
+            "cells": [[_entries(X, i) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)],
         }
     content = {
         "format": travel_check.FORMAT,
@@ -742,7 +759,9 @@ class _Search:
                 pair = pairs[i]
                 place = pair if isinstance(pair, float) else 0.5 * (a + b)
                 # a look at each place would take longer than the proof
-                if (isinstance(pair, float) or b - a < _LOOKED * (edges[-1][-1] - edges[0][0])) and self._refuted(place):
+                if (isinstance(pair, float) or b - a < _LOOKED * (edges[-1][-1] - edges[0][0])) and self._refuted(
+                    place
+                ):
                     return
                 if b - a < narrow:
                     self.proven, self.position = None, place
@@ -756,11 +775,15 @@ class _Search:
         poles = stability(loop, velocity=self.along.velocity)
         reason = Text()
         if not poles.stable:
-            reason = Text(f"at {Quantity(position, 'm'):6 SI} it is unstable: a pole at |z| = {Quantity(poles.growth):.6f}")
+            reason = Text(
+                f"at {Quantity(position, 'm'):6 SI} it is unstable: a pole at |z| = {Quantity(poles.growth):.6f}"
+            )
         elif self.bound is not None:
             peak, frequency = self._peak(loop, position)
             if peak > self.bound:
-                reason = Text(f"at {Quantity(position, 'm'):6 SI} |S| is {Quantity(peak):6} at {Quantity(frequency, 'Hz'):4}")
+                reason = Text(
+                    f"at {Quantity(position, 'm'):6 SI} |S| is {Quantity(peak):6} at {Quantity(frequency, 'Hz'):4}"
+                )
         if reason:
             self.proven, self.position, self.reason = False, position, reason
         return bool(reason)
@@ -829,7 +852,7 @@ def _lyapunov_along(along: AlongTravel, edges: np.ndarray, share: float) -> np.n
 def _moving_holds(along: AlongTravel, edges: np.ndarray, P: np.ndarray, step: float) -> bool:
     """Return True if the moving loop is proven stable for a motion of at most `step` (m) in a sample.
 
-    P  at the edges of the cells, linear between them.  The axis is at y in a sample, and the law reads a position within
+    P  at the edges of the cells, linear between them.  The axis is at y in a sample, and the law reads one within
     a step of it: from one sample to the next y changes by two steps at most.
     """
     low, high = edges[:-1], edges[1:]

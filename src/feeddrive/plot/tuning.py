@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from feeddrive.analysis.replay import Observation
+    from feeddrive.certificate.travel_proof import TravelProof
     from feeddrive.learning.iterative_feedforward import Iteration
     from feeddrive.learning.trajectory_prefilter import PrefilterFit
     from feeddrive.learning.trial import Trial
     from feeddrive.learning.trials import Trials
-    from feeddrive.certificate.travel_proof import TravelProof
     from feeddrive.tuning.scaling import DelayMap
     from feeddrive.tuning.travel import TunedTravel
 
@@ -52,7 +52,7 @@ trial = figure_of(trial_chart)
 
 
 def travel_chart(found: TunedTravel, proof: TravelProof | None = None) -> Chart:
-    """Plot goal, least stiffness and Ms over the position, of fixed gains and of a schedule; what is proven is shaded."""
+    """Plot goal, least stiffness and Ms over the position, of fixed gains and a schedule; shaded: proven."""
     figures = [found.goal, *(f for f in (STIFFNESS_LEAST, SENSITIVITY_PEAK) if f.key != found.goal.key)]
     panels: list[Panel] = []
     for figure in figures:

@@ -64,7 +64,7 @@ class TravelRequest(Request, more=limit_options(), after="law"):
     seed: int = option("seed of the searches after the first", default=0)
     kept: bool = option("prove the control of the first file as it is, and tune nothing; with --certify", default=False)
     certify: Path | None = option(
-        "prove every position between the measured ones and the speed, and write the proof, which `feeddrive check` checks",
+        "prove every position between the measured ones, and the speed; write the proof for `feeddrive check`",
         default=None,
     )
     prove_ms: float | None = option(
@@ -88,7 +88,9 @@ class TravelRequest(Request, more=limit_options(), after="law"):
             raise ParameterError(f"--position {Quantity(twice, 'm'):6 SI} is given twice: one file for each position")
         for name in ("kept", "prove_ms", "frozen"):
             if getattr(self, name) and self.certify is None:
-                raise ParameterError(f"--{name.replace('_', '-')} is about a proof: name its file by --certify proof.json")
+                raise ParameterError(
+                    f"--{name.replace('_', '-')} is about a proof: name its file by --certify proof.json"
+                )
         for name in ("out", "law"):
             if self.kept and getattr(self, name) is not None:
                 raise ParameterError(f"--kept proves the control as it is: leave out --{name}")
@@ -148,9 +150,7 @@ def _proven(
     if request.certify is not None and holds:
         limit = request.limits().limit(SENSITIVITY_PEAK)
         bound = request.prove_ms or (None if limit is None else _ROOM * limit.bound)
-        proof = prove_along_travel(
-            along, control, sensitivity_peak=bound, speed=not request.frozen, progress=progress
-        )
+        proof = prove_along_travel(along, control, sensitivity_peak=bound, speed=not request.frozen, progress=progress)
     judgment = Judgment.TAKE_SCHEDULE if holds else Judgment.DO_NOT_USE_SCHEDULE
     sentences = [] if found is None else [found.sentence]
     if proof is not None:
