@@ -288,7 +288,7 @@ def along(most: str) -> list[str]:
     return ["travel", *files, *positions, "--kept", "--certify", "proof.json", "--frozen", "--prove-ms", most]
 
 
-def undecided() -> list[str]:
+def along_undecided() -> list[str]:
     """A bound that needs short cells, and no cell may be halved."""
     PATCH.setattr("feeddrive.certificate.travel_proof._PARTS", 1)
     PATCH.setattr("feeddrive.certificate.travel_proof._NARROW", 2.0)
@@ -361,7 +361,7 @@ QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),
     Judgment.NOT_PROVEN: lambda: certificate('"confidence": 0.97'),
     Judgment.TRAVEL_NOT_PROVEN: lambda: along("1.05"),
-    Judgment.TRAVEL_UNDECIDED: undecided,
+    Judgment.TRAVEL_UNDECIDED: along_undecided,
     Judgment.BOX_PROVEN: lambda: box_of("2.3"),
     Judgment.BOX_NOT_PROVEN: lambda: box_of("1.9"),
     Judgment.BOX_UNDECIDED: lambda: box_of("1.42312", "dead_time=0samples"),
