@@ -135,6 +135,7 @@ def frozen(axis: Drawn, x: float) -> tuple[float, float]:
         return 1.0 / np.abs(1.0 + PI * (Kv * G[:, 1] + (1.0 - 1.0 / z) / T * G[:, 0]))
 
     lines = np.geomspace(0.05, 0.5 / T, 2000)
+    best = 0.0
     for _ in range(3):
         size = sensitivity(lines)
         k = int(np.argmax(size))
@@ -228,7 +229,7 @@ def contradicted(row: Mapping[str, Any]) -> bool:
 
 def main() -> None:
     """Draw, prove, and count what contradicts a proof."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--axes", type=int, default=20)
     parser.add_argument("--seed", type=int, default=5)
     parser.add_argument("--frozen", type=int, default=10_000)

@@ -124,9 +124,12 @@ def test_the_enclosures_hold_the_models_of_drawn_positions(law: str, step: float
     cell, X = along.matrices(low, high, step)
     random = np.random.default_rng(6)
     scale = along.scale[None, :] / along.scale[:, None]
-    for _ in range(30):
+    for draw in range(30):
         row = int(random.integers(cell.size))
         t, e, d = random.uniform(-1.0, 1.0, 3)
+        if draw == 0:
+            # the end of a cell at a place, with the law behind it
+            row, t, e = int(np.flatnonzero(cell == 1)[0]), 1.0, 1.0
         i = cell[row]
         x = 0.5 * (low[i] + high[i]) + 0.5 * (high[i] - low[i]) * t
         loop = replace(TRAVEL.at(float(x)), control=frozen(along.control, float(x + step * e)))

@@ -207,8 +207,8 @@ def frozen(document: Mapping[str, Any], n: int) -> str:
         need(low < high, f"{what} has no length")
         need(cell["branches"], f"{what} has no model")
         ends = [matrix(cell[name], n, what) for name in ("low", "high")]
-        for P in ends:
-            need(factor(P), f"{what}: P is not positive definite")
+        for end in ends:
+            need(factor(end), f"{what}: P is not positive definite")
         G = mixed(ends[0], 0.5, ends[1], 0.5)
         weight = G if bound is None else padded(G, 1.0)
         lower = factor(weight)
@@ -222,9 +222,9 @@ def frozen(document: Mapping[str, Any], n: int) -> str:
                 found, rest = [[row[:n] for row in X[:n]] for X in found], [row[:n] for row in rest[:n]]
             for k, X in enumerate(found):
                 share = k / (len(found) - 1)
-                P = mixed(ends[0], 1.0 - share, ends[1], share)
+                here = mixed(ends[0], 1.0 - share, ends[1], share)
                 most = None if bound is None else bound * bound * (1.0 - 4.0 * UNIT)
-                before, after = (P, P) if most is None else (padded(P, most), padded(P, 1.0))
+                before, after = (here, here) if most is None else (padded(here, most), padded(here, 1.0))
                 need(positive(X, rest, before, after, weight, W), f"{what} is not proven")
         cells.append((low, high))
     need(covered(cells, first, last), "the cells leave a gap in the travel")

@@ -30,7 +30,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from math import comb
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from feeddrive.certificate import travel_check
 from feeddrive.certificate.enclosure import ORDER, Enclosed, enclose
 from feeddrive.identification.travel import TravelFit
 from feeddrive.language import tree
+from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.progress import Progress
@@ -261,7 +262,7 @@ class AlongTravel:
             # slope and value are computed by the law with a few roundings
             slope = Enclosed(slopes[segment, i][None], None, 4.0 * _UNIT * np.abs(slopes[segment, i]))
             value = Enclosed.exactly(rows[anchor, i]).plus(away.times(slope))
-            if step:
+            if x.slope is not None:
                 rows_ = np.zeros((len(x.slope), low.size)) if value.slope is None else np.array(value.slope)
                 rows_[kink] += bent[:, i]
                 value = value._replace(slope=rows_)
@@ -273,7 +274,7 @@ class AlongTravel:
         law = self.loop.control.law
         prefix = "control.memory.law"
         graph = Graph()
-        T = graph.input("sample_time")
+        T = cast(Number, graph.input("sample_time"))
         old, new = (
             tree.rebuild(law, (graph.input(f"{kind}.{name}") for name, _ in tree.leaves(law)))
             for kind in ("old", "new")
@@ -405,11 +406,11 @@ def _padded(P: np.ndarray, bound: float) -> np.ndarray:
 
 def _lyapunov(A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Return Σ (Aᵏ)ᵀ Q Aᵏ of a stable A, by doubling."""
-    P, power = Q, A
+    total, power = Q, A
     for _ in range(_DOUBLINGS):
-        P = P + power.T @ P @ power
+        total = total + power.T @ total @ power
         power = power @ power
-    return P
+    return total
 
 
 def _riccati(X: np.ndarray, bound: float | None, start: int) -> tuple[np.ndarray, int] | None:
@@ -427,14 +428,14 @@ def _riccati(X: np.ndarray, bound: float | None, start: int) -> tuple[np.ndarray
             if bound is None:
                 if np.max(np.abs(np.linalg.eigvals(A))) >= decay:
                     continue
-                P = _lyapunov(A / decay, c.T @ c + _WEAK * np.eye(n))
+                found = _lyapunov(A / decay, c.T @ c + _WEAK * np.eye(n))
             else:
                 weight = c.T @ c + _WEAK * np.eye(n)
                 # both P and the output have a margin: where the output takes all, that of P is small
                 share = 1.0 + _OF_OUTPUT * _MARGINS[i]
                 square = d @ d - bound**2 / share * np.eye(1)
-                P = share * solve_discrete_are(A / decay, b / decay, weight, square, s=c.T @ d)
-            P = 0.5 * (P + P.T)
+                found = share * solve_discrete_are(A / decay, b / decay, weight, square, s=c.T @ d)
+            P = 0.5 * (found + found.T)
             weight = _padded(P[None], 1.0 if bound is None else bound)[0]
             # a solution that is nearly singular is lost to rounding: half of its margin must be there
             np.linalg.cholesky((1.0 - 0.5 * _MARGINS[i]) * weight - X.T @ _padded(P[None], 1.0)[0] @ X if bound else P)
@@ -620,7 +621,7 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
             "step_m": step,
             "edges_m": edges.tolist(),
             "P": [_lower(each) for each in P],
-            "cells": [[_entries(X, i) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)],
+            "cells": [[_entries(X, int(i)) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)],
         }
     content = {
         "format": travel_check.FORMAT,
