@@ -197,14 +197,14 @@ class Sensor(Block, ABC):
 
 
 class Law(Block, Retuned, ABC):
-    """A feedback law, one per file, whose command is a force in N at the load, or a velocity in m/s (`commands`).
+    """A feedback law, one per file, whose command is a force in N at the load, or a velocity in m/s (`commanded`).
 
     feeds    parts of the set motion (`FEEDS`) that the law itself feeds forward, so no other block may do so
     rejects  True if the law itself subtracts the estimate of an observer
     encoders 2 if the law always needs separate measurements of the motor and the load position, otherwise 1 tunables
     parameters to tune, in the order of manual tuning, excluding an observer's; if empty, see `to_tune`
     title    name of the law in a comparison; if empty, its kind is used
-    commands    what the command is: "force" in N or, for a drive with its own velocity loop, "velocity" in m/s
+    commanded   what the command is: "force" in N or, for a drive with its own velocity loop, "velocity" in m/s
     steps_live  True if the force jumps at a live change in steady state, as in the original that the law reproduces
     """
 
@@ -213,7 +213,7 @@ class Law(Block, Retuned, ABC):
     encoders: ClassVar[int] = 1
     tunables: ClassVar[tuple[str, ...]] = ()
     title: ClassVar[str] = ""
-    commands: ClassVar[str] = "force"
+    commanded: ClassVar[str] = "force"
     steps_live: ClassVar[bool] = False
 
     @classmethod
@@ -248,7 +248,7 @@ class Law(Block, Retuned, ABC):
 
     @abstractmethod
     def step(self, prepared: Any, state: Any, setpoint: Setpoint, reading: Reading, T: Number) -> tuple[Any, Number]:
-        """Compute one sample: the new state and the command, a force in N or a velocity in m/s (`commands`)."""
+        """Compute one sample: the new state and the command, a force in N or a velocity in m/s (`commanded`)."""
 
     def period(self) -> int:
         """Return the period of the law in samples: more than 1 if a part of it runs more slowly, by default 1."""

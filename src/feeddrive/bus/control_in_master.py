@@ -118,7 +118,7 @@ class ControlInMaster:
             )
         self.mode = mode
         # of a cascade only the outer loop runs here
-        self._outer = mode == "csv" and control.law.commands == "force"
+        self._outer = mode == "csv" and control.law.commanded == "force"
         if mode == "cst":
             made = _in_torque(control, force)
         else:
@@ -232,9 +232,9 @@ def _in_torque(control: Control, force: float) -> Control:
     """Return the control with a force limit of at most `force`, N. Raises StructureError for a law that commands a
     velocity.
     """
-    if control.law.commands != "force":
+    if control.law.commanded != "force":
         raise StructureError(
-            f'control.law: {control.law.kind} commands a {control.law.commands}, and mode = "cst" takes a force: take '
+            f'control.law: {control.law.kind} commands a {control.law.commanded}, and mode = "cst" takes a force: take '
             'mode = "csv", or a law that commands a force, such as cascade_ppi'
         )
     limit = control.force_limit

@@ -223,7 +223,7 @@ class GantryMotion:
         return self.gantry.first.rotary
 
     @property
-    def commands(self) -> str:
+    def commanded(self) -> str:
         """What a control on trial commands: a force."""
         return "force"
 

@@ -101,7 +101,7 @@ class LiveAxis(Protocol):
         ...
 
     @property
-    def commands(self) -> str:
+    def commanded(self) -> str:
         """What a control on trial commands: "force" or, around the velocity loop of the drive, "velocity"."""
         ...
 
@@ -214,7 +214,7 @@ class BusAxis:
         return () if self.file.gains else (Feedforward, Filter)
 
     @property
-    def commands(self) -> str:
+    def commanded(self) -> str:
         """What a control in the master commands: with mode = "csv" in the drive file a velocity, else a force."""
         return "velocity" if self.file.drive.mode == "csv" and not self.file.gains else "force"
 

@@ -383,7 +383,7 @@ def _plant_like(point: OperatingPoint | Loop) -> PlantLike:
 
 def _response(point: OperatingPoint, row: int, variance: np.ndarray) -> FRF:
     output = ("reading_motor", "reading_load")[row]
-    unit = response_unit(point.commands)
+    unit = response_unit(point.commanded)
     return FRF(point.frequency, point.by_force[row], "cut", output, unit, point.sample_time, None, variance)
 
 

@@ -92,7 +92,7 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     swings = 0.1 / sample_time  # rad/s of an axis that only provides readings
     # any axis with two readings will do: only the rows and columns of the control are kept below
     plant = TwoMass(mass_motor=1.0, mass_load=1.0, stiffness=0.5 * swings * swings)
-    takes = None if law.commands == "force" else VelocityLoop(Kp=1.0)
+    takes = None if law.commanded == "force" else VelocityLoop(Kp=1.0)
     axis = Axis(plant=plant, actuator=Actuator(velocity_loop=takes))
     bare = control.unlimited()
     memory = bare.start(bare.prepare(sample_time), Setpoint(0.0), 0.0, 0.0).memory
@@ -414,10 +414,10 @@ def measured_plant(
     """
     load, motor = measured[0], measured[1] if len(measured) > 1 else None
     for frf in measured:
-        wanted = response_unit(control.law.commands)
+        wanted = response_unit(control.law.commanded)
         if frf.unit not in ("", wanted):
             raise ParameterError(
-                f"'{name}' is in {frf.unit}: the plant of a law that commands a {control.law.commands} must be in "
+                f"'{name}' is in {frf.unit}: the plant of a law that commands a {control.law.commanded} must be in "
                 f"{wanted}"
             )
         if np.count_nonzero(frf.frequency < 0.5 / sample_time) < 2:

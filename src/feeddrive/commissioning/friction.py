@@ -55,7 +55,7 @@ def fit_friction(ran: Loop, log: Log, coulomb: float, viscous: float = 0.0, *, p
         name=log.name,
         position=log["reading_load"] - log["set_position"][0],
         # the command of the control, by which a run is compared with the log: a velocity where it commands one
-        force=log[COMMANDED[ran.axis.actuator.commands]],
+        force=log[COMMANDED[ran.axis.actuator.commanded]],
         sample_time=log.sample_time,
         set_position=log["set_position"] - log["set_position"][0],
         rotary=ran.axis.rotary,

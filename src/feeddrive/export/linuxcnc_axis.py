@@ -102,7 +102,7 @@ class LinuxcncAxis:
         return self.file.simulated
 
     @property
-    def commands(self) -> str:
+    def commanded(self) -> str:
         """What a control on trial commands: a force."""
         return "force"
 

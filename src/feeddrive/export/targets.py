@@ -313,7 +313,7 @@ def _planned(
     design = read_design(
         source, axis, name=name, what=what, precision=precision or chosen.precisions[0], together=together
     )
-    if "velocity" in {loop.axis.actuator.commands for loop in design.system.loops().values()}:
+    if "velocity" in {loop.axis.actuator.commanded for loop in design.system.loops().values()}:
         fits = ", ".join(target_ for target_, entry in TARGETS.items() if entry.velocity)
         if plant or not chosen.velocity:
             given = "--plant" if plant else f"--target = '{target}'"

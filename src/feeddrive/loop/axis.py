@@ -209,7 +209,7 @@ class Axis(Block):
 
 def require_force(axis: Axis, what: str) -> None:
     """Raise StructureError for a drive that is commanded by velocities, for what knows only forces."""
-    if axis.actuator.commands != "force":
+    if axis.actuator.commanded != "force":
         raise StructureError(
             f"axis.actuator.velocity_loop: {what} is for axes that take a force, and the drive of this one is "
             "commanded by velocities"

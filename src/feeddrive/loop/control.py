@@ -87,7 +87,7 @@ class Control(Block):
         verdict: Any = None
 
     class Command(NamedTuple):
-        """The commands of a sample in N (or m/s: `Law.commands`), the trip code, and 1 while the loop runs.
+        """The commands of a sample in N (or m/s: `Law.commanded`), the trip code, and 1 while the loop runs.
         `requested` is the sum of feedback, feedforward and compensation; `applied` is what is commanded, after limit
         and guard.
         """
@@ -105,7 +105,7 @@ class Control(Block):
         is a velocity.
         """
         limit, held = self.force_limit, None if self.guard is None else self.guard.safe_force
-        if self.law.commands == "velocity" and held is not None:
+        if self.law.commanded == "velocity" and held is not None:
             yield Rule(
                 ops.equal(held, 0.0),
                 "guard.safe_force is 0 of a law that commands a velocity",
@@ -149,7 +149,7 @@ class Control(Block):
 
     def _check_command(self) -> None:
         """Raise StructureError for parts whose unit is not that of the law's command."""
-        kind, by_velocity = self.law.kind, self.law.commands == "velocity"
+        kind, by_velocity = self.law.kind, self.law.commanded == "velocity"
         if not by_velocity:
             if self.velocity_limit is not None:
                 raise StructureError(

@@ -100,9 +100,9 @@ def unit_of(
     return turned(unit) if prefix in turning else unit
 
 
-def response_unit(commands: str) -> str:
+def response_unit(commanded: str) -> str:
     """Return the unit of the response from a command, "force" or "velocity", to a position of a linear axis."""
-    return {"force": "m/N", "velocity": "m/(m/s)"}[commands]
+    return {"force": "m/N", "velocity": "m/(m/s)"}[commanded]
 
 
 class Loop(Block):
@@ -158,15 +158,15 @@ class Loop(Block):
                 f"control.law: {self.control.law.kind} needs the position of the motor and that of the load, but the "
                 f"axis gives one for both: give it two encoders, or take a law with one, such as cascade_ppi"
             )
-        takes, commands = self.axis.actuator.commands, self.control.law.commands
-        if takes != commands:
+        takes, commanded = self.axis.actuator.commanded, self.control.law.commanded
+        if takes != commanded:
             advice = (
                 "take a law that commands a velocity, such as position_loop"
                 if takes == "velocity"
                 else "take a law that commands a force, such as cascade_ppi, or give the axis an actuator.velocity_loop"
             )
             raise StructureError(
-                f"control.law: {self.control.law.kind} commands a {commands}, and the drive of the axis takes a "
+                f"control.law: {self.control.law.kind} commands a {commanded}, and the drive of the axis takes a "
                 f"{takes}: {advice}"
             )
         # symbols and variants are checked when a run is prepared

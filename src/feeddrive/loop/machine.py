@@ -483,7 +483,7 @@ def turning_ports(system: System) -> frozenset[str]:
 def velocity_ports(system: System) -> frozenset[str]:
     """Return the signal prefixes of the axes whose drives are commanded by velocities."""
     pairs = zip(system.loops().values(), system.ports(), strict=True)
-    return frozenset(port for loop, port in pairs if loop.axis.actuator.commands == "velocity")
+    return frozenset(port for loop, port in pairs if loop.axis.actuator.commanded == "velocity")
 
 
 def check_system(system: Any) -> None:

@@ -170,7 +170,7 @@ class OperatingPoint:
     loop, model  the loop of a model, and the state-space model of its axis
     known_as     a loop whose axis agrees with the measurement (`with_table_force`), for simulating the tuned controller
     by_force_at  function that returns by_force at any frequency, for the images of a multirate controller
-    commands     what the drive takes: by_force is in m/N, or in m/(m/s) of one that is commanded by velocities
+    commanded    what the drive takes: by_force is in m/N, or in m/(m/s) of one that is commanded by velocities
     bounds_only  True for a plant of a box, at which the limits apply but not the goal
     """
 
@@ -190,7 +190,7 @@ class OperatingPoint:
     by_force_at: Axis | None = None
     coherence: np.ndarray | None = None
     bounds_only: bool = False
-    commands: str = "force"
+    commanded: str = "force"
 
     def holds(self) -> bool:
         """Return True if the axis alone returns after a constant force: its drive closes a velocity loop with an
@@ -306,7 +306,7 @@ def modelled_point(
         loop=loop,
         model=model,
         by_force_at=by_force_at,
-        commands=loop.axis.actuator.commands,
+        commanded=loop.axis.actuator.commanded,
     )
 
 
@@ -319,7 +319,7 @@ def measured_point(
     delay: float = 0.0,
     name: str = "measured",
     averages: int = AVERAGES,
-    commands: str = "force",
+    commanded: str = "force",
 ) -> OperatingPoint:
     """Return the operating point given by measured responses on the same lines, in m/N or, for a law that commands a
     velocity, in m/(m/s).
@@ -329,7 +329,7 @@ def measured_point(
                   stiffness and rope-snap error refer to a force at the drive
     sample_time   sample time of the controller to be tuned, s
     delay         computation delay, s, if the input of the measured responses is the actual force, not its command
-    commands      what the drive takes: "force" or "velocity"
+    commanded     what the drive takes: "force" or "velocity"
     averages      number of averages, for a coherence without variance: var = |G|² (1 - γ²)/(γ² averages)
 
     Responses with a variance are smoothed as far as the variance allows; where motor and table move nearly together,
@@ -343,7 +343,7 @@ def measured_point(
             raise ParameterError(
                 "the measured responses have different frequencies: measure or interpolate them on the same lines"
             )
-        wanted_unit = "m/N" if any(frf is other for other in hit) else response_unit(commands)
+        wanted_unit = "m/N" if any(frf is other for other in hit) else response_unit(commanded)
         if frf.unit not in ("", wanted_unit):
             raise ParameterError(
                 f"the response from {frf.input} to {frf.output} is in {frf.unit}: it must be {wanted_unit}"
@@ -403,7 +403,7 @@ def measured_point(
         ratio=ratio,
         by_force_at=_between(lines, by_force),
         coherence=_coherence(both, inside, wanted),
-        commands=commands,
+        commanded=commanded,
     )
 
 

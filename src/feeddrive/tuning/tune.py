@@ -1362,10 +1362,10 @@ def _tuner(
         raise ParameterError(f"one control has one sample time, but the points have {times}")
     _check_band(operating_points, band)
     for point in operating_points:
-        if point.commands != control.law.commands:
+        if point.commanded != control.law.commanded:
             raise ParameterError(
-                f"control.law: {control.law.kind} commands a {control.law.commands}, and '{point.name}' is the "
-                f"response of a drive that takes a {point.commands}: take a law that commands it"
+                f"control.law: {control.law.kind} commands a {control.law.commanded}, and '{point.name}' is the "
+                f"response of a drive that takes a {point.commanded}: take a law that commands it"
             )
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
     tuner = Tuner(

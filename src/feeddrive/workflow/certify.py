@@ -274,7 +274,7 @@ def _responses(file: FrfLike, loop: Loop) -> list[FRF]:
 
 def _sampled(frf: FRF, loop: Loop) -> FRF:
     """Return a response in m/N, or rad/(N m) for a rotary axis; a missing sample time is set to that of the loop."""
-    frf = in_metres(frf.output, frf, None, loop.axis.rotary, loop.axis.actuator.commands)
+    frf = in_metres(frf.output, frf, None, loop.axis.rotary, loop.axis.actuator.commanded)
     return replace(frf, sample_time=float(loop.sample_time)) if frf.sample_time is None else frf
 
 

@@ -35,7 +35,7 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     axis = _in_mode(_axis(request), request.mode)
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
-    chain = GantryChain if isinstance(axis, GantryMotion) else VelocityChain if axis.commands == "velocity" else Chain
+    chain = GantryChain if isinstance(axis, GantryMotion) else VelocityChain if axis.commanded == "velocity" else Chain
     if request.out is None:
         with TemporaryDirectory() as folder:
             return chain(request, axis, Path(folder), progress).run(kept=False)
@@ -63,7 +63,7 @@ def _axis(request: CommissionRequest) -> LiveAxis:
     if not (isinstance(first, BusAxis) and isinstance(second, BusAxis)):
         raise ParameterError("--second: the two drives of a gantry are CiA 402 drives on one EtherCAT segment")
     for axis in (first, second):
-        if axis.commands != "force":
+        if axis.commanded != "force":
             raise ParameterError(
                 f'{axis.file.name}: mode = "csv": the drives of a gantry are controlled by forces: write mode = "csp"'
             )

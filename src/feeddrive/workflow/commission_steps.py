@@ -1422,12 +1422,12 @@ class Chain:
     @property
     def _unit(self) -> str:
         """The unit of what a control on trial commands."""
-        return "N" if self.axis.commands == "force" else "m/s"
+        return "N" if self.axis.commanded == "force" else "m/s"
 
     @property
     def _most_command(self) -> float:
         """The largest command of a control on trial: limits.force, N, or limits.velocity, m/s."""
-        return float(self.limits.force if self.axis.commands == "force" else self.limits.velocity)
+        return float(self.limits.force if self.axis.commanded == "force" else self.limits.velocity)
 
     def _guarded(self, control: Control, simulated: Mapping[str, Log]) -> Control:
         """Return the control with the bound of its guard near to what is predicted, and so while the axis is slow.
@@ -1447,7 +1447,7 @@ class Chain:
         expected = self._predicted(loop, slow)
         played = self._play(axis, slow, loop.control, step="tune")
         # a limit cycle shows in the changes from sample to sample, long before it leaves the following error
-        column, unit, limit = COMMANDED[self.axis.commands], self._unit, self._most_command
+        column, unit, limit = COMMANDED[self.axis.commanded], self._unit, self._most_command
         most, busy = (float(np.std(np.diff(log[column]))) for log in (expected, played.log))
         if busy > HARDLY * most + NERVOUS * limit:
             raise UnlikePredictedError(

@@ -178,11 +178,12 @@ def point_of(
 ) -> tuple[OperatingPoint, list[str]]:
     """Return a measured operating point and remarks. Raise ParameterError, with the remedy, for inconsistent data."""
     turns = loop is not None and loop.axis.rotary
-    commands = "force" if loop is None else loop.axis.actuator.commands
+    commanded = "force" if loop is None else loop.axis.actuator.commanded
     responses = {
-        key: in_metres(measurement.name, frf, unit, turns, commands) for key, frf in read_frfs(measurement.load).items()
+        key: in_metres(measurement.name, frf, unit, turns, commanded)
+        for key, frf in read_frfs(measurement.load).items()
     }
-    load, motor = _roles(measurement, responses, unit, turns, commands)
+    load, motor = _roles(measurement, responses, unit, turns, commanded)
     remarks = [
         words
         for frf in (load, motor)
@@ -207,7 +208,9 @@ def point_of(
     for frf in (load, motor):
         if frf is not None:
             _check_sign(measurement.name, frf)
-    point = measured_point(load, motor, disturbance=struck, sample_time=step, delay=delay, name=name, commands=commands)
+    point = measured_point(
+        load, motor, disturbance=struck, sample_time=step, delay=delay, name=name, commanded=commanded
+    )
     if loop is not None:
         _check_size(measurement.name, point, loop, stated=bool(load.unit) or unit is not None)
         if motor is None and measurement.motor != _NONE:
@@ -224,7 +227,7 @@ def point_of(
 
 
 def _roles(
-    measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool, commands: str
+    measurement: Measurement, responses: dict[str, FRF], unit: str | None, turns: bool, commanded: str
 ) -> tuple[FRF, FRF | None]:
     """Return the responses of the load and the motor from one or two files; None for the motor if there is only one
     encoder.
@@ -253,25 +256,25 @@ def _roles(
             "must hold one"
         )
     load = next(iter(responses.values()))
-    return load, None if measurement.motor in (None, _NONE) else _only(measurement.motor, unit, turns, commands)
+    return load, None if measurement.motor in (None, _NONE) else _only(measurement.motor, unit, turns, commanded)
 
 
-def _only(source: FrfLike, unit: str | None, turns: bool, commands: str = "force") -> FRF:
+def _only(source: FrfLike, unit: str | None, turns: bool, commanded: str = "force") -> FRF:
     responses, path = read_frfs(source), called(source)
     if len(responses) != 1:
         raise ParameterError(f"{path}: holds {len(responses)} responses, {', '.join(responses)}: one is wanted here")
-    return in_metres(path, next(iter(responses.values())), unit, turns, commands)
+    return in_metres(path, next(iter(responses.values())), unit, turns, commanded)
 
 
-def in_metres(path: str, frf: FRF, unit: str | None, turns: bool, commands: str = "force") -> FRF:
+def in_metres(path: str, frf: FRF, unit: str | None, turns: bool, commanded: str = "force") -> FRF:
     """Return a response in m/N; for a rotary axis in rad/(N m), which is also labeled m/N.  That of a drive that is
     commanded by velocities is in m/(m/s), or in rad/(rad/s), which is labeled alike.
 
     A velocity or acceleration is integrated.  Raises ParameterError for a response in a unit of another kind.
     """
     stated = unit or frf.unit
-    if commands == "velocity":
-        wanted_unit = response_unit(commands)
+    if commanded == "velocity":
+        wanted_unit = response_unit(commanded)
         if stated in ("", wanted_unit, units.turning(wanted_unit)):
             return replace(frf, unit=wanted_unit)
         raise ParameterError(
@@ -364,7 +367,7 @@ def _on_the_table(
         if not completed.at_drive:
             return completed, [words]
         remarks.append(words)
-    if point.commands == "velocity":
+    if point.commanded == "velocity":
         # a force at the drive would stand for that on the table, and its command is none
         raise ParameterError(
             f"{point.name}: {remarks[-1]}; a drive that is commanded by velocities needs a baseline whose plant "

@@ -30,7 +30,7 @@ class Actuator(Block):
     )
 
     @property
-    def commands(self) -> str:
+    def commanded(self) -> str:
         """What the drive takes: "force", in N, or "velocity", in m/s."""
         return "force" if self.velocity_loop is None else "velocity"
 

@@ -78,10 +78,10 @@ class GainSchedule(Law):
                 f"give the law itself"
             )
         first = self.places[0].law
-        if first.commands != self.commands:
+        if first.commanded != self.commanded:
             raise StructureError(
-                f"{self.kind}.places.0.law: {first.kind} commands a {first.commands}, and a schedule is for laws that "
-                f"command a {self.commands}: take the law without a schedule"
+                f"{self.kind}.places.0.law: {first.kind} commands a {first.commanded}, and a schedule is for laws that "
+                f"command a {self.commanded}: take the law without a schedule"
             )
         for i, place in enumerate(self.places[1:], 1):
             differs = tree.difference(first, place.law, f"places.{i}.law")

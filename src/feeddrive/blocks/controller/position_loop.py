@@ -23,7 +23,7 @@ class PositionLoop(Law):
     Source: Altintas & Okwudire 2009, section 2 (the cascade).
     """
 
-    commands: ClassVar[str] = "velocity"
+    commanded: ClassVar[str] = "velocity"
     tunables: ClassVar[tuple[str, ...]] = ("Kv",)
     title: ClassVar[str] = "P"
 
