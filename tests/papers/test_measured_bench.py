@@ -58,7 +58,7 @@ def test_the_even_lines_are_predicted_and_a_wrong_model_is_noticed() -> None:
 
 @needs_log
 def test_the_peak_on_lines_is_that_of_the_loop_with_the_model() -> None:
-    """|1 / (1 + L)| from the response of the law and of the axis, against the margins of the same loop on these lines."""
+    """|1 / (1 + L)| from the responses of law and axis, against the linear model of the same loop on these lines."""
     _, even, fit = parts()
     loop, _ = axis_of(fit)
     law = replace(loop, control=replace(loop.control, law=CascadePPI(Kv=70.0, Kp=2.0, Tn=0.02)))

@@ -79,8 +79,8 @@ def measured(log: str | Path) -> tuple[Measured, Measured]:
         # the record of 20 s has 50,000 rows: with a difference of 1e-4 it would end 5 samples elsewhere
         if abs(read.sample_time / T - 1.0) > 1e-4:
             raise LogError(
-                f"{Path(log).name}: one sample takes {Quantity(read.sample_time, 's'):6 SI}, and the bench was measured "
-                f"every {Quantity(T, 's'):6 SI}: give the published log, MultisineTypeA.mat"
+                f"{Path(log).name}: one sample takes {Quantity(read.sample_time, 's'):6 SI}, and the bench was "
+                f"measured every {Quantity(T, 's'):6 SI}: give the published log, MultisineTypeA.mat"
             )
         found[role] = read["command"]
     responses = []

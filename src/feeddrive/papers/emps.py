@@ -7,7 +7,7 @@ Source of the log: Janot, Gautier, Brunot, Data Set and Reference Models of EMPS
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,12 +27,11 @@ from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Table
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.learning.iterative_feedforward import Iteration, begin_compensation, compensated, next_iteration
 from feeddrive.learning.trajectory_prefilter import PrefilterFit, fit_prefilter_to_log, tune_prefilter

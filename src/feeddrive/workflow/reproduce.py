@@ -31,7 +31,8 @@ class ReproduceRequest(Request):
             raise ParameterError(f"{self.paper} needs its measured log: feeddrive reproduce {self.paper} --log {file}")
         if file is None and self.log is not None:
             raise ParameterError(
-                f"--log is the measured log of {' or '.join(claims.MEASURED)}, and '{self.paper}' has none: leave it out"
+                f"--log is the measured log of {' or '.join(claims.MEASURED)}, and '{self.paper}' has none: leave it "
+                "out"
             )
 
     def usual_out(self) -> Path:
