@@ -133,7 +133,7 @@ class Screen:
         for limit in limits.limits:
             key, bound = limit.figure.key, limit.bound
             if key == SENSITIVITY_PEAK.key:
-                least = _least_between(f, 1.0 + L, away, 1.0 / (_MARGIN * bound))
+                least = _least_between(f, 1.0 + L, 1.0 / (_MARGIN * bound))
                 at = np.argmin(least, axis=1)
                 used[key], where[key] = 1.0 / (bound * least[every, at]), f[every, at]
             elif key == DELAY_MARGIN.key:
@@ -154,14 +154,30 @@ class Screen:
         """Return the utilization of a delay margin in samples, and the frequency of the crossover."""
         level = np.log(np.maximum(np.abs(L), np.finfo(float).tiny))
         crosses = level[:, :-1] * level[:, 1:] < 0.0
-        row, k = np.nonzero((size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & (size[:, 1:-1] < near))
+        row, k = np.nonzero(crosses)
+        part = level[row, k] / (level[row, k] - level[row, k + 1])
+        turn = np.angle(L[row, k + 1] * np.conj(L[row, k]))
+        ahead = np.maximum((np.angle(-L[row, k]) + part * turn) % (2.0 * np.pi), _AHEAD)
+        there = f[row, k] ** (1.0 - part) * f[row, k + 1] ** part
+        used, where = np.zeros(len(f)), np.full(len(f), f[0, -1])
+        size = 2.0 * np.pi * there * self.T * bound / ahead
+        order = np.argsort(size)
+        # the largest of each plant is written last
+        used[row[order]], where[row[order]] = size[order], there[order]
+        return used, where
 
+
+def _least_between(f: np.ndarray, w: np.ndarray, near: float) -> np.ndarray:
+    """Return |w| with each local minimum below `near` corrected for the smallest |w| between its neighboring lines.
+
+    As the slacks of a search are: a resonance traces a circle, whose point nearest to 0 may lie between lines.
+    """
+    size = np.abs(w)
+    row, k = np.nonzero((size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & (size[:, 1:-1] < near))
     beside = (k, k + 1, k + 2)
-    out = size.copy()
-    out[row, k + 1] *= lower_between(
-        np.array([np.log(f[row, i]) for i in beside]), np.array([w[row, i] for i in beside])
-    )
-    return out
+    x, values = (np.array([part[row, i] for i in beside]) for part in (np.log(f), w))
+    size[row, k + 1] *= lower_between(x, values)
+    return size
 
 
 class ScreenedPlants:
