@@ -8,7 +8,7 @@ Both comparisons tune the same filters with every law.  KEPT holds finished laws
 from __future__ import annotations
 
 import argparse
-import time
+import os
 from pathlib import Path
 
 from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
@@ -59,11 +59,11 @@ def main() -> None:
     machine, found = read_machine(asked.machine), list[Comparison]()
     for name, box in (("model", None), ("box", Box())):
         store = None if asked.kept is None else Folder(asked.kept / name)
-        begun = time.process_time()
+        begun = sum(os.times()[:4])
         found.append(
             compare_laws(machine, laws=asked.law, box=box, filters="free", engine=Engine.of(None, store=store))
         )
-        print(f"{name}: {time.process_time() - begun:.0f} s of processor time", flush=True)
+        print(f"{name}: {sum(os.times()[:4]) - begun:.0f} s of processor time", flush=True)
     model, over = found
     print(f"\n{over.rule}\n\n| law | model: snap | tracking | box, at the model: snap | tracking "
           "| at the worst plant: snap | tracking | Ms at worst | |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip

@@ -156,6 +156,7 @@ def scattered(
     return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
 
 
+_SMALLER = ", or take a smaller box of plants (--box), or the model alone (--box none)"
 _AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
 _ROUNDS = 12  # rounds in which plants of a box join
 _JOIN = 2  # plants that join in a round
@@ -277,14 +278,30 @@ class Tuner:
         )
 
     def _join(self, plants: Sequence[Examined]) -> None:
-        """Add plants of the box to the points at which the limits apply."""
+        """Add plants of the box to the points at which the limits apply; one that is there gets all of its lines."""
         for plant in plants:
-            point = plant.plants.point(plant.corner)
-            self.points += (point,)
-            self.kept.append(point.sparse(_SPARSER))
-            self.joined.append((self.boxes.index(plant.plants), plant.corner))
+            place = self._place(plant)
+            if place in self.joined:
+                i = len(self.stated) + self.joined.index(place)
+                self.kept[i] = np.arange(self.points[i].frequency.size)
+            else:
+                point = plant.plants.point(plant.corner)
+                self.points += (point,)
+                self.kept.append(point.sparse(_SPARSER))
+                self.joined.append(place)
         # the criteria on all lines belong to the points before
         self._whole = None
+
+    def _place(self, plant: Examined) -> tuple[int, Corner]:
+        return self.boxes.index(plant.plants), plant.corner
+
+    def _on_all(self, plant: Examined) -> bool:
+        """Return True for a plant that has joined with all of its lines."""
+        place = self._place(plant)
+        if place not in self.joined:
+            return False
+        i = len(self.stated) + self.joined.index(place)
+        return self.kept[i].size == self.points[i].frequency.size
 
     def _prune(self, criteria: Criteria, x: np.ndarray) -> None:
         """Remove the plants of the box at which no limit is nearly used at x."""
@@ -299,10 +316,9 @@ class Tuner:
         self._whole = None
 
     def _joining(self, plants: Iterable[Examined]) -> list[Examined]:
-        """Return the plants that are to join: of those that exceed a limit the worst ones, the worst first."""
+        """Return the plants that are to join, with more lines if they have: of those that exceed a limit the worst."""
         exceeding = sorted((plant for plant in plants if plant.used > 1.0), key=lambda plant: -plant.used)
-        new = [p for p in exceeding if (self.boxes.index(p.plants), p.corner) not in self.joined]
-        return new[:_JOIN]
+        return [plant for plant in exceeding if not self._on_all(plant)][:_JOIN]
 
     def _over_corners(
         self,
@@ -699,7 +715,7 @@ class Tuner:
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
             f"('{self.points[worst.point].name}'){noise} stays {beyond:3} beyond its limit{against}{best}; ease a "
-            "limit, or add a filter there"
+            f"limit, or add a filter there{_SMALLER if self.joined else ''}"
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:
