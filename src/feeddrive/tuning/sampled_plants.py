@@ -165,14 +165,14 @@ class Held(NamedTuple):
         N, C = self.A - np.eye(n), self.outputs[:2]
         z = np.exp(2j * np.pi * self.T * frequency)
         inputs = np.stack([self.new, self.old] if np.any(self.old) else [self.new], axis=2)
-        delta, M = z - 1.0, np.broadcast_to(np.eye(n), (count, n, n))
+        delta, adjugate = z - 1.0, np.broadcast_to(np.eye(n), (count, n, n))
         below = np.ones_like(z)
         above = np.zeros((*frequency.shape[:1], 2, inputs.shape[2], frequency.shape[1]), complex)
         for k in range(1, n + 1):
-            above = above * delta[:, None, None] + (C @ M @ inputs)[..., None]
-            product = N @ M
+            above = above * delta[:, None, None] + (C @ adjugate @ inputs)[..., None]
+            product = N @ adjugate
             c = -np.trace(product, axis1=1, axis2=2) / k
             below = below * delta + c[:, None]
-            M = product + c[:, None, None] * np.eye(n)
+            adjugate = product + c[:, None, None] * np.eye(n)
         driven = above[:, :, 0] if inputs.shape[2] == 1 else above[:, :, 0] + above[:, :, 1] / z[:, None]
         return driven / below[:, None] * (z ** -(self.whole + late)[:, None])[:, None]

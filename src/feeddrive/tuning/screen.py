@@ -119,10 +119,11 @@ class Screen:
         """
         count = len(plants.corners)
         lines = np.concatenate([plants.shared, plants.own.ravel()])
-        C = control.of_model(matrix, lines).value
+        values = control.of_model(matrix, lines).value
         first = plants.shared.size
         both = np.concatenate(
-            [np.broadcast_to(C[:, None, :first], (2, count, first)), C[:, first:].reshape(2, count, -1)], axis=2
+            [np.broadcast_to(values[:, None, :first], (2, count, first)), values[:, first:].reshape(2, count, -1)],
+            axis=2,
         )
         C = np.take_along_axis(both, plants.order[None], axis=2)
         f = plants.frequency
