@@ -125,8 +125,8 @@ def fit_velocity_loop(
     weights = [np.concatenate([_weight(responses[name]) for name in names]) for responses in (by_velocity, by_force)]
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        rows = np.concatenate([w * a for w, a in zip(weights, apart(x), strict=True)])
-        return np.concatenate([rows.real, rows.imag])
+        rows: np.ndarray = np.concatenate([w * a for w, a in zip(weights, apart(x), strict=True)])
+        return np.concatenate([np.real(rows), np.imag(rows)])
 
     low = np.log([1e-2 * Kp, _SLOW, 0.1 * SUBSTEP, 1e-2 * sample_time, 0.3, 1e-6 * Kp])
     high = np.log([1e2 * Kp, 1e2 * _FAST, _FAST, _LATEST, 3.0, 1e1 * Kp])

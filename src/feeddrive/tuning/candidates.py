@@ -55,7 +55,8 @@ class Candidate:
         `control` is the tuned controller of this candidate, or of the candidate `like` if that is set.
         """
         if self.like:
-            control = replace(self.loop.control, law=control.law)
+            # filters are tuned with the law, and its gains hold with these alone
+            control = replace(self.loop.control, law=control.law, filters=control.filters)
         return replace(self, loop=replace(self.loop, control=control))
 
     def adapted(self, move: Reference, seed: int) -> Loop:

@@ -1214,7 +1214,8 @@ class Chain:
         }
         model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
 
-        limits |= self._tuning()
+        limits["box"] = "none"  # measured responses have no box, and both searches shall have equal limits
+        limits |= self._tuning(limits["max_noise"])
 
         def tuned(source: Path, **more: Any) -> Outcome[Any]:
             request = TuneRequest(source, axis=AXIS, goal=self.request.goal, out=self.place, **{**limits, **more})
@@ -1253,13 +1254,13 @@ class Chain:
             raise MeasureAgainError(Text(f"tuning: {whys[-1]}"), how)
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
-    def _tuning(self) -> dict[str, Any]:
-        """Return options of the tuning that the drive and its readings decide."""
+    def _tuning(self, most_noise: float | None) -> dict[str, Any]:
+        """Return options of the tuning that the drive and its readings decide; `most_noise` (N) is the one asked for."""
         options: dict[str, Any] = {"filters": "placed" if Filter in self.axis.takes else "kept"}
         if self._noise > 0.0:
             # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks
             options["reading_noise"] = self._noise
-            options["max_noise"] = self.request.max_noise or SHAKEN * self._free
+            options["max_noise"] = most_noise or SHAKEN * self._free
         return options
 
     def _again(self, *, opens: bool = True) -> str:

@@ -326,9 +326,9 @@ class VelocityChain(Chain):
     def _start_control(self, model: Loop) -> Control:
         return self._control(START)
 
-    def _tuning(self) -> dict[str, Any]:
+    def _tuning(self, most_noise: float | None) -> dict[str, Any]:
         """Return options of the tuning: no filters, which the drive has itself, and no noise of a force."""
-        if self.request.max_noise is not None:
+        if most_noise is not None:
             raise ParameterError(
                 "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave "
                 "it out"

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, parameter
 from feeddrive.language.quantity import Quantity
@@ -67,15 +69,13 @@ class VelocityLoop(Block):
         mean = made + (self.lag / h) * (1.0 - left) * (state.force - made)
         return self.State(integral, after), mean
 
-    def equivalent(self, force: Number, sample_time: float) -> Number:
+    def equivalent(self, force: np.ndarray, sample_time: float) -> np.ndarray:
         """Return the velocities (m/s) that act as forces added to those of the loop do, N; both of shape (n,).
 
             force = Kp w + (Kp/Tn) Σ T w     so that   w(k) = (force(k) - I(k))/Kp,   I(k+1) = I(k) + (Kp T/Tn) w(k)
 
         It is exact while the loop is not at its limit: the loop makes the same u of either.
         """
-        import numpy as np
-
         forces, held = np.asarray(force, dtype=np.float64), 0.0
         found = np.zeros(forces.size)
         share = 0.0 if self.Tn is None else float(sample_time / self.Tn)
