@@ -142,7 +142,7 @@ def lines_of(top: float, resolution: float) -> np.ndarray:
 def shaken(
     name: str, distance: float, lines: np.ndarray, period: int, periods: int, pace: Pace, sample_time: float, seed: int
 ) -> Shaken:
-    """Return an even move over a distance (m), with a multisine of amplitude 1 and random phases on it."""
+    """Return an even move over a distance (m), with a multisine of lines of size 1 and random phases on it."""
     random = np.random.default_rng(seed)
     sizes = np.ones(lines.size)
     phases = low_crest_phases(lines, sizes, random.uniform(0.0, 2.0 * np.pi, lines.size))

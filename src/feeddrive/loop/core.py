@@ -185,7 +185,7 @@ class Core:
                 speed = self.motion(name, states, shared).velocity_motor
                 after, drives[name] = loop.step(states[name].velocity_loop, drives[name], speed, h)
                 held[name] = held[name]._replace(velocity_loop=after)
-                push = (*push, drives[name], None)
+                push = push + Push(drives[name])
             if axis.forces:
                 # at the middle: taken at the start of the substep, they would add energy to an oscillation
                 motion, remembered = self.middle(name, states, shared, h), list[Any]()

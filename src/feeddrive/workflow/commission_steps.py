@@ -1255,7 +1255,7 @@ class Chain:
         raise RefusedError(Text(f"tuning: {whys[-1]}"))
 
     def _tuning(self, most_noise: float | None) -> dict[str, Any]:
-        """Return options of the tuning that the drive and its readings decide; `most_noise` (N) is the one asked for."""
+        """Return options of the tuning that drive and readings decide; `most_noise` (N) is the one asked for."""
         options: dict[str, Any] = {"filters": "placed" if Filter in self.axis.takes else "kept"}
         if self._noise > 0.0:
             # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks
