@@ -136,7 +136,7 @@ def test_its_step_is_kv_of_the_error_and_the_set_velocity() -> None:
         ),
         (
             lambda: Loop(control=Control(law=CascadePPI(Kv=20.0, Kp=1e4)), axis=axis(), sample_time=T),
-            "cascade_ppi commands a force, and the drive of the axis takes a velocity: take a law that commands a velocity",
+            "cascade_ppi commands a force, and the drive of the axis takes a velocity: take a law that commands a vel",
         ),
         (
             lambda: Loop(control=Control(law=PositionLoop(Kv=20.0)), axis=axis(drive=None), sample_time=T),

@@ -107,8 +107,8 @@ def fit_velocity_loop(
         Text(
             f"no PI velocity loop explains the responses of the drive: up to {Quantity(found.top, 'Hz'):3} those to "
             f"velocities are {Quantity(found.by_velocity, 'share'):2} off, those to forces "
-            f"{Quantity(found.by_force, 'share'):2}, where {Quantity(APART, 'share'):2} are allowed: the drive has filters "
-            'or an observer in its velocity loop, or the plant lacks a mode; take mode = "cst"'
+            f"{Quantity(found.by_force, 'share'):2}, where {Quantity(APART, 'share'):2} are allowed: the drive has "
+            'filters or an observer in its velocity loop, or the plant lacks a mode; take mode = "cst"'
         )
     )
 
