@@ -17,7 +17,7 @@ from feeddrive.evaluation.competitor import AtWork, Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.lineup import Lineup, Trial, judged
-from feeddrive.evaluation.robustness import Tuning, tuned_all
+from feeddrive.evaluation.robustness import Design, Rule, Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.ranking import ROBUST
@@ -28,8 +28,9 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, capitalized
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.recipes import RECIPES
+from feeddrive.tuning.tune import Tuned
 
 FIGURES = (
     of_loops.ROPE_SNAP,
@@ -42,6 +43,7 @@ FIGURES = (
 )
 HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # number of figures in the picture, starting with the first
+_AS_MUCH = 0.95  # of the noise of P-PI, above which a law has its control effort
 _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
@@ -260,7 +262,7 @@ def score(
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
     laws = laws_of(chosen, laws)
     # designs of the user come first, those of the package fill the gaps
-    first, *also = (*designs, rules.designs)
+    first, *also = (*designs, rules.designs())
     listed = [
         trial
         for plant in chosen
@@ -290,11 +292,38 @@ def search(
     """
     engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:
-        lineup = Lineup.of(plant.model)
+        lineup = rules.lineup(plant)
         searched = (lineup.only(laws) if laws else lineup).searched
-        designs = Designs(keep, plant.name, rules.version, (rules.designs,) if stored else ())
+        designs = Designs(rules.designs(keep), plant.name, rules.version, (rules.designs(),) if stored else ())
+        engine_of_plant = replace(engine, store=designs)
         bar = Bar(progress, Tuning.stages * len(searched))
-        tuned_all(searched, plant.rule, replace(engine, store=designs), bar)
+        outcomes, _ = tuned_all(searched, plant.rule, engine_of_plant, bar)
+        if rules.draws:
+            quieter = matched(searched, outcomes, plant.rule)
+            engine_of_plant.evaluate(quieter, Bar(progress, Tuning.stages * len(quieter)))
+
+
+def matched(laws: Sequence[Candidate], outcomes: Mapping[str, Tuned | Design | Refusal], rule: Rule) -> list[Tuning]:
+    """Return the tunings of P-PI at the control effort of each law that needs clearly less of it than P-PI.
+
+    P-PI at the effort of a law has the noise in the force of that law, at its worst plant, as its bound.  A law with
+    as much noise as P-PI needs none: the optimum of P-PI takes no more than it has, and is its own reference.
+    """
+    plain = next((law for law in laws if law.name == PLAIN), None)
+    if plain is None:
+        return []
+    own = rule.with_noise_of(outcomes[PLAIN]).noise
+    tunings: list[Tuning] = []
+    for law in laws:
+        bounded = replace(rule, noise_ratio=1.0).with_noise_of(outcomes[law.name])
+        if law.name != PLAIN and own and bounded.noise and bounded.noise < _AS_MUCH * own / rule.noise_ratio:
+            tunings.append(Tuning(replace(plain, name=effort_of(law.name)), bounded))
+    return tunings
+
+
+def effort_of(law: str) -> str:
+    """Return the name of P-PI at the control effort of a law."""
+    return f"{PLAIN} at the effort of {law}"
 
 
 def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:

@@ -5,26 +5,31 @@ version.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from feeddrive.blocks.families import Reference
 from feeddrive.evaluation.competitor import Place, Plant
 from feeddrive.evaluation.duty import Duty
+from feeddrive.evaluation.lineup import Lineup
 from feeddrive.evaluation.robustness import Rule
 from feeddrive.files.job import Job, read_job
 from feeddrive.files.section import Section, numbers, read_section, text
 from feeddrive.files.toml_file import read_toml
 from feeddrive.language import tree
-from feeddrive.language.block import Number, choice, declarations, parameter, part
+from feeddrive.language.block import Number, choice, declarations, defaults, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning.filters import with_notch_and_low_pass
 
 VERSION = 1  # of the present rules
+FILTERS = ("kept", "free")
 
 
 class PositionSection(Section):
@@ -32,6 +37,14 @@ class PositionSection(Section):
 
     name: str = text("of the position", shortest=1)
     set: Mapping[str, float] = numbers('parameters of the axis there, by path: { "plant.stiffness" = 2e8 }')
+
+
+class VariantSection(Section):
+    """A variant of the rules in which the laws are judged once more, to test whether their order survives it."""
+
+    name: str = text("of the variant", shortest=1)
+    box: str = text("tolerances of the plants in place of those of the rules", default="")
+    draw: int = choice("number of the draw of plants in place of that of the rules", least=0, default=0)
 
 
 class PlantSection(Section):
@@ -54,6 +67,10 @@ class PlantSection(Section):
         axes |= {position.name: tree.vary(loop.axis, dict(position.set)) for position in self.position}
         duty = Duty(job.reference, float(self.force), float(self.near), cut=job.load)
         places = tuple(self._place(name, axis) for name, axis in axes.items())
+        if rules.filters == "free":
+            # at the model: what has no slope has no resonance at which a notch could be placed
+            model = with_notch_and_low_pass(replace(loop, axis=places[0].model))
+            loop = replace(loop, control=model.control)
         rule = Rule(
             rules.sensitivity_peak,
             rules.delay_margin_samples,
@@ -62,6 +79,8 @@ class PlantSection(Section):
             rules.starts,
             repeats=rules.repeats,
             also=tuple(place.model for place in places[1:]),
+            box=rules.tolerances,
+            filters=rules.filters,
         )
         return rules.seeded(Plant(self.job, loop, duty, rule, places, varied=rules.varied))
 
@@ -69,6 +88,21 @@ class PlantSection(Section):
     def _place(self, name: str, axis: Axis) -> Place:
         linear = tuple(force for force in axis.forces if force.kind not in self.without)
         return Place(name, axis, replace(axis, forces=linear))
+
+
+class ModeSection(Section):
+    """The mode that every drawn plant has and no law is told; its numbers are drawn evenly in their logarithm.
+
+    frequency = 1/(2π τ) · detune^u,  -1 <= u <= 1,    τ = dead time + T/2,    at least `above` the highest known mode
+    modal mass = rigid mass / share,    shape 1 at the drive and the motor's encoder, ±1 at the table and its encoder
+    """
+
+    detune: Number = parameter("", "factor by which its frequency is higher or lower", least=1)
+    above: Number = parameter("", "least frequency over that of the highest mode of the model", above=1)
+    share_least: Number = parameter("", "least rigid mass over its modal mass", above=0)
+    share_most: Number = parameter("", "largest rigid mass over its modal mass", above=0)
+    damping_least: Number = parameter("", "least damping ratio", above=0)
+    damping_most: Number = parameter("", "largest damping ratio", above=0)
 
 
 class Rules(Section):
@@ -83,13 +117,37 @@ class Rules(Section):
     seeds: int = choice("runs with different noise, whose worse figure counts", least=1)
     noise: Number = parameter("", "standard deviation of the white noise in every reading, in counts", least=0)
     varied: Number = parameter("", "error of masses and stiffnesses for the robust Ms, as a share", least=0, below=1)
+    box: str = text("tolerances of every plant over which the bounds hold; none: at the models", default="none")
+    filters: str = choice("kept: those of the machine; free: tuned with every law", options=FILTERS, default="kept")
+    left_out: tuple[str, ...] = choice("laws that take no part, by name", default=())
+    recipes: bool = choice("whether tuning recipes are shown", default=True)
+    draws: int = choice("plants drawn from the box, on which laws are judged; 0: the models", least=0, default=0)
+    draw: int = choice("number of the draw, which changes all drawn plants", least=1, default=1)
+    late: int = choice("samples of dead time that every drawn plant has more than its model", least=0, default=0)
+    mode: ModeSection | None = part("mode that every drawn plant has more than its model", default=None)
+    confidence: Number = parameter("", "of the intervals of ranks and scores", above=0, below=1, default=0.95)
+    resamples: int = choice("resamples of the bootstrap over plants and draws", least=100, default=2000)
+    inherits: int = choice("version whose files describe the plants without files of this version", default=0, least=0)
+    variant: tuple[VariantSection, ...] = part("variants that the order of the laws must survive", default=())
     plant: tuple[PlantSection, ...] = part("the plants", default=())
 
     @cached_property
     def jobs(self) -> Mapping[str, Job]:
         """The jobs of the plants, with the machine, the move and the cut, by name."""
-        plants = folder(self.version) / "plants"
-        return {section.job: read_job(plants / f"{section.job}.toml") for section in self.plant}
+        return {section.job: read_job(self._file(section.job)) for section in self.plant}
+
+    def _file(self, job: str) -> Path:
+        path, *inherited = (folder(v) / "plants" / f"{job}.toml" for v in (self.version, self.inherits) if v)
+        return next((other for other in inherited if not path.is_file()), path)
+
+    @property
+    def tolerances(self) -> Box | None:
+        """The box over which the bounds hold; None if they hold at the models."""
+        return Box.parse(self.box)
+
+    def varied_by(self, variant: VariantSection) -> Self:
+        """Return the rules of a variant, which has no variants of its own."""
+        return replace(self, box=variant.box or self.box, draw=variant.draw or self.draw, variant=())
 
     def described(self, plant: str) -> str:
         """Return the title of the job of a plant, the source of the numbers, and the remark on them."""
@@ -101,10 +159,10 @@ class Rules(Section):
         """The plants, by name."""
         return {section.job: section.plant(self.jobs[section.job], self) for section in self.plant}
 
-    @property
-    def designs(self) -> Path:
-        """The folder of the designs that are stored in the package."""
-        return folder(self.version) / "designs"
+    def designs(self, below: Path | None = None) -> Path:
+        """Return the folder of the designs for the box of these rules, by default in the package."""
+        below = below or folder(self.version) / "designs"
+        return below if self.tolerances is None else below / re.sub(r"[^a-z0-9]+", "_", str(self.tolerances))
 
     def seeded(self, plant: Plant, own: int = 0) -> Plant:
         """Return a plant with seeds derived from a user's number; 0 gives the seeds of the rules."""
@@ -132,7 +190,15 @@ class Rules(Section):
             name: {"force": plant.duty.force, "near": plant.duty.near, "places": [place.name for place in plant.places]}
             for name, plant in self.plants.items()
         }
-        return {name: getattr(self, name) for name in declarations(Rules) if name != "plant"} | {"plants": plants}
+        usual = defaults(Rules)
+        # a key that a version does not state is none of its numbers: what later versions add leaves its digest alone
+        stated = [n for n in declarations(Rules) if n != "plant" and not (n in usual and getattr(self, n) == usual[n])]
+        return {name: _plain(getattr(self, name)) for name in stated} | {"plants": plants}
+
+    def lineup(self, plant: Plant) -> Lineup:
+        """Return the laws for a plant that take part."""
+        lineup = Lineup.of(plant.model)
+        return replace(lineup, possible=tuple(law for law in lineup.possible if law.name not in self.left_out))
 
     def chosen(self, names: tuple[str, ...]) -> tuple[Plant, ...]:
         """Return the plants by name, or all if none is named. Raises ParameterError for an unknown name."""
@@ -157,6 +223,13 @@ def read_rules(version: int = VERSION) -> Rules:
     if not path.is_file():
         raise ParameterError(f"there are no rules {version} of the benchmark; the present ones are rules {VERSION}")
     return read_section(Rules, read_toml(path).root())
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of the rules as plain numbers and texts, sections as mappings."""
+    if isinstance(value, Section):
+        return {name: _plain(getattr(value, name)) for name in declarations(type(value))}
+    return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
 def _noisy(loop: Loop, noise: float) -> Loop:
