@@ -7,13 +7,14 @@ figure.  Figures are neither summed nor weighted: stiffness, tracking and comput
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from feeddrive.benchmark.rules import Rules, read_rules
-from feeddrive.evaluation.competitor import AtWork, Competitor, Plant
+from feeddrive.evaluation.competitor import UNFIT, AtWork, Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.lineup import Lineup, Trial, judged
@@ -44,29 +45,43 @@ FIGURES = (
 HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # number of figures in the picture, starting with the first
 _AS_MUCH = 0.95  # of the noise of P-PI, above which a law has its control effort
+_BY_GROUPS = (of_loops.ROPE_SNAP, of_runs.TRACKING_RMS, of_runs.CUTTING_RMS)  # figures drawn for groups of plants
 _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
 def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
-    """Return the trials on a plant: the laws, P-PI first, the refused laws and, if no laws are named, the recipes.
+    """Return the trials on a plant: the laws, P-PI first, the refused laws, P-PI at the control effort of laws, and, if
+    no laws are named and the rules show them, the recipes.
 
     Raises FileError for a damaged design.
     """
-    lineup, plant = Lineup.of(plant.model), rules.seeded(plant, own)
+    lineup, plant = rules.lineup(plant), rules.seeded(plant, own)
     tunings = {law.name: design for law in lineup.searched if (design := designs.outcome(law.name)) is not None}
     plain = next(lineup.trials(tunings, plant)).law
-    if isinstance(plain, AtWork):
+    if isinstance(plain, AtWork) and not rules.draws:
         # the rule for all laws: the tuned P-PI sets the noise limit
         noise = plant.rule.figures(plain.candidate.loop)[of_loops.NOISE_GAIN.key]
         plant = replace(plant, rule=replace(plant.rule, noise=rules.noise_ratio * noise))
     listed = list(lineup.trials(tunings, plant))
     if laws:
-        return [trial for trial in listed if trial.name in (PLAIN, *laws)]
-    start = lineup.possible[0].loop
-    for recipe in RECIPES:
-        law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", start)
-        listed.append(Trial(AtWork(law, plant, recipe)))
+        listed = [trial for trial in listed if trial.name in (PLAIN, *laws)]
+    start = lineup.possible[0]
+    if rules.draws:
+        return [*listed, *_at_equal_effort(start, [trial.name for trial in listed], plant, designs)]
+    if rules.recipes and not laws:
+        for recipe in RECIPES:
+            law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", start.loop)
+            listed.append(Trial(AtWork(law, plant, recipe)))
     return listed
+
+
+def _at_equal_effort(start: Candidate, laws: Sequence[str], plant: Plant, designs: Designs) -> Iterator[Trial]:
+    """Yield a trial of P-PI at the control effort of each law for which it was tuned."""
+    for law in laws:
+        design = designs.design(effort_of(law))
+        if design is not None and not design.refused:
+            candidate = replace(start, name=design.law)
+            yield Trial(AtWork(candidate.tuned(design.control(candidate)), plant), design)
 
 
 @dataclass(frozen=True)
@@ -88,15 +103,32 @@ class Score:
         return Text(f"{'-' if value is None else value} ({self.never} never)")
 
 
+class Group(NamedTuple):
+    """Plants with the same number of encoders on which P-PI has a place, and on which laws are ranked together.
+
+    A law that reads motor and table cannot control an axis with one encoder: its mean over all plants would be over
+    other plants than that of the other laws.
+    """
+
+    name: str
+    plants: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Benchmark(Result):
-    """The result of the benchmark: all rows; `own` is a user's seed, 0 for the seeds of the rules."""
+    """The result of the benchmark: all rows; `own` is a user's seed, 0 for the seeds of the rules.
+
+    references   rows of P-PI at the control effort of other laws, by `effort_of`
+    variants     the results by the variants of the rules, by name
+    """
 
     rules: Rules
     plants: tuple[str, ...]
     rows: tuple[Competitor, ...]
     own: int
     versions: Mapping[str, str]
+    references: tuple[Competitor, ...] = ()
+    variants: Mapping[str, "Benchmark"] = field(default_factory=dict[str, "Benchmark"])
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -123,24 +155,53 @@ class Benchmark(Result):
         rows = [row for row in self.rows if row.name == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
-    def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
-        """Return the improvement factor over P-PI for each plant.
+    def draws(self, law: str, criterion: Figure, *, effort: bool = False) -> dict[str, tuple[float, ...]]:
+        """Return the improvement factors over P-PI at each draw of each plant; one a plant where none are drawn.
 
-        An infinite value marks a plant on which the law never settles, but P-PI does.
+        effort  True: over P-PI at the control effort of the law
+
+        An infinite value marks a machine on which the law never settles, but P-PI does.
         """
-        ratios: dict[str, float] = {}
+        factors: dict[str, tuple[float, ...]] = {}
         for row in self.counted(law):
-            plain = self.row(row.plant, PLAIN)
-            ours = row.figures.get(criterion.key)
-            theirs = None if plain is None or plain.unplaced else plain.figures.get(criterion.key)
+            plain = self.reference(row) if effort else self.row(row.plant, PLAIN)
+            if plain is None or plain.unplaced:
+                continue
+            pairs = zip(row.draws or (row.figures,), plain.draws or (plain.figures,), strict=True)
+            values = [(ours.get(criterion.key), theirs.get(criterion.key)) for ours, theirs in pairs]
             # where P-PI never settles there is nothing to divide by
-            if ours and theirs and math.isfinite(theirs):
-                ratios[row.plant] = ours if math.isinf(ours) else _times_better(criterion, ours, theirs)
-        return ratios
+            if all(ours and theirs and math.isfinite(theirs) for ours, theirs in values):
+                factors[row.plant] = tuple(
+                    ours if math.isinf(ours) else _times_better(criterion, ours, theirs)
+                    for ours, theirs in values
+                    if ours and theirs
+                )
+        return factors
 
-    def score(self, law: str, criterion: Figure) -> Score:
+    def reference(self, row: Competitor) -> Competitor | None:
+        """Return the row of P-PI at the control effort of a law; None if it was needed and not tuned."""
+        quieter = next((r for r in self.references if (r.plant, r.name) == (row.plant, effort_of(row.name))), None)
+        plain = self.row(row.plant, PLAIN)
+        if quieter is not None or plain is None:
+            return quieter
+        # a law that takes the gains of another one has its tuning, and with it the name of the other
+        like = row.tuned.law if isinstance(row.tuned, Design) else row.name
+        other = next((r for r in self.references if (r.plant, r.name) == (row.plant, effort_of(like))), None)
+        return other or (plain if _as_much(row.tuned, plain.tuned) else None)
+
+    def ratios(self, law: str, criterion: Figure, *, effort: bool = False) -> dict[str, float]:
+        """Return the improvement factor over P-PI for each plant, the geometric mean of its draws; infinite if the law
+        does not settle at one of them.
+        """
+        draws = self.draws(law, criterion, effort=effort)
+        return {plant: math.exp(math.fsum(map(math.log, values)) / len(values)) for plant, values in draws.items()}
+
+    def score(
+        self, law: str, criterion: Figure, plants: Collection[str] | None = None, *, effort: bool = False
+    ) -> Score:
         """Return the geometric mean over plants of the ratio to P-PI, as defined in the module docstring."""
-        ratios = self.ratios(law, criterion).values()
+        every = self.ratios(law, criterion, effort=effort)
+        ratios = [ratio for plant, ratio in every.items() if plants is None or plant in plants]
         finite = [ratio for ratio in ratios if math.isfinite(ratio)]
         # geometric: twice as good on one plant and half as good on another one is no gain
         mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
@@ -159,6 +220,16 @@ class Benchmark(Result):
         """Return the score table of the laws and, if any, that of the recipes, which may violate the rule."""
         title = f"Recipes without a search, against tuned {PLAIN}; not at equal robustness"
         return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
+
+    def groups(self) -> list[Group]:
+        """Return the groups of plants with one and with two encoders on which P-PI has a place."""
+        named: dict[str, list[str]] = {"one encoder": [], "two encoders": []}
+        for plant in self.plants:
+            plain = self.row(plant, PLAIN)
+            if plain is not None and not plain.unplaced:
+                axis = self.rules.plants[plant].loop.axis
+                named["one encoder" if axis.encoders() == 1 else "two encoders"].append(plant)
+        return [Group(name, tuple(plants)) for name, plants in named.items() if plants]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
         """Return a table with one row per law: number of plants, score for each figure, robust Ms."""
@@ -210,21 +281,50 @@ class Benchmark(Result):
         return plants
 
 
+def _as_much(tuned: Tuned | Design | None, plain: Tuned | Design | None) -> bool:
+    """Return True if a law has about the control effort of P-PI, by their stored designs."""
+    if not isinstance(tuned, Design) or not isinstance(plain, Design):
+        return False
+    return (tuned.noise_gain or 0.0) >= _AS_MUCH * (plain.noise_gain or math.inf)
+
+
 def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
     return ours / theirs if criterion.higher else theirs / ours
 
 
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
-    """Plot every law relative to P-PI, plant by plant."""
+    """Plot every law relative to P-PI, plant by plant: with drawn plants by groups of plants, a dot a drawn plant."""
     from feeddrive.plot.laws import scores_chart
 
-    def row(law: str, criterion: Figure) -> tuple[list[float], float | None]:
-        finite = [ratio for ratio in benchmark.ratios(law, criterion).values() if math.isfinite(ratio)]
-        return finite, benchmark.score(law, criterion).value
+    def finite(values: Iterable[float]) -> list[float]:
+        return [value for value in values if math.isfinite(value)]
 
-    panels = {figure.short: [row(law, figure) for law in benchmark.laws] for figure in FIGURES[:_DRAWN]}
-    return scores_chart(benchmark.laws, panels)
+    if not benchmark.rules.draws:
+        panels = {
+            figure.short: [
+                (finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
+                for law in benchmark.laws
+            ]
+            for figure in FIGURES[:_DRAWN]
+        }
+        return scores_chart(benchmark.laws, panels)
+    # the laws that are unstable somewhere are shown too, under a name that says so: their dots alone would flatter them
+    laws = tuple(dict.fromkeys((*benchmark.laws, *(row.name for row in benchmark.rows if row.kind == UNFIT))))
+    shown: dict[str, list[tuple[list[float], float | None]]] = {}
+    for group, figure in product(benchmark.groups(), _BY_GROUPS):
+        rows = shown.setdefault(f"{group.name}: {figure.short}", [])
+        for law in laws:
+            draws = {p: values for p, values in benchmark.draws(law, figure).items() if p in group.plants}
+            # no mean over other plants than those of the laws beside it
+            mean = benchmark.score(law, figure, group.plants).value if len(draws) == len(group.plants) else None
+            rows.append((finite(value for values in draws.values() for value in values), mean))
+    return scores_chart([_with_unstable(benchmark, law) for law in laws], shown)
+
+
+def _with_unstable(benchmark: Benchmark, law: str) -> str:
+    count = sum(row.name == law and row.kind == UNFIT for row in benchmark.rows)
+    return f"{law} (unstable on {count})" if count else law
 
 
 @frame_of.register
@@ -260,16 +360,36 @@ def score(
     """
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
-    laws = laws_of(chosen, laws)
-    # designs of the user come first, those of the package fill the gaps
-    first, *also = (*designs, rules.designs())
-    listed = [
-        trial
-        for plant in chosen
-        for trial in on_plant(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
-    ]
-    rows = judged(listed, engine or Engine(), Bar(progress or Progress(), len(listed)))
-    return Benchmark(rules, tuple(plant.name for plant in chosen), tuple(rows), own, versions())
+    laws, engine, progress = laws_of(chosen, laws, rules), engine or Engine(), progress or Progress()
+
+    def scored(rules: Rules, plants: Iterable[Plant]) -> Benchmark:
+        # designs of the user come first, those of the package fill the gaps
+        first, *also = (*map(rules.designs, designs), rules.designs())
+        listed = [
+            trial
+            for plant in plants
+            for trial in on_plant(
+                rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own
+            )
+        ]
+        rows = judged(listed, engine, Bar(progress, len(listed)))
+        apart = {effort_of(row.name) for row in rows}
+        return Benchmark(
+            rules,
+            tuple(plant.name for plant in chosen),
+            tuple(row for row in rows if row.name not in apart),
+            own,
+            versions(),
+            tuple(row for row in rows if row.name in apart),
+        )
+
+    found = scored(rules, chosen)
+    variants = {
+        variant.name: scored(varied, (varied.plants[plant.name] for plant in chosen))
+        for variant in rules.variant
+        if (varied := rules.varied_by(variant))
+    }
+    return replace(found, variants=variants)
 
 
 def search(
@@ -326,10 +446,12 @@ def effort_of(law: str) -> str:
     return f"{PLAIN} at the effort of {law}"
 
 
-def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
+def laws_of(plants: Sequence[Plant], laws: Sequence[str], rules: Rules | None = None) -> tuple[str, ...]:
+    """Return the names of laws that are given by name or kind. Raises ParameterError for a law that is unknown, or that
+    takes no part by the rules.
+    """
     # of all plants: a law may fit only some of them
-    lineups = [Lineup.of(plant.model) for plant in plants] if laws else []
+    lineups = [Lineup.of(plant.model) if rules is None else rules.lineup(plant) for plant in plants] if laws else []
     possible = tuple(law for lineup in lineups for law in lineup.possible)
     return Lineup(possible, tuple(law for lineup in lineups for law in lineup.refused)).names(laws)
 
@@ -339,12 +461,14 @@ def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:
 
     asked  True if laws were named explicitly: it is then a failure if none of them is ranked
     """
-    snap, laws, plants = FIGURES[0], benchmark.laws, benchmark.plants
+    snap, laws = FIGURES[0], benchmark.laws
+    # where P-PI has no place there is nothing to compare with
+    plants = [p for p in benchmark.plants if (plain := benchmark.row(p, PLAIN)) is not None and not plain.unplaced]
     tried = {row.name for row in benchmark.rows if not row.recipe and row.name != PLAIN}
     if asked and tried and not tried & {*laws}:
         return Judgment.NO_PLACE.because("the table above says why")
     whole = [law for law in laws if len(benchmark.ratios(law, snap)) == len(plants)]
-    if not whole:
+    if not whole or not plants:
         return Advice(Judgment.NONE_PLACED, f"{Judgment.NONE_PLACED.says}.")
     best = whole[0]
     ratio = benchmark.score(best, snap).value or 0.0

@@ -12,6 +12,8 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Self
 
+from feeddrive.benchmark.drawn import drawn_places
+from feeddrive.benchmark.mode import UnmodelledMode
 from feeddrive.blocks.families import Reference
 from feeddrive.evaluation.competitor import Place, Plant
 from feeddrive.evaluation.duty import Duty
@@ -23,6 +25,8 @@ from feeddrive.files.toml_file import read_toml
 from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, defaults, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
@@ -90,21 +94,6 @@ class PlantSection(Section):
         return Place(name, axis, replace(axis, forces=linear))
 
 
-class ModeSection(Section):
-    """The mode that every drawn plant has and no law is told; its numbers are drawn evenly in their logarithm.
-
-    frequency = 1/(2π τ) · detune^u,  -1 <= u <= 1,    τ = dead time + T/2,    at least `above` the highest known mode
-    modal mass = rigid mass / share,    shape 1 at the drive and the motor's encoder, ±1 at the table and its encoder
-    """
-
-    detune: Number = parameter("", "factor by which its frequency is higher or lower", least=1)
-    above: Number = parameter("", "least frequency over that of the highest mode of the model", above=1)
-    share_least: Number = parameter("", "least rigid mass over its modal mass", above=0)
-    share_most: Number = parameter("", "largest rigid mass over its modal mass", above=0)
-    damping_least: Number = parameter("", "least damping ratio", above=0)
-    damping_most: Number = parameter("", "largest damping ratio", above=0)
-
-
 class Rules(Section):
     """A version of the rules of the benchmark: how laws are tuned and evaluated, and on which plants."""
 
@@ -124,7 +113,7 @@ class Rules(Section):
     draws: int = choice("plants drawn from the box, on which laws are judged; 0: the models", least=0, default=0)
     draw: int = choice("number of the draw, which changes all drawn plants", least=1, default=1)
     late: int = choice("samples of dead time that every drawn plant has more than its model", least=0, default=0)
-    mode: ModeSection | None = part("mode that every drawn plant has more than its model", default=None)
+    mode: UnmodelledMode | None = part("mode that every drawn plant has more than its model", default=None)
     confidence: Number = parameter("", "of the intervals of ranks and scores", above=0, below=1, default=0.95)
     resamples: int = choice("resamples of the bootstrap over plants and draws", least=100, default=2000)
     inherits: int = choice("version whose files describe the plants without files of this version", default=0, least=0)
@@ -166,8 +155,19 @@ class Rules(Section):
 
     def seeded(self, plant: Plant, own: int = 0) -> Plant:
         """Return a plant with seeds derived from a user's number; 0 gives the seeds of the rules."""
-        seeds = tuple(self.seed(plant, f"run {run}", own) for run in range(self.seeds))
-        return replace(plant, seeds=seeds, lesson=self.seed(plant, "learning", own))
+        lesson = self.seed(plant, "learning", own)
+        if not self.draws:
+            return replace(
+                plant, seeds=tuple(self.seed(plant, f"run {i}", own) for i in range(self.seeds)), lesson=lesson
+            )
+        # a machine and its noise: another draw, or another seed of the user, changes both
+        uses = [f"draw {self.draw}, plant {number}" for number in range(self.draws)]
+        drawn = tuple(
+            drawn_places(plant.places, plant.loop, self.tolerances, self.late, self.mode, self.seed(plant, use, own))
+            for use in uses
+        )
+        seeds = tuple(self.seed(plant, f"{use}, run", own) for use in uses)
+        return replace(plant, seeds=seeds, lesson=lesson, drawn=drawn)
 
     def seed(self, plant: Plant, use: str, own: int = 0) -> int:
         """Return a seed hashed from the rules, the plant and the use, so that no two searches or learning trials share
@@ -175,8 +175,51 @@ class Rules(Section):
 
         `own` is a user's number; it changes all seeds.
         """
-        content = f"feeddrive benchmark, rules {self.version}, {plant.name}, {use}, {own}"
+        return self.number(f"{plant.name}, {use}", own)
+
+    def number(self, use: str, own: int = 0) -> int:
+        """Return a seed hashed from the rules and a use."""
+        content = f"feeddrive benchmark, rules {self.version}, {use}, {own}"
         return int.from_bytes(hashlib.sha256(content.encode()).digest()[:4], "big") >> 1
+
+    def stated(self) -> list[tuple[str, Text]]:
+        """Return the rules in words, by subject."""
+        where = Text("at every position of a plant")
+        if self.tolerances is not None:
+            where = Text(f"{where} and over its box: {self.tolerances.sentence}")
+        filters = "; a notch and a low-pass are tuned with every law" if self.filters == "free" else ""
+        rows = [
+            (
+                "Rule",
+                Text(
+                    f"Ms <= {Quantity(self.sensitivity_peak)}, delay margin >= "
+                    f"{Quantity(self.delay_margin_samples, 'samples')}, noise in the force at most "
+                    f"{Quantity(self.noise_ratio)} times that of P-PI, {where}{filters}"
+                ),
+            ),
+            ("Searches", Text(self._searches)),
+        ]
+        if not self.draws:
+            runs = Text(f"{self.seeds} with different noise at each position; the worst figure counts")
+            return [*rows, ("Runs", runs)]
+        late = Text(f", {Quantity(float(self.late), 'samples')} more dead time" if self.late else "")
+        mode = "" if self.mode is None else ", a mode that no law is told"
+        drawn = Text(f"{self.draws} machines drawn for each plant: masses and stiffnesses from the box{late}{mode}")
+        variants = ", ".join(variant.name for variant in self.variant) or "no variant"
+        places = Text(
+            f"percentiles of {self.resamples} resamples of plants and draws, "
+            f"{Quantity(float(self.confidence), 'share')}; an order is decided if the rules and {variants} agree"
+        )
+        return [*rows, ("Runs", drawn), ("Intervals", places)]
+
+    @property
+    def _searches(self) -> str:
+        if self.repeats > 1:
+            return f"{self.repeats} whole tunings of each law on each plant; settled if all end within 5 %"
+        return (
+            f"{self.starts} rounds of searches of each law on each plant, and more if they disagree; settled if one "
+            "from a population and one by continuation in Ms end within 5 % of the best"
+        )
 
     def digest(self) -> str:
         """Return the SHA-256 of all files of the rules and machines; tables with the same digest are comparable."""

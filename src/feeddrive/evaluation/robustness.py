@@ -170,8 +170,17 @@ class Design:
 
     @property
     def holds(self) -> bool:
-        """True if the bounds hold over the box of the rule, or if the rule has no box."""
-        return not self.box or self.box["verdict"] == VERDICTS[True]
+        """True if the bounds hold over the box of the rule, to the tolerance of `Rule.broken`; True without a box."""
+        if not self.box or self.box["verdict"] == VERDICTS[True]:
+            return True
+        used = self.box["limit_used"]
+        return used is not None and used <= 1.0 + _ROOM
+
+    @property
+    def exceeded(self) -> str:
+        """How far the bounds are exceeded over the box, in words."""
+        used, plant = self.box["limit_used"], self.box["worst_plant"]
+        return f"unstable at {plant}" if used is None else Text(f"{Quantity(used):5} of a bound is used at {plant}")
 
     @property
     def noise_gain(self) -> float | None:

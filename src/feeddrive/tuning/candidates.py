@@ -30,6 +30,7 @@ from feeddrive.loop.loop import Loop
 
 PLAIN = CascadePPI.title  # the reference law of the comparison
 _MOTION = ("acceleration", "velocity")
+ON_THE_MACHINE = ("trials", "stops")  # steps after the tuning in which a law learns from motions of its machine
 _TRIALS = 6  # number of trials in which a compensator learns
 
 
@@ -55,7 +56,8 @@ class Candidate:
         `control` is the tuned controller of this candidate, or of the candidate `like` if that is set.
         """
         if self.like:
-            control = replace(self.loop.control, law=control.law)
+            # filters that were tuned with the law belong to its gains
+            control = replace(self.loop.control, law=control.law, filters=control.filters)
         return replace(self, loop=replace(self.loop, control=control))
 
     def adapted(self, move: Reference, seed: int) -> Loop:

@@ -12,8 +12,8 @@ class WithMode(Plant):
         mass (η'' + 2 damping_ratio ω η' + ω² η) = motor f_motor + load f_load,      ω = 2π frequency
         x_motor and x_load of the plant become x_motor + motor η and x_load + load η
 
-    The rigid mass is that of the plant.  A control that is designed for the plant alone is tested with it: the benchmark
-    does so.  Do not use it for a mode that a law shall know: laws with a model of the axis do not take this plant.
+    The rigid mass is that of the plant.  It tests a control that was designed for the plant alone, as the benchmark
+    does.  Do not use it for a mode that a law shall know: laws with a model of the axis do not take this plant.
     """
 
     plant: Plant = part("the plant without the mode")
