@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from feeddrive.benchmark.order import Logs, Order, Verdict
+from feeddrive.benchmark.order import Logs, Order, Decision
 from feeddrive.figures import of_loops
 
 SNAP = of_loops.ROPE_SNAP
@@ -73,9 +73,9 @@ def test_the_same_seed_gives_the_same_intervals() -> None:
 BETTER, WORSE, OPEN = every(0.5), every(-0.5), every(0.1, 1.0)
 
 
-def verdict(*one: dict[str, tuple[float, ...]] | None) -> Verdict:
+def verdict(*one: dict[str, tuple[float, ...]] | None) -> Decision:
     names = ("the rules", "box of 10 %", "another draw")
-    return Verdict(
+    return Decision(
         {
             name: None if logs is None else order({"one": logs, "plain": every(0.0)})
             for name, logs in zip(names, one, strict=False)
@@ -118,7 +118,7 @@ def test_a_law_behind_whose_search_is_not_settled_may_still_be_better() -> None:
 @pytest.mark.parametrize(("apart", "tied"), [(7e-10, True), (1.5e-9, False)])
 def test_laws_with_the_same_loop_share_a_place(apart: float, tied: bool) -> None:
     logs = {"plain": every(0.0), "beside": every(-apart), "last": every(-1.0)}
-    found = Verdict({"the rules": order(logs)})
+    found = Decision({"the rules": order(logs)})
     assert found.order.tied("plain", "beside") == tied
     assert found.places("plain") == (1, 1)
     assert found.places("beside") == ((1, 1) if tied else (2, 2))

@@ -139,7 +139,7 @@ def _finite(values: Sequence[float]) -> bool:
     return bool(values) and all(map(math.isfinite, values))
 
 
-class Doubt(NamedTuple):
+class OpenPair(NamedTuple):
     """A pair of laws whose order is not decided, and the variants (or the rules themselves) that leave it open."""
 
     one: str
@@ -148,7 +148,7 @@ class Doubt(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Decision:
     """Which places of an order survive all variants.
 
     orders  the order by the rules and by each variant, by name; that of the rules is first; None: not computed
@@ -173,7 +173,7 @@ class Verdict:
         answers = {None if order is None else order.better(one, other) for order in self.orders.values()}
         return answers.pop() if len(answers) == 1 else None
 
-    def doubt(self, one: str, other: str) -> Doubt | None:
+    def doubt(self, one: str, other: str) -> OpenPair | None:
         """Return why the order of two laws is not decided; None if it is."""
         if self.decided(one, other) is not None:
             return None
@@ -186,7 +186,7 @@ class Verdict:
                 why.append(f"{name}: {reason}")
             elif base is not None and order.better(one, other) != base:
                 why.append(f"{name}: reversed")
-        return Doubt(one, other, tuple(why))
+        return OpenPair(one, other, tuple(why))
 
     def places(self, law: str) -> tuple[int, int]:
         """Return the best and the worst place that a law may have, by the pairs that are decided; equal: decided.
@@ -202,6 +202,6 @@ class Verdict:
         return tuple(pair for pair in combinations(self.order.laws, 2) if not self.order.tied(*pair))
 
     @property
-    def doubts(self) -> tuple[Doubt, ...]:
+    def doubts(self) -> tuple[OpenPair, ...]:
         """All pairs whose order is not decided, in the order of the laws."""
         return tuple(doubt for pair in self.pairs if (doubt := self.doubt(*pair)) is not None)

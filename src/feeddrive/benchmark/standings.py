@@ -4,7 +4,7 @@ import math
 from collections import Counter
 
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group
-from feeddrive.benchmark.order import Logs, Order, Verdict
+from feeddrive.benchmark.order import Logs, Order, Decision
 from feeddrive.evaluation.competitor import UNFIT, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
@@ -50,13 +50,13 @@ def unsettled(benchmark: Benchmark, group: Group) -> set[str]:
     return {row.name for row in rows if row.tuned is not None and row.tuned.unsettled}
 
 
-def verdict_of(benchmark: Benchmark, group: Group, figure: Figure) -> Verdict:
+def decision_of(benchmark: Benchmark, group: Group, figure: Figure) -> Decision:
     """Return which places of a group are decided: by the rules, and by each of their variants."""
     orders: dict[str, Order | None] = {THE_RULES: order_of(benchmark, group, figure)}
     for name, variant in benchmark.variants.items():
         same = next((other for other in variant.groups() if other.name == group.name), None)
         orders[name] = None if same is None else order_of(variant, same, figure)
-    return Verdict(orders)
+    return Decision(orders)
 
 
 def score_tables(benchmark: Benchmark) -> list[Table]:
@@ -142,10 +142,10 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
 
 def places_table(benchmark: Benchmark, group: Group) -> Table:
     """Return, for the figures by which laws are ranked, which places survive the variants of the rules."""
-    verdicts = {figure: verdict_of(benchmark, group, figure) for figure in RANKED_BY}
+    decisions = {figure: decision_of(benchmark, group, figure) for figure in RANKED_BY}
     rows: list[list[Cell]] = []
-    for law in verdicts[RANKED_BY[0]].order.laws:
-        places = (_places(*v.places(law)) if law in v.order.laws else None for v in verdicts.values())
+    for law in decisions[RANKED_BY[0]].order.laws:
+        places = (_places(*v.places(law)) if law in v.order.laws else None for v in decisions.values())
         rows.append([law, *places])
     views = ", ".join((THE_RULES, *benchmark.variants))
     title = Text(f"{group.name}: places that {views} agree on; a range is not decided")
@@ -157,16 +157,16 @@ def decided_table(benchmark: Benchmark) -> Table:
     rows: list[list[Cell]] = []
     for group in benchmark.groups():
         for figure in RANKED_BY:
-            verdict = verdict_of(benchmark, group, figure)
-            laws, doubts = verdict.order.laws, verdict.doubts
-            spans = {law: verdict.places(law) for law in laws}
+            decision = decision_of(benchmark, group, figure)
+            laws, doubts = decision.order.laws, decision.doubts
+            spans = {law: decision.places(law) for law in laws}
             fixed = [f"{best} {law}" for law, (best, worst) in spans.items() if best == worst]
             reasons = Counter(why for doubt in doubts for why in doubt.why)
-            pairs = len(verdict.pairs)
+            pairs = len(decision.pairs)
             rows.append(
                 [
                     f"{group.name}, {figure.short}",
-                    ", ".join(f"{0 if order is None else len(order.plants)}" for order in verdict.orders.values()),
+                    ", ".join(f"{0 if order is None else len(order.plants)}" for order in decision.orders.values()),
                     f"{pairs - len(doubts)} of {pairs}",
                     ", ".join(fixed) or "none",
                     "; ".join(f"{why} ({count})" for why, count in reasons.items()) or "nothing",
