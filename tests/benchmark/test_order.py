@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from feeddrive.benchmark.order import Logs, Order, Decision
+from feeddrive.benchmark.order import Decision, Logs, Order
 from feeddrive.figures import of_loops
 
 SNAP = of_loops.ROPE_SNAP

@@ -9,7 +9,6 @@ figure.  Figures are neither summed nor weighted: stiffness, tracking and comput
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -207,6 +206,16 @@ class Benchmark(Result):
         mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
         return Score(mean, len(finite), len(ratios) - len(finite))
 
+    def laws_on(self, group: Group) -> list[str]:
+        """Return the tuned laws that were judged on at least one plant of a group, ranked or not."""
+        rows = (row for row in self.rows if row.plant in group.plants and row.tuned is not None)
+        return list(dict.fromkeys(row.name for row in rows))
+
+    def mean_on(self, law: str, criterion: Figure, group: Group) -> float | None:
+        """Return the score of a law on a group of plants; None if it has no finite figure on one of them."""
+        found = self.score(law, criterion, group.plants)
+        return found.value if found.plants == len(group.plants) else None
+
     def robust(self, law: str) -> float | None:
         """Return the largest Ms over all plants with masses or stiffnesses perturbed by the share in the rules."""
         peaks = (row.figures.get(ROBUST.key) for row in self.counted(law))
@@ -308,22 +317,30 @@ def _chart(benchmark: Benchmark) -> Chart:
             ]
             for figure in FIGURES[:_DRAWN]
         }
-        return scores_chart(benchmark.laws, panels)
-    # the laws that are unstable somewhere are shown too, under a name that says so: their dots alone would flatter them
-    laws = tuple(dict.fromkeys((*benchmark.laws, *(row.name for row in benchmark.rows if row.kind == UNFIT))))
-    shown: dict[str, list[tuple[list[float], float | None]]] = {}
-    for group, figure in product(benchmark.groups(), _BY_GROUPS):
-        rows = shown.setdefault(f"{group.name}: {figure.short}", [])
-        for law in laws:
-            draws = {p: values for p, values in benchmark.draws(law, figure).items() if p in group.plants}
-            # no mean over other plants than those of the laws beside it
-            mean = benchmark.score(law, figure, group.plants).value if len(draws) == len(group.plants) else None
-            rows.append((finite(value for values in draws.values() for value in values), mean))
-    return scores_chart([_with_unstable(benchmark, law) for law in laws], shown)
+        return scores_chart((benchmark.laws, panels))
+    rows: list[tuple[list[str], dict[str, list[tuple[list[float], float | None]]]]] = []
+    for group in benchmark.groups():
+        best, *_ = _BY_GROUPS
+        # a mean over fewer plants than those of the laws beside it is not shown, and nothing is sorted by it
+        mean = {law: benchmark.mean_on(law, best, group) for law in benchmark.laws_on(group)}
+        laws = sorted(mean, key=lambda law, mean=mean: (mean[law] is None, -(mean[law] or 0.0), law))
+        panels = {
+            Text(f"{group.name}: {figure.short}"): [
+                (
+                    finite(v for p, row in benchmark.draws(law, figure).items() if p in group.plants for v in row),
+                    benchmark.mean_on(law, figure, group),
+                )
+                for law in laws
+            ]
+            for figure in _BY_GROUPS
+        }
+        rows.append(([_with_unstable(benchmark, law, group) for law in laws], panels))
+    return scores_chart(*rows)
 
 
-def _with_unstable(benchmark: Benchmark, law: str) -> str:
-    count = sum(row.name == law and row.kind == UNFIT for row in benchmark.rows)
+def _with_unstable(benchmark: Benchmark, law: str, group: Group) -> str:
+    """Return the name of a law, with the number of plants on which it is unstable: its dots alone would flatter it."""
+    count = sum(row.name == law and row.kind == UNFIT and row.plant in group.plants for row in benchmark.rows)
     return f"{law} (unstable on {count})" if count else law
 
 

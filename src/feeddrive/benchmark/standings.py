@@ -4,7 +4,7 @@ import math
 from collections import Counter
 
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group
-from feeddrive.benchmark.order import Logs, Order, Decision
+from feeddrive.benchmark.order import Decision, Logs, Order
 from feeddrive.evaluation.competitor import UNFIT, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
@@ -19,15 +19,9 @@ THE_RULES = "the rules"
 _MARKED = "; * its search is not settled on one of them: at least so good"
 
 
-def laws_on(benchmark: Benchmark, group: Group) -> list[str]:
-    """Return the laws that were judged on at least one plant of a group, ranked or not."""
-    rows = (row for row in benchmark.rows if row.plant in group.plants and row.tuned is not None)
-    return list(dict.fromkeys(row.name for row in rows))
-
-
 def logs(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Logs:
     """Return ln of the improvement factors of all laws on the plants of a group."""
-    factors = {law: benchmark.draws(law, figure, effort=effort) for law in laws_on(benchmark, group)}
+    factors = {law: benchmark.draws(law, figure, effort=effort) for law in benchmark.laws_on(group)}
     return {
         law: {plant: tuple(map(math.log, rows[plant])) for plant in group.plants if plant in rows}
         for law, rows in factors.items()
@@ -127,7 +121,7 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
     """Return the laws that lack a place on a plant of a group, by name, with the reasons; they have no mean."""
     ranked = order_of(benchmark, group, FIGURES[0]).laws
     rows: list[list[Cell]] = []
-    for law in sorted(set(laws_on(benchmark, group)) - {*ranked}):
+    for law in sorted(set(benchmark.laws_on(group)) - {*ranked}):
         on = [row for row in benchmark.rows if row.name == law and row.plant in group.plants]
         placed = [row.plant for row in on if not row.unplaced]
         unstable = [row.plant for row in on if row.kind == UNFIT]
