@@ -339,9 +339,13 @@ def _chart(benchmark: Benchmark) -> Chart:
 
 
 def _with_unstable(benchmark: Benchmark, law: str, group: Group) -> str:
-    """Return the name of a law, with the number of plants on which it is unstable: its dots alone would flatter it."""
-    count = sum(row.name == law and row.kind == UNFIT and row.plant in group.plants for row in benchmark.rows)
-    return f"{law} (unstable on {count})" if count else law
+    """Return the name of a law, with a mark if its search is not settled somewhere, and the number of plants on which it
+    is unstable: its dots alone would flatter it.
+    """
+    rows = [row for row in benchmark.rows if row.name == law and row.plant in group.plants]
+    mark = " *" if any(row.tuned is not None and row.tuned.unsettled for row in rows) else ""
+    count = sum(row.kind == UNFIT for row in rows)
+    return f"{law}{mark}{f' (unstable on {count})' if count else ''}"
 
 
 @frame_of.register
