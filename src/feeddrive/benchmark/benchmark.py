@@ -304,7 +304,7 @@ def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
     """Plot every law relative to P-PI, plant by plant: with drawn plants by groups of plants, a dot a drawn plant."""
-    from feeddrive.plot.laws import scores_chart
+    from feeddrive.plot.laws import Scores, scores_chart
 
     def finite(values: Iterable[float]) -> list[float]:
         return [value for value in values if math.isfinite(value)]
@@ -318,14 +318,14 @@ def _chart(benchmark: Benchmark) -> Chart:
             for figure in FIGURES[:_DRAWN]
         }
         return scores_chart((benchmark.laws, panels))
-    rows: list[tuple[list[str], dict[str, list[tuple[list[float], float | None]]]]] = []
+    rows: list[tuple[list[str], Scores]] = []
     for group in benchmark.groups():
         best, *_ = _BY_GROUPS
         # a mean over fewer plants than those of the laws beside it is not shown, and nothing is sorted by it
         mean = {law: benchmark.mean_on(law, best, group) for law in benchmark.laws_on(group)}
         laws = sorted(mean, key=lambda law, mean=mean: (mean[law] is None, -(mean[law] or 0.0), law))
-        panels = {
-            Text(f"{group.name}: {figure.short}"): [
+        panels: Scores = {
+            f"{group.name}: {figure.short}": [
                 (
                     finite(v for p, row in benchmark.draws(law, figure).items() if p in group.plants for v in row),
                     benchmark.mean_on(law, figure, group),
@@ -339,8 +339,8 @@ def _chart(benchmark: Benchmark) -> Chart:
 
 
 def _with_unstable(benchmark: Benchmark, law: str, group: Group) -> str:
-    """Return the name of a law, with a mark if its search is not settled somewhere, and the number of plants on which it
-    is unstable: its dots alone would flatter it.
+    """Return the name of a law, marked if its search is not settled somewhere, with the number of plants on which it is
+    unstable: its dots alone would flatter it.
     """
     rows = [row for row in benchmark.rows if row.name == law and row.plant in group.plants]
     mark = " *" if any(row.tuned is not None and row.tuned.unsettled for row in rows) else ""
@@ -444,7 +444,7 @@ def search(
             engine_of_plant.evaluate(quieter, Bar(progress, Tuning.stages * len(quieter)))
 
 
-def matched(laws: Sequence[Candidate], outcomes: Mapping[str, Tuned | Design | Refusal], rule: Rule) -> list[Tuning]:
+def matched(laws: Sequence[Candidate], outcomes: Mapping[str, Tuned | Refusal], rule: Rule) -> list[Tuning]:
     """Return the tunings of P-PI at the control effort of each law that needs clearly less of it than P-PI.
 
     P-PI at the effort of a law has the noise in the force of that law, at its worst plant, as its bound.  A law with

@@ -267,15 +267,15 @@ class AtWork(Case[Competitor]):
         rows: list[Competitor] = []
         for number, (places, seed) in enumerate(zip(self.plant.drawn, self.plant.seeds, strict=True), 1):
             control = self._taught(law, places[0].axis)
-            at_places: list[Values] = []
+            at_places: list[Competitor] = []
             for place in places:
                 loop, model = (replace(law.loop, axis=axis, control=control) for axis in (place.axis, place.model))
-                row = self._at(law, loop, model, seed)
-                if row.unplaced:
-                    why = Text(f"{row.kind}: at drawn plant {number}, {row.reason}")
-                    return replace(row, nominal=nominal, unplaced=why)
-                at_places.append(row.figures)
-            rows.append(replace(row, figures=worst(at_places)))
+                at_places.append(self._at(law, loop, model, seed))
+                if at_places[-1].unplaced:
+                    failed = at_places[-1]
+                    why = Text(f"{failed.kind}: at drawn plant {number}, {failed.reason}")
+                    return replace(failed, nominal=nominal, unplaced=why)
+            rows.append(replace(at_places[0], figures=worst([row.figures for row in at_places])))
         figures = worst([row.figures for row in rows])
         remark = max((row.remark for row in rows), key=len)
         return replace(
