@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from feeddrive.benchmark.benchmark import FIGURES, Benchmark, Group, effort_of, matched
-from feeddrive.benchmark.rules import read_rules
+from feeddrive.benchmark.rules import folder, read_rules
 from feeddrive.benchmark.standings import drawn_tables, left_out_table, ranked_table, search_table
 from feeddrive.blocks.plant.with_mode import WithMode
 from feeddrive.evaluation.competitor import Competitor
+from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
 from feeddrive.figures import of_loops
@@ -223,8 +225,29 @@ def test_a_law_beside_another_one_takes_its_filters_too() -> None:
     assert like.tuned(control).loop.control.filters == (moved,)
 
 
+STORED = sorted(path.parent for path in (folder(2) / "designs").glob("*/*/p_pi.json"))
+
+
+@pytest.mark.slow(reason="the linear models of the stored designs")
+@pytest.mark.parametrize("place", STORED, ids=lambda place: f"{place.parent.name}-{place.name}")
+def test_stored_designs_belong_to_the_present_code_and_keep_their_bounds(place: Path) -> None:
+    rules = next(
+        each
+        for each in (RULES, *(RULES.varied_by(variant) for variant in RULES.variant))
+        if each.designs() == place.parent
+    )
+    plant = rules.plants[place.name]
+    known = Designs(place.parent, place.name, 2)
+    for law in rules.lineup(plant).searched:
+        design = known.design(law.name)
+        if design is not None and not design.refused:
+            loop = replace(law.loop, control=design.control(law))
+            assert design.moved(plant.rule.figures(loop)) == "", law.name
+            assert design.box["box"] == str(rules.tolerances)
+
+
 @pytest.mark.slow(reason="two laws are searched over a box and judged on drawn machines")
-def test_from_a_search_over_the_box_to_the_tables(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_from_a_search_over_the_box_to_the_tables(tmp_path: Path) -> None:
     from feeddrive.benchmark.benchmark import score, search
 
     rules = replace(RULES, draws=2, plant=tuple(section for section in RULES.plant if section.job in (A, B)))
