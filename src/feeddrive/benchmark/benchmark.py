@@ -265,7 +265,9 @@ class Benchmark(Result):
 
     def winners(self) -> Table:
         """Return a table of the best tuned law per plant and figure, with its improvement factor over P-PI."""
-        rows = [[plant, *(self._winner(plant, criterion) for criterion in FIGURES[:-1])] for plant in self.plants]
+        placed = {row.plant for row in self.rows if not row.unplaced}
+        shown = [plant for plant in self.plants if plant in placed]
+        rows = [[plant, *(self._winner(plant, criterion) for criterion in FIGURES[:-1])] for plant in shown]
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 
     def _winner(self, plant: str, criterion: Figure) -> Cell:

@@ -5,7 +5,7 @@ from collections import Counter
 
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group
 from feeddrive.benchmark.order import Decision, Logs, Order
-from feeddrive.evaluation.competitor import UNFIT, Competitor
+from feeddrive.evaluation.competitor import UNFIT, UNSEARCHED, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
@@ -72,11 +72,15 @@ def drawn_tables(benchmark: Benchmark) -> list[Table]:
             *_some(left_out_table(benchmark, group)),
             places_table(benchmark, group),
         ]
-    return [*tables, decided_table(benchmark), search_table(benchmark)]
+    return [*tables, decided_table(benchmark), search_table(benchmark), *_some(not_run_table(benchmark))]
 
 
 def _some(table: Table) -> list[Table]:
     return [table] if table.rows else []
+
+
+def _counted(count: int, name: str) -> str:
+    return f"{count} {name}" if count == 1 else f"{count} {name}s"
 
 
 def _places(best: int, worst: int) -> str:
@@ -100,7 +104,8 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     interval = Quantity(float(benchmark.rules.confidence), "share")
     title = Text(
         f"Rules {benchmark.rules.version}, {group.name}: times better than {PLAIN} at equal {level}, on the same "
-        f"{len(group.plants)} plants ({', '.join(group.plants)}) and draws; place and first figure with {interval:3} "
+        f"{_counted(len(group.plants), 'plant')} ({', '.join(group.plants)}) and draws; place and first figure with "
+        f"{interval:3} "
         f"intervals{_MARKED if order.unsettled else ''}"
     )
     return Table(title, ["place", "law", Column("Ms judged", form=".2f"), *HEADS], rows)
@@ -171,6 +176,23 @@ def decided_table(benchmark: Benchmark) -> Table:
     return Table(f"Which places are decided; plants: of {views}", heads, rows, sentences=4)
 
 
+def not_run_table(benchmark: Benchmark) -> Table:
+    """Return the plants without a P-PI, and the laws that were not searched on the plants that have one."""
+    named = {plant for group in benchmark.groups() for plant in group.plants}
+    missing = [plant for plant in benchmark.plants if plant not in named]
+    unsearched: dict[str, list[str]] = {}
+    for row in benchmark.rows:
+        if row.kind == UNSEARCHED and row.plant in named:
+            unsearched.setdefault(row.name, []).append(row.plant)
+    laws = [law if len(plants) == len(named) else f"{law} ({', '.join(plants)})" for law, plants in unsearched.items()]
+    rows: list[list[Cell]] = [
+        [what, ", ".join(names)]
+        for what, names in (("plants without a place of P-PI", missing), ("laws that were not searched", laws))
+        if names
+    ]
+    return Table("Not run: --retune --keep DIR searches it", ["what", "names"], rows, sentences=1)
+
+
 def search_table(benchmark: Benchmark) -> Table:
     """Return what the search of each law looked at, and how sure it is."""
     designs: dict[str, list[tuple[Competitor, Design]]] = {}
@@ -193,6 +215,6 @@ def search_table(benchmark: Benchmark) -> Table:
             ]
         )
     rules = benchmark.rules
-    title = f"Searches: {rules.repeats} whole tuning{'s' if rules.repeats > 1 else ''} of {rules.starts} rounds"
+    title = f"Searches: {_counted(rules.repeats, 'whole tuning')} of {_counted(rules.starts, 'round')}"
     heads = ["law", "settled on plants", "searches within 5 %", "loops judged, median", "most", "numbers tuned"]
     return Table(title, heads, rows)
