@@ -113,13 +113,14 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     )
     made = drive("ethercat", limits=bounded)
     paper = Paper(
-        ("quick_stop_option",),
+        ("quick_stop_option", "disable_operation_option"),
         max_torque=0,
         following_error_window=0,
         following_error_timeout=100,
         quick_stop_deceleration=0,
         quick_stop_option=0,
         fault_reaction_option=0,
+        disable_operation_option=1,
         max_motor_speed=0,
         position_most=0,
     )
@@ -131,8 +132,13 @@ def test_limits_go_into_the_drive_and_what_it_does_not_take_is_remarked() -> Non
     assert (paper.values["following_error_timeout"], paper.values["fault_reaction_option"]) == (6, 2)
     assert paper.values["quick_stop_deceleration"] == 500_000_000
     assert paper.values["position_most"] == 30_000_000
-    assert paper.values["max_motor_speed"] == 3000  # 0.5 m/s on a screw of 10 mm
-    assert remarks == ["The drive does not take 0x605A:00 (quick stop option): set this limit with its maker's tool."]
+    # 0.5 m/s, and the 6 ms at 5 m/s² until the reaction of the monitor acts, on a screw of 10 mm
+    assert paper.values["max_motor_speed"] == 3180
+    # what it does not take, but holds, is no remark
+    assert remarks == [
+        "The drive does not take 0x605A:00 (quick stop option), which holds 0 in place of 2: "
+        "set this limit with its maker's tool."
+    ]
     paper.values["max_torque"] = 777
     write_limits(paper, made, own_force=True)
     assert paper.values["max_torque"] == 777
@@ -204,19 +210,20 @@ class Stubborn(Paper):
     [
         ("max_torque", 500, "holds 500 in 0x6072:00"),
         ("following_error_window", 1000, "holds 1000 in 0x6065:00"),
-        ("max_motor_speed", 2900, "holds 2900 in 0x6080:00 (max motor speed), where 3000 was written"),
+        ("max_motor_speed", 3100, "holds 3100 in 0x6080:00 (max motor speed), where 3180 was written"),
         ("quick_stop_deceleration", 600_000_000, "holds 600000000 in 0x6085:00"),
         ("quick_stop_option", 6, "holds 6 in 0x605A:00"),
         ("following_error_timeout", 100, "holds 100 in 0x6066:00 (following error timeout), where 6 was written"),
+        ("disable_operation_option", 0, "holds 0 in 0x605C:00 (disable operation option), where 1 was written"),
         ("fault_reaction_option", 0, "holds 0 in 0x605E:00 (fault reaction option), where 2 was written"),
         ("max_torque", 5000, "a looser limit"),
         ("following_error_window", 0xFFFFFFFF, "0x6065:00 (following error window) was set to 210000 and reads back"),
-        ("max_motor_speed", 3001, "0x6080:00 (max motor speed) was set to 3000 and reads back as 3001"),
+        ("max_motor_speed", 3181, "0x6080:00 (max motor speed) was set to 3180 and reads back as 3181"),
         ("quick_stop_deceleration", 0, "a looser limit"),
     ],
 )
 def test_a_limit_that_reads_back_looser_is_refused_and_a_tighter_one_told(name: str, held: int, words: str) -> None:
-    """0.5 m/s are 3,000 turns a minute of a screw of 10 mm."""
+    """0.53 m/s are 3,180 turns a minute of a screw of 10 mm."""
     if "holds" in words:
         assert any(words in remark for remark in write_limits(Stubborn(name, held), drive("ethercat")))
         return

@@ -29,7 +29,7 @@ from feeddrive.bus.faults import InjectedFault
 from feeddrive.bus.gains import write_gains
 from feeddrive.bus.live import BusAxis, virtual_bus_axis
 from feeddrive.bus.play import Played, Profile, play_profile, play_together
-from feeddrive.bus.virtual_drive import OVERCURRENT, Brake, DrivenAxis, Firmware
+from feeddrive.bus.virtual_drive import OVERCURRENT, READ_ONLY, Brake, DrivenAxis, Firmware, SdoAbortError
 from feeddrive.files.machine import read_machine
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language.errors import BusError, ParameterError, StructureError
@@ -260,6 +260,19 @@ def test_a_drive_that_does_not_hold_its_axis_by_itself_makes_a_quick_stop_and_sa
     assert len(played.log) == 100
 
 
+def test_a_speed_beyond_its_limit_is_braked_along_a_ramp_before_the_drive_has_its_fault() -> None:
+    """The drive watches the same speed (0x6080): at one bound its fault would come first, in the very cycle."""
+    bench = Bench(bench_loop())
+    slow = replace(WIDE, velocity=0.05)
+    moves = move(rows=900, distance=0.022, peak=150.0)
+    with DriveClient(bench.transport(), drive("ethercat", mode="csp", limits=slow), paced=False) as client:
+        played = play_profile(client, moves)
+    assert played.aborted is not None
+    assert "limits.velocity" in played.aborted
+    assert played.cause == "velocity"
+    assert bench.firmware.values["error_code"] == 0
+
+
 @pytest.mark.parametrize("brake_time", [0.0, 0.2])
 def test_a_motion_waits_for_the_brake(brake_time: float) -> None:
     bench = Bench(bench_loop(), brake=Brake(0.19, 0.05))
@@ -324,6 +337,44 @@ def test_a_drive_that_is_switched_off_in_order_holds_the_axis_until_its_brake_ha
     assert bench.firmware.axis.last.position == stands
 
 
+@pytest.mark.parametrize("is_fixed", [False, True], ids=["is written", "is refused"])
+def test_a_drive_that_would_drop_its_axis_when_it_is_switched_off_is_told_to_hold_it(is_fixed: bool) -> None:
+    """0x605C = 0, as somebody has set it: written to 1, or told where the drive refuses it, and the axis falls."""
+    closes = 0.04
+    bench = Bench(hanging(), brake=Brake(0.05, closes))
+    bench.firmware.values["disable_operation_option"] = 0
+    if is_fixed:
+        write = bench.firmware.write
+
+        def refusing(index: int, subindex: int, content: bytes) -> None:
+            if index == 0x605C:
+                raise SdoAbortError(READ_ONLY)
+            write(index, subindex, content)
+
+        bench.firmware.write = refusing
+    played = bench.play(move(distance=0.0), hanging(with_control(bench_loop())))
+    assert played.aborted is None
+    for _ in range(100):
+        bench.firmware.cycle()
+    fell = played.log["reading_load"][-1] - bench.firmware.axis.last.position
+    told = [remark for remark in played.remarks if "0x605C" in remark]
+    if is_fixed:
+        assert fell == pytest.approx(falls_by(closes), rel=0.1)
+        assert told == [
+            "The drive does not take 0x605C:00 (disable operation option), which holds 0 in place of 1: "
+            "set this limit with its maker's tool."
+        ]
+    else:
+        assert abs(fell) < 1e-4
+        assert not told
+
+
+def falls_by(seconds: float) -> float:
+    """The way in m that the weight pulls the axis: v' = g' - v/τ, x = g' τ (t - τ (1 - exp(-t/τ)))."""
+    tau, pull = MASS / 300.0, WEIGHT / MASS
+    return pull * tau * (seconds - tau * (1.0 - float(np.exp(-seconds / tau))))
+
+
 def test_in_a_fault_the_axis_falls_until_its_brake_has_closed() -> None:
     closes = 0.05
     bench = Bench(hanging(), brake=Brake(0.05, closes), faults=[InjectedFault("drive_fault", 800, float(OVERCURRENT))])
@@ -333,9 +384,7 @@ def test_in_a_fault_the_axis_falls_until_its_brake_has_closed() -> None:
     for _ in range(100):
         bench.firmware.cycle()
     fell = played.log["reading_load"][-1] - bench.firmware.axis.last.position
-    # v' = g' - v/τ:  x = g' τ (t - τ (1 - exp(-t/τ)))
-    tau, pull = MASS / 300.0, WEIGHT / MASS
-    assert fell == pytest.approx(pull * tau * (closes - tau * (1.0 - np.exp(-closes / tau))), rel=0.1)
+    assert fell == pytest.approx(falls_by(closes), rel=0.1)
 
 
 def test_in_a_fault_in_which_it_can_brake_a_drive_holds_the_axis_until_its_brake_has_closed() -> None:
@@ -613,6 +662,7 @@ def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
     bench = Bench(bench_loop())
     values = bench.firmware.values
     values |= {"following_error_timeout": 100, "fault_reaction_option": 1, "quick_stop_option": 1, "max_torque": 2900}
+    values["disable_operation_option"] = 0
 
     def settings() -> dict[str, int]:
         """All but what is exchanged in each cycle, whatever the axis takes for what it writes."""
@@ -625,6 +675,7 @@ def test_what_a_motion_wrote_into_a_drive_is_restored() -> None:
     assert axis.play(move(), None, with_control(bench_loop())).aborted is None
     changed = {name for name, value in settings().items() if value != before[name]}
     assert {"following_error_window", "following_error_timeout", "fault_reaction_option"} <= changed
+    assert "disable_operation_option" in changed
     assert "its objects are as they were" in axis.restore(inside)
     assert dict(axis.inside()) == inside
     assert settings() == before

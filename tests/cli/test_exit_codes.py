@@ -281,6 +281,20 @@ def traveled(rounds: int | None = None) -> list[str]:
     return ["travel", *files, *positions, "--starts", "1", "--between", "1"]
 
 
+def along(most: str) -> list[str]:
+    """The P-PI of a long screw as it is, proven at every position or not."""
+    files = machine_files(Path())
+    positions = [word for x in PLACES for word in ("--position", str(1000.0 * x))]
+    return ["travel", *files, *positions, "--kept", "--certify", "proof.json", "--frozen", "--prove-ms", most]
+
+
+def along_undecided() -> list[str]:
+    """A bound that needs short cells, and no cell may be halved."""
+    PATCH.setattr("feeddrive.certificate.travel_proof._PARTS", 1)
+    PATCH.setattr("feeddrive.certificate.travel_proof._NARROW", 2.0)
+    return along("1.5")
+
+
 def compared(starts: int, *, today: bool = False) -> list[str]:
     """P-PI against today's gains, which keep their place alone if its snap is made the larger one."""
     machine(bound=50.0)
@@ -346,6 +360,8 @@ QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.CURVE_IS_OPEN: lambda: speeds(*FAST),
     Judgment.NEAR_UNSTABLE: lambda: exported(Kv=100.0, Kp=1e5),
     Judgment.NOT_PROVEN: lambda: certificate('"confidence": 0.97'),
+    Judgment.TRAVEL_NOT_PROVEN: lambda: along("1.05"),
+    Judgment.TRAVEL_UNDECIDED: along_undecided,
     Judgment.BOX_PROVEN: lambda: box_of("2.3"),
     Judgment.BOX_NOT_PROVEN: lambda: box_of("1.9"),
     Judgment.BOX_UNDECIDED: lambda: box_of("1.42312", "dead_time=0samples"),
@@ -371,6 +387,7 @@ SLOW: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.FEWER_ARE_GOOD: robust,
     Judgment.TAKE_SCHEDULE: traveled,
     Judgment.DO_NOT_USE_SCHEDULE: lambda: traveled(0),
+    Judgment.TRAVEL_PROVEN: lambda: along("3"),
     Judgment.CORRECTED: lambda: corrected("--box", NO_BOX),
     Judgment.NOT_CORRECTED: lambda: corrected("--box", SMOOTH),
     Judgment.LEARNED: learned,

@@ -46,6 +46,7 @@ class Drive:
             "max_torque": 2900,
             "following_error_window": 170_000,
             "following_error_timeout": 100,
+            "disable_operation_option": 0,
             "fault_reaction_option": 1,
         }
         whole = BusAxis(drive_of(parse_toml(text, "drive.toml")), lambda _: transport(self.firmware), paced=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -63,3 +64,42 @@ def test_positions_that_do_not_fit_the_files_are_refused(tmp_path: Path) -> None
     ):
         with pytest.raises(ParameterError, match=said):
             command.run(command.build_request(machines=tuple(given), position=positions), Progress())
+
+
+def test_options_of_a_proof_without_one_are_refused(tmp_path: Path) -> None:
+    command, files = load("travel"), machine_files(tmp_path)
+    for given, said in (
+        ({"kept": True}, r"--kept is about a proof: name its file by --certify proof\.json"),
+        ({"prove_ms": 2.0}, "--prove-ms is about a proof"),
+        ({"kept": True, "certify": Path("p.json"), "law": "linear_adrc"}, "leave out --law"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            command.build_request(machines=tuple(files), position=PLACES, **given)
+
+
+@pytest.mark.slow(reason="a tuning, a proof of its schedule and the check of the file take 30 s")
+def test_the_proof_of_a_tuned_schedule_is_that_of_its_file(tmp_path: Path) -> None:
+    """The schedule in the file is proven again with the same bound, and the checker accepts both proofs."""
+    command, files = load("travel"), machine_files(tmp_path)
+    given = {"machines": tuple(files), "position": PLACES, "certify": tmp_path / "proof.json"}
+    out, page = tmp_path / "schedule.toml", tmp_path / "page.html"
+    outcome = command.run(command.build_request(**given, starts=1, between=1, out=out, report=page), Progress())
+    assert outcome.judgment.exit_code == 0
+    assert set(outcome.files) == {"Machine", "Proof", "Report"}
+    assert "The moving loop is stable up to" in outcome.verdict
+    # the picture is drawn into the page
+    assert "<svg" in page.read_text(encoding="utf-8")
+    proof = json.loads((tmp_path / "proof.json").read_text(encoding="utf-8"))
+    assert proof["sensitivity_peak"] == pytest.approx(2.02)
+    assert [origin["file"] for origin in proof["made_from"]] == [Path(file).name for file in files]
+    # the schedule as a file, on the axis along its travel: nothing is tuned
+    text = out.read_text(encoding="utf-8")
+    kept = {"machines": (str(out), *files[1:]), "position": PLACES, "certify": tmp_path / "again.json"}
+    again = command.run(command.build_request(**kept, kept=True, prove_ms=2.02, frozen=True), Progress())
+    assert again.result.proven is True
+    assert out.read_text(encoding="utf-8") == text
+    check = load("check")
+    checked = check.run(check.build_request(file=tmp_path / "again.json"), Progress())
+    assert checked.result is True
+    with pytest.raises(ParameterError, match="--machine is compared with a certificate, and this is a proof along"):
+        check.run(check.build_request(file=tmp_path / "again.json", machine=str(out)), Progress())

@@ -81,6 +81,7 @@ OBJECTS: Mapping[str, Object] = {
         Object("controlword", 0x6040, 0, "u16", "commanded mode of operation"),
         Object("statusword", 0x6041, 0, "u16", "state of the drive"),
         Object("quick_stop_option", 0x605A, 0, "i16", "what a quick stop does"),
+        Object("disable_operation_option", 0x605C, 0, "i16", "what disable operation does: 0 force off, 1 slows down"),
         Object("fault_reaction_option", 0x605E, 0, "i16", "what a fault does: 0 force off, 2 braked as a quick stop"),
         Object("mode", 0x6060, 0, "i8", "mode of operation that is wanted"),
         Object("mode_display", 0x6061, 0, "i8", "mode of operation that runs"),

@@ -133,6 +133,7 @@ _LOOSER = {
     "following_error_timeout": 0,
     "quick_stop_deceleration": -1,
     "quick_stop_option": 0,
+    "disable_operation_option": 0,
     "fault_reaction_option": 0,
     "position_least": -1,
     "position_most": 1,
@@ -154,11 +155,14 @@ def write_limits(transport: Transport, drive: BusDrive, *, own_force: bool = Fal
         "following_error_timeout": math.ceil(1e3 * reaction_time(drive) - 1e-9),
         "quick_stop_deceleration": max(1, scaling.increments(limits.quick_stop_deceleration)),
         "quick_stop_option": 2,  # brake on that ramp, then switch off
-        "fault_reaction_option": 2,  # the same, in a fault in which the drive can
+        "disable_operation_option": 1,  # force until the axis stands and its brake has closed: 0 drops a vertical axis
+        "fault_reaction_option": 2,  # as a quick stop, in a fault in which the drive can
     }
     if scaling.turns:
+        # as for the following error: what the axis gains in speed until the reaction of the monitor acts
+        speed = limits.velocity + limits.quick_stop_deceleration * reaction_time(drive)
         # rounded up: a slow axis has few turns a minute, and below its limit the drive would hold it back
-        wanted["max_motor_speed"] = math.ceil(scaling.turns_per_minute(limits.velocity))
+        wanted["max_motor_speed"] = math.ceil(scaling.turns_per_minute(speed))
     for name, metres in (("position_least", limits.position_least), ("position_most", limits.position_most)):
         if metres is not None:
             wanted[name] = scaling.increments(metres)
@@ -179,7 +183,10 @@ def _written(transport: Transport, name: str, value: int) -> Iterator[str]:
         write_object(transport, name, value)
         got = read_object(transport, name)
     except RefusedError:
-        yield f"The drive does not take {place}: set this limit with its maker's tool."
+        held = read_object(transport, name) if has_object(transport, name) else None
+        if held != value:
+            holds = "" if held is None else f", which holds {held} in place of {value}"
+            yield f"The drive does not take {place}{holds}: set this limit with its maker's tool."
         return
     if got == value:
         return

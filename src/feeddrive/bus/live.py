@@ -45,6 +45,7 @@ _WRITTEN = (
     "max_motor_speed",
     "quick_stop_deceleration",
     "quick_stop_option",
+    "disable_operation_option",
     "fault_reaction_option",
     "position_least",
     "position_most",

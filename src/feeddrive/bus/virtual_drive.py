@@ -289,6 +289,7 @@ _WRITABLE = {
     "controlword",
     "connection_option",
     "quick_stop_option",
+    "disable_operation_option",
     "fault_reaction_option",
     "mode",
     "following_error_window",
@@ -358,8 +359,9 @@ class Firmware:
     cst  torque applied directly to the axis, limited by 0x6072; the guard's limits of velocity and travel apply
 
     With a `brake` the axis stands until it has opened.  A drive that is switched off in order holds the axis until it
-    has closed; in a fault the axis falls meanwhile.  Without `changes_mode` the mode of operation is taken over only
-    while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`, and act from the next sample on.
+    has closed; in a fault, and on disable operation with 0x605C = 0, the axis falls meanwhile.  Without `changes_mode`
+    the mode of operation is taken over only while the drive is off.  The gains of a cascade stand in `GAIN_OBJECTS`,
+    and act from the next sample on.
 
     The target position is interpolated linearly over one bus cycle.  A quick stop decelerates the setpoint at the rate
     in 0x6085 and then switches off.  A fault does the same if 0x605E = 2 and the drive can still brake, and removes the
@@ -383,6 +385,7 @@ class Firmware:
         self._clamped = brake is not None
         self._moving = 0.0  # s for which the brake opens or closes
         self._kept: float | None = None  # m, where the axis is held until its brake has closed
+        self._drops = False  # no force acts while the brake closes
         self.faults = FaultActor(faults, scaling.metre)
         if any(fault.kind == "sign" for fault in faults) and not axis.has_sign:
             raise ParameterError("the fault 'sign' needs a cascade, whose force has the sign of its gain Kp")
@@ -419,6 +422,7 @@ class Firmware:
             "serial": 1,
             "connection_option": 1,
             "quick_stop_option": 2,
+            "disable_operation_option": 1,
             "max_torque": 0xFFFF,
             "rated_torque": scaling.rated_milli,
             "following_error_window": _NO_WINDOW if window is None else scaling.increments(window),
@@ -522,6 +526,9 @@ class Firmware:
         keeps = not self._changes_mode and before is PowerState.ENABLED
         if mode > 0 and values["supported_modes"] >> (mode - 1) & 1 and not keeps:
             values["mode_display"] = mode
+        if before is PowerState.ENABLED:
+            disabled = self.state is PowerState.SWITCHED_ON
+            self._drops = disabled and values["disable_operation_option"] == 0
         self._move_brake()
         if self.state is PowerState.QUICK_STOP and before is not PowerState.QUICK_STOP:
             self._begin_braking()
@@ -572,7 +579,7 @@ class Firmware:
         if self._clamped:
             return self._stand(0.0)
         # after its reaction it holds the axis meanwhile, too
-        if self.state is PowerState.FAULT and self._kept is None:
+        if self._drops or (self.state is PowerState.FAULT and self._kept is None):
             return self._coast(0.0)
         self._target = None
         self._kept = self.axis.last.position if self._kept is None else self._kept

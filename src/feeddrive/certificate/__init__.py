@@ -8,5 +8,6 @@ make_lazy(
         "certificate": "Certificate",
         "box_proof": "BoxProof prove_over_box",
         "certify": "certify_loop",
+        "travel_proof": "TravelProof prove_along_travel",
     },
 )

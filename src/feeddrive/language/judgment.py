@@ -46,6 +46,9 @@ class Judgment(Enum):
     )
     TAKE_SCHEDULE = "travel", "the schedule keeps all limits", 0
     DO_NOT_USE_SCHEDULE = "travel", "the schedule does not keep its limits", 1
+    TRAVEL_PROVEN = "travel --certify", "at every position from", 0
+    TRAVEL_NOT_PROVEN = "travel --certify", "The travel is not proven", 1
+    TRAVEL_UNDECIDED = "travel --certify", "The travel is undecided", 1
     BOX_PROVEN = "certify --box", "at every plant of the box", 0
     BOX_NOT_PROVEN = "certify --box", "The box is not proven", 1
     BOX_UNDECIDED = "certify --box", "The box is undecided", 1

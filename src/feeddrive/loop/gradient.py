@@ -41,8 +41,8 @@ class TracedModel:
     entries: tuple[tuple[int, int, int], ...]  # row, column, node
     leaves: Mapping[str, int]
 
-    def trimmed(self) -> TracedModel:
-        """Return the model without states that are unreachable from the inputs or unobservable at the outputs."""
+    def kept(self) -> list[int]:
+        """Return the states that an input reaches and an output sees, by their index."""
         n = self.states
         links = {(i, j) for i, j, _ in self.entries}
         reached = {i for i, j in links if j >= n and i < n}
@@ -50,7 +50,11 @@ class TracedModel:
         for _ in range(n):
             reached |= {i for i, j in links if i < n and j in reached}
             seen |= {j for i, j in links if j < n and i in seen}
-        kept = sorted(reached & seen)
+        return sorted(reached & seen)
+
+    def trimmed(self) -> TracedModel:
+        """Return the model without states that are unreachable from the inputs or unobservable at the outputs."""
+        n, kept = self.states, self.kept()
         rows = {old: new for new, old in enumerate([*kept, *range(n, self.shape[0])])}
         columns = {old: new for new, old in enumerate([*kept, *range(n, self.shape[1])])}
         entries = tuple((rows[i], columns[j], node) for i, j, node in self.entries if i in rows and j in columns)

@@ -233,7 +233,7 @@ def samples_of_a_period(
 ) -> Samples:
     """Linearize each sample of a period in turn, as `linearize` does, during motion at constant velocity."""
     check_system(loop)
-    unlimited = {axis: _unlimited(axis_loop) for axis, axis_loop in loop.loops().items()}
+    unlimited = {axis: unlimited_loop(axis_loop) for axis, axis_loop in loop.loops().items()}
     if any(unlimited[axis] is not axis_loop for axis, axis_loop in loop.loops().items()) or isinstance(loop, Machine):
         loop = loop.with_loops(unlimited) if isinstance(loop, Machine) else unlimited[loop.name]
     for name in inputs:
@@ -380,7 +380,7 @@ def _after(tangent: Any, state: Mapping[str, Any], name: str, size: int | None, 
     return rows
 
 
-def _unlimited(loop: Loop) -> Loop:
+def unlimited_loop(loop: Loop) -> Loop:
     """Return the loop without guard and force limit, with parts that blend in after the start fully active."""
     held = loop.control
     law, compensation = held.law.settled(), tuple(part.settled() for part in held.compensation)

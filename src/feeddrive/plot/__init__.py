@@ -47,7 +47,8 @@ make_lazy(
         ),
         "tuning": (
             "delay_map delay_map_chart disturbance disturbance_chart in_time in_time_chart iteration "
-            "iteration_chart prefilter_fit prefilter_fit_chart trial trial_chart trials trials_chart"
+            "iteration_chart prefilter_fit prefilter_fit_chart travel travel_chart trial trial_chart "
+            "trials trials_chart"
         ),
     },
 )

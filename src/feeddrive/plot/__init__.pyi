@@ -128,6 +128,8 @@ from feeddrive.plot.tuning import iteration as iteration
 from feeddrive.plot.tuning import iteration_chart as iteration_chart
 from feeddrive.plot.tuning import prefilter_fit as prefilter_fit
 from feeddrive.plot.tuning import prefilter_fit_chart as prefilter_fit_chart
+from feeddrive.plot.tuning import travel as travel
+from feeddrive.plot.tuning import travel_chart as travel_chart
 from feeddrive.plot.tuning import trial as trial
 from feeddrive.plot.tuning import trial_chart as trial_chart
 from feeddrive.plot.tuning import trials as trials

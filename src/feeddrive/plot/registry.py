@@ -70,6 +70,7 @@ CHARTS = {
     "learning.trajectory_prefilter:PrefilterFit": "tuning:prefilter_fit_chart",
     "learning.trial:Trial": "tuning:trial_chart",
     "learning.trials:Trials": "tuning:trials_chart",
+    "tuning.travel:TunedTravel": "tuning:travel_chart",
     "tuning.tune:CascadeLoops": "over_frequency:cascade_loops_chart",
     "tuning.tune:Tuned": "over_frequency:tuned_chart",
 }

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK, STIFFNESS_LEAST
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.plot import chart, style
-from feeddrive.plot.chart import Abscissa, Band, Chart, Curve, Panel
+from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Level, Panel
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
@@ -19,11 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from feeddrive.analysis.replay import Observation
+    from feeddrive.certificate.travel_proof import TravelProof
     from feeddrive.learning.iterative_feedforward import Iteration
     from feeddrive.learning.trajectory_prefilter import PrefilterFit
     from feeddrive.learning.trial import Trial
     from feeddrive.learning.trials import Trials
     from feeddrive.tuning.scaling import DelayMap
+    from feeddrive.tuning.travel import TunedTravel
 
 _WORDS = {
     "mass": "mass",
@@ -34,6 +37,7 @@ _WORDS = {
     "jerk_feedforward": "jerk",
     "snap_feedforward": "snap",
 }
+_UNITS = {"N/m": ("N/um", 1e-6), "m √s/N": ("nm √s/N", 1e9)}  # of figures, as a picture shows them, with the factor
 
 
 def trial_chart(trial: Trial) -> Chart:
@@ -45,6 +49,34 @@ def trial_chart(trial: Trial) -> Chart:
 
 
 trial = figure_of(trial_chart)
+
+
+def travel_chart(found: TunedTravel, proof: TravelProof | None = None) -> Chart:
+    """Plot goal, least stiffness and Ms over the position, of fixed gains and a schedule; shaded: proven."""
+    figures = [found.goal, *(f for f in (STIFFNESS_LEAST, SENSITIVITY_PEAK) if f.key != found.goal.key)]
+    panels: list[Panel] = []
+    for figure in figures:
+        unit, factor = _UNITS.get(figure.unit, (figure.unit, 1.0))
+        curves: list[Curve] = []
+        for number, (name, rows) in enumerate((("fixed gains", found.before), ("schedule", found.after))):
+            x = np.array([1e3 * row.position for row in rows])
+            values = [None if row.figures is None else figure.read(row.figures) for row in rows]
+            y = np.array([np.nan if value is None else value for value in values], float)
+            curves.append(Curve(x, factor * y, name, number, chart.MARKED))
+        levels: tuple[Level, ...] = ()
+        boxes: tuple[Box, ...] = ()
+        if figure is SENSITIVITY_PEAK and proof is not None:
+            if proof.bound is not None:
+                levels = (Level(proof.bound, dashed=True, caption=Text(f"proven: Ms <= {Quantity(proof.bound):4}")),)
+            if proof.cells:
+                boxes = tuple(Box(1e3 * a, 1e3 * b, pale=True, number=1) for a, b in proof.intervals())
+        label = figure.title if not unit or unit == "1" else f"{figure.title}\n({unit_name(unit)})"
+        panels.append(Panel(label, tuple(curves), levels=levels, boxes=boxes))
+    label = f"position ({unit_name('mm')})"
+    return Chart(label, tuple(panels), height=1.9 * len(panels))
+
+
+travel = figure_of(travel_chart)
 
 
 def iteration_chart(iteration: Iteration) -> Chart:

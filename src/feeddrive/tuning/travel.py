@@ -185,12 +185,14 @@ def along_travel(
 class TunedTravel(Result):
     """A schedule that was tuned over the travel, beside the fixed gains that are best for all its places.
 
+    travel          the axis along its travel
     control         the control with the schedule
     fixed           the tuning of one set of gains for all places
     places          the tuning of each place by itself
     before, after   the fixed gains and the schedule at every position that was judged, the places among them
     """
 
+    travel: Travel
     control: Control
     fixed: Tuned
     places: tuple[Tuned, ...]
@@ -324,7 +326,7 @@ def tune_travel(
             places[i] = tune_control(places[i].control, loops[i], limits=narrower, filters="kept", **arguments)
         scheduled = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
         after = along_travel(travel, scheduled, every, **same)
-    return TunedTravel(scheduled, fixed, tuple(places), before, after, _goal(goal))
+    return TunedTravel(travel, scheduled, fixed, tuple(places), before, after, _goal(goal))
 
 
 def _schedule(positions: np.ndarray, laws: Sequence[Law]) -> GainSchedule:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.certificate import travel_check
 from feeddrive.certificate.certificate import control_of, matrices
 from feeddrive.certificate.certify import CLAIM, OUTSIDE, THEOREM, THEOREM_OF_TWO_RATES
 from feeddrive.certificate.check import MOST_BYTES, checked
@@ -39,6 +40,7 @@ from feeddrive.workflow.command import Outcome, Request, argument, command, opti
 # other versions of numpy may round the last bits of a matrix differently; a gain that was edited is off by far more
 _ROUNDING = 1e-9  # of the largest number of the matrix
 _ARITHMETIC = {"double": "float64", "float": "float32"}  # of the coefficients, by the precision of an export
+_HEAD = 200  # bytes at the beginning of a file, among which its format stands
 _LISTED = 3  # parameters that differ, by name
 _SHOWN = 12  # digits of a digest that identify a file for a reader
 
@@ -46,7 +48,7 @@ _SHOWN = 12  # digits of a digest that identify a file for a reader
 class CheckRequest(Request):
     """The certificate to check, and the files that may belong to it."""
 
-    file: Path = argument("A certificate (JSON)")
+    file: Path = argument("A certificate, or a proof along a travel (JSON)")
     machine: MachineLike | None = option("machine file of the certificate and of --export", short="-m", default=None)
     export: Path | None = option("the directory that `feeddrive export` wrote", default=None)
     source: tuple[Path, ...] = option(
@@ -80,7 +82,13 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     if request.verified is not None and request.export is None:
         raise ParameterError("--verified is the verification of an export: give its directory as --export DIR")
     progress.step(f"checking {request.file}")
-    lines, proven = checked(str(request.file))
+    along_travel = _is_along_travel(request.file)
+    if along_travel and request.machine is not None:
+        raise ParameterError(
+            "--machine is compared with a certificate, and this is a proof along a travel: leave it out; the digests "
+            "of its machine files stand in the file"
+        )
+    lines, proven = (travel_check.checked if along_travel else checked)(str(request.file))
     if request.machine is None:
         return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
     machine = read_machine(request.machine)
@@ -102,6 +110,12 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
         return Outcome(False, [*lines, table], remarks, f"{verdict}.", judgment=Judgment.NOT_TOGETHER)
     verdict = f"{Judgment.TOGETHER.says}: {len(links)} links were compared."
     return Outcome(True, [*lines, table], remarks, verdict, judgment=Judgment.TOGETHER)
+
+
+def _is_along_travel(file: Path) -> bool:
+    """Return True for a file of `feeddrive travel --certify`, which another checker checks."""
+    with file.open("rb") as opened:
+        return travel_check.FORMAT.encode() in opened.read(_HEAD)
 
 
 def _document(file: Path) -> Mapping[str, Any]:

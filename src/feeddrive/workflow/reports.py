@@ -11,6 +11,7 @@ from feeddrive.language.table import report_of
 REPORTS = {
     "benchmark.benchmark:Benchmark": "benchmark.report:benchmark_report",
     "certificate.certificate:Certificate": "workflow.certify:certificate_report",
+    "certificate.travel_proof:TravelProof": "workflow.travel:proof_report",
     "commissioning.record:Commissioned": "workflow.commission_report:commission_report",
     "comparison.compare:Comparison": "comparison.report:comparison_report",
     "identification.cogging:CoggingFit": "workflow.cogging:cogging_report",
@@ -28,6 +29,7 @@ REPORTS = {
     "path.planned:Planned": "report.machining_report:plan_report",
     "study.answers:Answers": "study.page:study_report",
     "study.robust:Robust": "workflow.tune_study:robust_report",
+    "tuning.travel:TunedTravel": "workflow.travel:tuned_travel_report",
     "tuning.tune:Tuned": "workflow.tune_files:tuned_report",
     "workflow.circle:MeasuredCircle": "workflow.circle:measured_circle_report",
     "jobs.run_laws:JobResult": "jobs.run_laws:job_report",

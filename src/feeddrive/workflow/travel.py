@@ -1,27 +1,47 @@
-"""`feeddrive travel`: tune a law over the travel of an axis, as a schedule of its parameters over the position."""
+"""`feeddrive travel`: tune a law over the travel of an axis, as a schedule of its parameters over the position.
+
+With `--certify` the control is proven at every position between the measured ones, and up to a speed.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from feeddrive import plot
+from feeddrive.certificate.travel_proof import OUTSIDE, TravelProof, document, prove_along_travel
 from feeddrive.figures.catalogue import goals, limitable
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.machine import MachineLike, read_machine
-from feeddrive.files.origins import with_origins
+from feeddrive.files.origins import origins, with_origins
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Table
+from feeddrive.language.text import Text, capitalized, joined
+from feeddrive.loop.control import Control
+from feeddrive.report.page import html
+from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.travel import Travel, TunedTravel, tune_travel
 from feeddrive.workflow.command import Outcome, Request, argument, command, exporting, frequencies, option
 from feeddrive.workflow.tune import limit_options
 from feeddrive.workflow.tune_files import machine_text
+
+_ROOM = 1.01  # of the limit of Ms: what is tuned to it may exceed it between places by what the tuning tolerates
+_JUDGMENTS = {
+    True: Judgment.TRAVEL_PROVEN,
+    False: Judgment.TRAVEL_NOT_PROVEN,
+    None: Judgment.TRAVEL_UNDECIDED,
+}
 
 
 class TravelRequest(Request, more=limit_options(), after="law"):
@@ -42,6 +62,16 @@ class TravelRequest(Request, more=limit_options(), after="law"):
     axis: str | None = option("its axis, if it has several", default=None)
     starts: int = option("searches", default=2, least=1, most=100)
     seed: int = option("seed of the searches after the first", default=0)
+    kept: bool = option("prove the control of the first file as it is, and tune nothing; with --certify", default=False)
+    certify: Path | None = option(
+        "prove every position between the measured ones, and the speed; write the proof for `feeddrive check`",
+        default=None,
+    )
+    prove_ms: float | None = option(
+        "with --certify: the Ms that no position may exceed; default: the limit of Ms and 1 %", above=1.0, default=None
+    )
+    frozen: bool = option("with --certify: prove the axis that stays where it is, and no speed", default=False)
+    report: Path | None = option("page to write (HTML): goal, stiffness and Ms over the position", default=None)
     out: Path | None = option(
         "machine file to write, the first one with the schedule as its law", short="-o", default=None
     )
@@ -56,6 +86,14 @@ class TravelRequest(Request, more=limit_options(), after="law"):
         twice = next((x for i, x in enumerate(self.position) if x in self.position[:i]), None)
         if twice is not None:
             raise ParameterError(f"--position {Quantity(twice, 'm'):6 SI} is given twice: one file for each position")
+        for name in ("kept", "prove_ms", "frozen"):
+            if getattr(self, name) and self.certify is None:
+                raise ParameterError(
+                    f"--{name.replace('_', '-')} is about a proof: name its file by --certify proof.json"
+                )
+        for name in ("out", "law"):
+            if self.kept and getattr(self, name) is not None:
+                raise ParameterError(f"--kept proves the control as it is: leave out --{name}")
 
     def limits(self) -> Limits:
         """Return the limits of the tuned loop."""
@@ -64,12 +102,13 @@ class TravelRequest(Request, more=limit_options(), after="law"):
 
 
 @command(TravelRequest)
-def travel(request: TravelRequest, progress: Progress) -> Outcome[TunedTravel]:
+def travel(request: TravelRequest, progress: Progress) -> Outcome[Any]:
     """Tune a law over the travel of an axis: its parameters at each position, interpolated between them.
 
-    The result is a `TunedTravel`. If a limit is exceeded between the positions, no machine file is written and the
-    judgment of the outcome is negative.
-    Raises ParameterError for fewer than three positions, and the errors of `tuning.tune_travel`.
+    The result is a `TunedTravel`, or with `kept` a `TravelProof`. If a limit is exceeded between the positions, or the
+    proof fails, no machine file and no proof are written and the judgment of the outcome is negative.
+    Raises ParameterError for fewer than three positions, and the errors of `tuning.tune_travel` and
+    `certificate.prove_along_travel`.
     """
     progress.step("reading")
     machines = [read_machine(machine) for machine in request.machines]
@@ -77,6 +116,8 @@ def travel(request: TravelRequest, progress: Progress) -> Outcome[TunedTravel]:
     along = Travel.of(loops)
     base, name = machines[0], machines[0].named(request.axis)
     today = base.loops[name]
+    if request.kept:
+        return _proven(request, along, today.control, None, progress)
     control = today.control
     if request.law is not None and request.law != control.law.kind:
         control = control_with(today, request.law)
@@ -91,24 +132,89 @@ def travel(request: TravelRequest, progress: Progress) -> Outcome[TunedTravel]:
         between=request.between,
         progress=progress,
     )
-    files: dict[str, Path] = {}
-    if request.out is not None and found.holds:
-        text = with_origins(machine_text(base, name, found.control), tuple(request.machines))
-        write_whole(request.out, text)
-        files["Machine"] = request.out
-    judgment = Judgment.TAKE_SCHEDULE if found.holds else Judgment.DO_NOT_USE_SCHEDULE
-    then, notes = exporting(files["Machine"], request.axis, guarded=control.guard is not None) if files else ("", ())
-    return Outcome(
-        found,
-        [found.table(), _values(found), along.table()],
-        [],
-        found.sentence,
-        notes,
-        files=files,
+    outcome = _proven(request, along, found.control, found, progress)
+    if request.out is None or outcome.judgment.bad:
+        return outcome
+    text = with_origins(machine_text(base, name, found.control), tuple(request.machines))
+    write_whole(request.out, text)
+    then, notes = exporting(request.out, request.axis, guarded=control.guard is not None)
+    return replace(outcome, files={"Machine": request.out, **outcome.files}, then=then, notes=notes)
+
+
+def _proven(
+    request: TravelRequest, along: Travel, control: Control, found: TunedTravel | None, progress: Progress
+) -> Outcome[Any]:
+    """Return the outcome of a tuning, of a proof, or of both; write the proof and the page."""
+    holds = found is None or found.holds
+    proof: TravelProof | None = None
+    if request.certify is not None and holds:
+        limit = request.limits().limit(SENSITIVITY_PEAK)
+        bound = request.prove_ms or (None if limit is None else _ROOM * limit.bound)
+        proof = prove_along_travel(along, control, sensitivity_peak=bound, speed=not request.frozen, progress=progress)
+    judgment = Judgment.TAKE_SCHEDULE if holds else Judgment.DO_NOT_USE_SCHEDULE
+    sentences = [] if found is None else [found.sentence]
+    if proof is not None:
+        judgment = _JUDGMENTS[proof.proven]
+        moving = Text(f" {capitalized(proof.moving)}.") if proof.moving and proof.proven else ""
+        said = Text(f"Proven: {proof.claim}.{moving}") if proof.proven else Text(f"{judgment.says}: {proof.reason}.")
+        sentences.append(said)
+    tables = [] if found is None else [found.table(), _values(found)]
+    page = partial(travel_report, found, proof, along)
+    outcome = Outcome[Any](
+        proof if found is None else found,
+        [*tables, along.table(), *([] if proof is None else [proof.table()])],
+        [] if proof is None else [Text(f"Not covered: {'; '.join(OUTSIDE)}.")],
+        Text(". ".join(sentences)) if len(sentences) == 1 else joined(". ", [Text(text) for text in sentences]),
         judgment=judgment,
         failure=judgment.says if judgment.bad else "",
-        rotary=today.axis.rotary,
-        then=then,
+        rotary=along.loop.axis.rotary,
+        page=page,
+    )
+    files: dict[str, Path] = {}
+    if proof is not None and proof.proven:
+        assert request.certify is not None
+        made_from = [{"file": o.file, "sha256": o.sha256} for o in origins(request.machines)]
+        write_whole(request.certify, json.dumps(document(proof, made_from)) + "\n")
+        files["Proof"] = request.certify
+    if request.report is not None:
+        write_whole(request.report, html(page()))
+        files["Report"] = request.report
+    return replace(outcome, files=files)
+
+
+def tuned_travel_report(found: TunedTravel) -> Report:
+    """Return the report of a tuning over the travel."""
+    return travel_report(found, None, found.travel)
+
+
+def proof_report(proof: TravelProof) -> Report:
+    """Return the report of a proof along the travel."""
+    return travel_report(None, proof, proof.along.travel)
+
+
+def travel_report(found: TunedTravel | None, proof: TravelProof | None, along: Travel) -> Report:
+    """Return the report of a tuning over the travel, of a proof along it, or of both."""
+    sentences: list[str] = [] if found is None else [capitalized(Text(f"{found.sentence}."))]
+    sentences += [] if proof is None else [capitalized(Text(f"{proof.sentence()}."))]
+    good = (found is None or found.holds) and (proof is None or proof.proven is True)
+    tables = [*([] if found is None else [found.table(), _values(found)]), *([] if proof is None else [proof.table()])]
+    picture = None
+    if found is not None:
+        picture = Picture(
+            "travel",
+            "Along the travel",
+            "Fixed gains and the schedule, each frozen at its position; shaded: proven.",
+            "Goal, least stiffness and Ms over the position, of fixed gains and of the schedule.",
+            lambda: plot.travel_chart(found, proof),
+        )
+    outside = () if proof is None else (Section("outside", "What is outside", (Remarks(OUTSIDE, "", warns=False),)),)
+    return Report(
+        "Gains over the travel",
+        "feeddrive travel",
+        Verdict(tuple(sentences), good=good),
+        (Section("result", "Result", tuple(tables)), Section("axis", "The axis", (along.table(),)), *outside),
+        picture,
+        along.loop.axis.rotary,
     )
 
 
