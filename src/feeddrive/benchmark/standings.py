@@ -72,7 +72,7 @@ def drawn_tables(benchmark: Benchmark) -> list[Table]:
             *_some(left_out_table(benchmark, group)),
             places_table(benchmark, group),
         ]
-    return [*tables, decided_table(benchmark), search_table(benchmark), *_some(not_run_table(benchmark))]
+    return [*tables, decided_table(benchmark), search_table(benchmark), *_some(missing_table(benchmark))]
 
 
 def _some(table: Table) -> list[Table]:
@@ -105,8 +105,7 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     title = Text(
         f"Rules {benchmark.rules.version}, {group.name}: times better than {PLAIN} at equal {level}, on the same "
         f"{_counted(len(group.plants), 'plant')} ({', '.join(group.plants)}) and draws; place and first figure with "
-        f"{interval:3} "
-        f"intervals{_MARKED if order.unsettled else ''}"
+        f"{interval:3} intervals{_MARKED if order.unsettled else ''}"
     )
     return Table(title, ["place", "law", Column("Ms judged", form=".2f"), *HEADS], rows)
 
@@ -132,7 +131,12 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
         unstable = [row.plant for row in on if row.kind == UNFIT]
         others = [Text(f"{row.plant}: {row.unplaced}") for row in on if row.unplaced and row.kind != UNFIT]
         never = [p for p, ratio in benchmark.ratios(law, FIGURES[0]).items() if math.isinf(ratio) and p in group.plants]
-        why = joined("; ", [*others, *(Text(f"{plant}: no finite error") for plant in never)])
+        gone = [plant for plant in group.plants if plant not in {row.plant for row in on}]
+        lacking = [
+            *((plant, "no finite error") for plant in never),
+            *((plant, "there is no such law") for plant in gone),
+        ]
+        why = joined("; ", [*others, *(Text(f"{plant}: {reason}") for plant, reason in lacking)])
         count = f"{len(placed)} of {len(group.plants)}"
         rows.append([law, ", ".join(unstable) or "nowhere", count, Text(why or "unstable there")])
     title = f"{group.name}: laws without a place on all of these plants; no mean, since it would be over other plants"
@@ -176,21 +180,28 @@ def decided_table(benchmark: Benchmark) -> Table:
     return Table(f"Which places are decided; plants: of {views}", heads, rows, sentences=4)
 
 
-def not_run_table(benchmark: Benchmark) -> Table:
-    """Return the plants without a P-PI, and the laws that were not searched on the plants that have one."""
+def missing_table(benchmark: Benchmark) -> Table:
+    """Return the plants on which P-PI has no place, by the rules and by each variant, and the laws not searched."""
+    rows: list[list[Cell]] = []
+    for name, result in {THE_RULES: benchmark, **benchmark.variants}.items():
+        reasons: dict[str, list[str]] = {}
+        for plant in result.plants:
+            plain = result.row(plant, PLAIN)
+            if plain is None or plain.unplaced:
+                reasons.setdefault("there is none" if plain is None else plain.unplaced, []).append(plant)
+        rows += [
+            [Text(f"{name}: no place of {PLAIN}, so that nothing is compared there"), ", ".join(plants), Text(why)]
+            for why, plants in reasons.items()
+        ]
     named = {plant for group in benchmark.groups() for plant in group.plants}
-    missing = [plant for plant in benchmark.plants if plant not in named]
     unsearched: dict[str, list[str]] = {}
     for row in benchmark.rows:
         if row.kind == UNSEARCHED and row.plant in named:
             unsearched.setdefault(row.name, []).append(row.plant)
-    laws = [law if len(plants) == len(named) else f"{law} ({', '.join(plants)})" for law, plants in unsearched.items()]
-    rows: list[list[Cell]] = [
-        [what, ", ".join(names)]
-        for what, names in (("plants without a place of P-PI", missing), ("laws that were not searched", laws))
-        if names
-    ]
-    return Table("Not run: --retune --keep DIR searches it", ["what", "names"], rows, sentences=1)
+    for law, plants in unsearched.items():
+        where = "all others" if len(plants) == len(named) else ", ".join(plants)
+        rows.append([Text(f"{law}: not searched"), where, "--retune searches it"])
+    return Table("What is missing", ["what", "plants", "reason"], rows, sentences=2)
 
 
 def search_table(benchmark: Benchmark) -> Table:
