@@ -13,6 +13,7 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from scipy.linalg import expm
 
 import feeddrive as fd
 from feeddrive.blocks.signals import Setpoint
+from feeddrive.evaluation import Engine, Folder
 from feeddrive.language import tree
 from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
@@ -281,12 +283,14 @@ def main() -> None:
     parser.add_argument("--law", action="append")
     parser.add_argument("--draws", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kept", type=Path, help="finished laws, as docs/draw_robust.py keeps them in KEPT/box")
     asked = parser.parse_args()
     machine, box = fd.read_machine(asked.machine), Box.parse(asked.box)
     assert box is not None
     axis = asked.axis or next(iter(machine.loops))
     begun = time.process_time()
-    comparison = fd.comparison.compare_laws(machine, axis, laws=asked.law, box=box)
+    engine = None if asked.kept is None else Engine.of(None, store=Folder(asked.kept))
+    comparison = fd.comparison.compare_laws(machine, axis, laws=asked.law, box=box, engine=engine)
     print(comparison)
     print(f"compared in {time.process_time() - begun:.0f} s; {box}; {asked.draws} draws, seed {asked.seed}\n")
     draws = Draws(machine.loops[axis], box, asked.draws, asked.seed)

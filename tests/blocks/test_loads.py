@@ -8,20 +8,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from feeddrive.blocks.catalogue import catalogue
+from feeddrive.blocks.cutting.drill import Drill
+from feeddrive.blocks.cutting.edge_coefficients import EdgeCoefficients
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
+from feeddrive.blocks.cutting.turning_tool import TurningTool
 from feeddrive.blocks.families import Load
+from feeddrive.blocks.load.drilling_force import DrillingForce
 from feeddrive.blocks.load.force_sum import ForceSum
 from feeddrive.blocks.load.milling_force import MillingForce
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.load.sine_force import SineForce
 from feeddrive.blocks.load.step_force import StepForce
+from feeddrive.blocks.load.turning_force import TurningForce
 from feeddrive.language.errors import ParameterError, StructureError
 
+EDGE = EdgeCoefficients(Ktc=1.2e9, Kfc=6e8, Kte=2e4, Kfe=3e4)
 EXAMPLES: dict[str, Load] = {
     "step_force": StepForce(force=-40, start=0.3),
     "sine_force": SineForce(amplitude=50, frequency=7, phase=0.4, start=0.1, end=0.9),
     "recorded_force": RecordedForce(force=[1.0, -2.0, 3.0], sample_time=0.1),
     "milling_force": MillingForce(cutter=HelicalCutter.beltran2013(), spindle_speed=1800, chip_load=5e-5),
+    "turning_force": TurningForce(
+        tool=TurningTool(cutting_depth=2e-3, edge=EDGE), spindle_speed=1000, feed_per_turn=2e-4
+    ),
+    "drilling_force": DrillingForce(tool=Drill(diameter=0.01, lip=EDGE), spindle_speed=1000, feed_per_turn=2e-4),
     "force_sum": ForceSum(loads=(StepForce(force=1), StepForce(force=2, start=0.5))),
 }
 

@@ -30,7 +30,9 @@ def tune(*words: str, code: int = 0) -> str:
 )
 @pytest.mark.pictures
 def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> None:
-    said = tune("ball_screw", "--max-compliance", "0.2", "--filters", "free", "--out", str(tmp_path / "out"))
+    said = tune(
+        "ball_screw", "--box", "none", "--max-compliance", "0.2", "--filters", "free", "--out", str(tmp_path / "out")
+    )
     assert "Take Kv " in said
     assert f"Next: feeddrive export {tmp_path}/out/machine.toml -t c" in said
     text = (tmp_path / "out" / "machine.toml").read_text()
@@ -61,6 +63,8 @@ def test_a_machine_gets_new_numbers_and_keeps_its_comments(tmp_path: Path) -> No
 def test_another_law_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
     tune(
         "ball_screw",
+        "--box",
+        "none",
         "--law",
         "pole_placement",
         "--filters",

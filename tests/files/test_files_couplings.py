@@ -10,12 +10,17 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.blocks.coupling.cut_sections import CutSections
+from feeddrive.blocks.coupling.drilling_cut import DrillingCut
 from feeddrive.blocks.coupling.dynamometer_force import DynamometerForce
 from feeddrive.blocks.coupling.force_record import ForceRecord
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.coupling.structure_mode import StructureMode
+from feeddrive.blocks.coupling.turning_cut import TurningCut
+from feeddrive.blocks.cutting.drill import Drill
+from feeddrive.blocks.cutting.edge_coefficients import EdgeCoefficients
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter
 from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter
+from feeddrive.blocks.cutting.turning_tool import TurningTool
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import BUNDLED, machine_toml, read_machine
 from feeddrive.language import tree
@@ -47,7 +52,12 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     tool = MechanisticCutter(teeth=3, diameter=0.01, axial_depth=1e-3, Ktc=6e8, Kte=2e4, runout_offset=1e-5)
     other = MillingCut(cutter=tool, spindle_speed=6000.0, sections=sections, direction=0.5)
     rows = (ForceRecord(axis="y", row=[0.0, 3.5, -1e-3]), ForceRecord(axis="x", row=[1.0, 2.0]))
-    couplings = (*read_machine("gantry").couplings, cut, other, DynamometerForce(components=rows, interval=0.01))
+    edge = EdgeCoefficients(Ktc=7e8, Kfc=3e8, Kfe=2e4)
+    turning = TurningCut(tool=TurningTool(cutting_depth=2e-3, edge=edge), spindle_speed=900.0, along_feed="y")
+    drill = Drill(diameter=0.01, lip=edge, chisel=EdgeCoefficients(Ktc=2e9))
+    drilling = DrillingCut(tool=drill, spindle_speed=900.0, along="x", thickness=0.01)
+    couplings = (*read_machine("gantry").couplings, cut, other, turning, drilling)
+    couplings = (*couplings, DynamometerForce(components=rows, interval=0.01))
     machine = Machine.of({"x": x, "y": y}, couplings)
     path = tmp_path / "written.toml"
     path.write_text(machine_toml(machine, 'a "quoted" name', remark="two\nlines"), encoding="utf-8")

@@ -7,8 +7,10 @@ import pytest
 
 from feeddrive.blocks.friction.coulomb import Coulomb
 from feeddrive.blocks.friction.directional import Directional
+from feeddrive.blocks.friction.generalized_maxwell_slip import GeneralizedMaxwellSlip
+from feeddrive.blocks.friction.lugre import Lugre
 from feeddrive.blocks.friction.stribeck import Stribeck
-from feeddrive.learning.planned_friction import KEPT, RAMP, direction_along, friction_along
+from feeddrive.learning.planned_friction import KEPT, RAMP, direction_along, friction_along, remembers
 
 T = 1e-3
 
@@ -75,3 +77,48 @@ def test_both_directions_have_their_own_level() -> None:
     force = friction_along(friction, np.concatenate([np.full(5, 0.1), np.full(5, -0.1)]), T)
     assert force[0] == pytest.approx(90.0)
     assert force[-1] == pytest.approx(-60.0)
+
+
+def there_and_back(way: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Velocities of a way of constant speed forwards and backwards, and the way since the reversal at each sample."""
+    v = way / (steps * T)
+    velocity = np.concatenate([np.full(steps, v), np.full(steps, -v), np.zeros(60)])
+    return velocity, np.arange(steps) * way / steps
+
+
+def test_presliding_needs_its_way_after_a_reversal() -> None:
+    """LuGre with one level F: F(x) = -F (1 - 2 e^(-σ0 x/F)), x the way since the reversal; at rest it stays, then ends.
+
+    The step is of first order: 1 % of a way of F/σ0 in a sample.
+    """
+    F, stiffness = 100.0, 5e7  # N, N/m: 2 um
+    friction = Lugre(coulomb=F, breakaway=F, stribeck_velocity=1e-3, bristle_stiffness=stiffness, viscous=500.0)
+    steps = 2000
+    velocity, way = there_and_back(4e-5, steps)
+    force = friction_along(friction, velocity, T)
+    assert force[0] == pytest.approx(0.0, abs=1.0)
+    assert force[steps - 2] == pytest.approx(F, rel=1e-3)
+    middle = way[1:] + 0.5 * (way[1] - way[0])
+    expected = -F * (1.0 - 2.0 * np.exp(-stiffness * middle / F))
+    # the interval of the reversal itself stands: the mean of both velocities is 0
+    assert np.max(np.abs(force[steps + 1 : 2 * steps - 1] - expected[: steps - 2])) < 0.02 * F
+    assert force[2 * steps + round(RAMP / T) :] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_elements_of_maxwell_slip_turn_one_after_the_other() -> None:
+    """Two elements of 50 N that yield at 1 and 4 um: after a reversal twice that way (Masing), piecewise linear."""
+    friction = GeneralizedMaxwellSlip(
+        coulomb=100.0, breakaway=100.0, stribeck_velocity=1e-3, stiffness=[50.0 / 1e-6, 50.0 / 4e-6], share=[0.5, 0.5]
+    )
+    steps = 2000
+    velocity, way = there_and_back(4e-5, steps)
+    force = friction_along(friction, velocity, T)
+    middle = way[1:] + 0.5 * (way[1] - way[0])
+    expected = np.maximum(50.0 - 50.0e6 * middle, -50.0) + np.maximum(50.0 - 12.5e6 * middle, -50.0)
+    # exact but at the corners and the reversal: a sample of 20 nm on 62.5 N/um
+    assert np.max(np.abs(force[steps + 1 : 2 * steps - 1] - expected[: steps - 2])) < 62.5e6 * 2e-8
+
+
+def test_friction_without_a_memory_is_not_followed() -> None:
+    assert not remembers(Stribeck(coulomb=100.0, breakaway=150.0, stribeck_velocity=5e-3))
+    assert remembers(Lugre(coulomb=1.0, breakaway=1.0, stribeck_velocity=1e-3, bristle_stiffness=1e6))

@@ -24,7 +24,8 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.papers import emps as paper
 from feeddrive.papers.claims import Claim, Experiment, Reproduced
-from feeddrive.papers.emps import Half, Uncertain, emps, halves, identified, recovered
+from feeddrive.papers.covariance_box import Uncertain
+from feeddrive.papers.emps import Half, emps, halves, identified, recovered
 from feeddrive.workflow.reproduce import ReproduceRequest
 
 command = import_module("feeddrive.workflow.reproduce")  # the package has a command of this name
@@ -131,8 +132,11 @@ def test_a_law_is_judged_at_its_worst_plant() -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ({"paper": "emps"}, r"emps needs the measured log of the axis: feeddrive reproduce emps --log"),
-        ({"paper": "wu2017", "log": Path("a.mat")}, r"--log is the measured log of emps, and 'wu2017' has none"),
+        ({"paper": "emps"}, r"emps needs its measured log: feeddrive reproduce emps --log DATA_EMPS\.mat"),
+        (
+            {"paper": "wu2017", "log": Path("a.mat")},
+            r"--log is the measured log of emps or bench, and 'wu2017' has none",
+        ),
     ],
 )
 def test_the_measured_axis_and_its_log_go_together(words: dict[str, object], said: str) -> None:

@@ -69,4 +69,4 @@ def test_an_examination_finds_the_same_with_either_model(monkeypatch: pytest.Mon
     monkeypatch.setattr(worst.SampledPlants, "agree", lambda *_: False)
     slow = over_box(loop.control, [BoxPlants(box, loop, "model", 0.05)], limits)[0]
     assert fast.used == pytest.approx(slow.used, rel=1e-7)
-    assert (fast.examined, str(fast.plant)) == (slow.examined, str(slow.plant))
+    assert str(fast.plant) == str(slow.plant)

@@ -569,7 +569,7 @@ def test_ten_of_sixteen_generations_take_a_law_of_two_rates_at_one_rate(
         seen.append((search.criteria.control.period, turns))
         return points, merits
 
-    monkeypatch.setattr(Search, "look", lambda _search, points: np.arange(len(points), dtype=float))
+    monkeypatch.setattr(Search, "look", lambda _search, points, _merits=None: np.arange(len(points), dtype=float))
     monkeypatch.setattr(Search, "evolve", evolve)
     law = replace(ball_screw.control.law, position_every=4)  # type: ignore[call-arg]
     control, names = replace(ball_screw.control, law=law), ("law.Kv", "law.Kp")
@@ -766,7 +766,7 @@ def test_nine_tenths_of_the_tunables_of_a_trial_point_come_from_the_mutation() -
     """As Storn and Price have it; here each trial is better. Of 20,000 the share is known to 0.2 %."""
     search = Search(None, np.full(50, -9.0), np.full(50, 9.0))  # type: ignore[arg-type]
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (400, 50))
-    search.look = lambda trial: np.zeros(len(trial))  # type: ignore[method-assign]
+    search.look = lambda trial, _merits: np.zeros(len(trial))  # type: ignore[method-assign]
     after, _ = search.evolve(points, np.ones(400), np.random.default_rng(2), 1)
     assert np.mean(~np.isin(after, points)) == pytest.approx(0.9, abs=0.01)
 

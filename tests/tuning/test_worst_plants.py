@@ -12,15 +12,20 @@ import feeddrive as fd
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.signals import Setpoint
-from feeddrive.figures.of_loops import DELAY_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import DELAY_MARGIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.language import tree
 from feeddrive.language.errors import UnstableError
+from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.loop import Loop
+from feeddrive.tuning import tune
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.operating_point import modelled_point
+from feeddrive.tuning.screen import ScreenedPlants
+from feeddrive.tuning.search import Search
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
-from feeddrive.tuning.worst import Examination, OverBox, box_plants, over_box
+from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box
 from independent_box import box_draws
 
 # largest relative difference of Ms of the tuner, by interpolation between lines, and refined at its peak
@@ -185,6 +190,48 @@ def test_a_rule_is_judged_over_the_box(motor: Loop) -> None:
     assert result.box.holds is False
     assert result.holds is False
     assert "limits over the box" in result.proof[-1].what
+
+
+def joined(motor: Loop, names: tuple[str, ...]) -> tuple[Tuner, list[Examined]]:
+    """A tuning with the two worst plants of a box under the gains of today, one of them joined."""
+    point = modelled_point(motor)
+    tuner = Tuner((point,), ROPE_SNAP, Limits(), (0.0, np.inf), 0.95, 1, 0, 0.05, Progress(), Box())
+    plants = Examination(motor.control, float(motor.sample_time), Limits(), 0.05).corners(tuner.boxes[0])
+    tuner._join(plants[:1])
+    assert tuner.criteria(motor.control, names).screened
+    return tuner, plants
+
+
+def test_a_plant_that_has_joined_gets_all_of_its_lines(motor: Loop) -> None:
+    """It exceeds its limit between the lines of the search: it would else neither join nor keep the limit."""
+    tuner, plants = joined(motor, ())
+    worst = plants[0]._replace(used=1.0002)
+    few = tuner.kept[1].size
+    assert tuner._joining([worst]) == [worst]
+    tuner._join([worst])
+    assert len(tuner.points) == 2
+    assert few < tuner.kept[1].size == tuner.points[1].frequency.size
+    assert tuner._joining([worst]) == []
+
+
+def test_a_look_ends_where_it_cannot_win(motor: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plants of the box are screened only for what is better than asked at the model, and the best are those of all."""
+    names = ("law.Kv", "law.Kp", "law.Tn")
+    tuner, _ = joined(motor, names)
+    x = tune.logarithms(motor.control, names)
+    search = Search(tuner.criteria(motor.control, names), x - 1.0, x + 1.0)
+    points = x + np.random.default_rng(3).uniform(-0.5, 0.2, (40, 3))
+    whole = search.look(points)
+    model = search.look(points, np.full(40, -np.inf))
+    assert np.all(model <= whole)
+    assert np.any(model < whole - 0.01)
+    screened = list[int]()
+    bounds = ScreenedPlants.bounds
+    monkeypatch.setattr(ScreenedPlants, "bounds", lambda *given: (screened.append(1), bounds(*given))[1])
+    best, merits = search.best(points, 3)
+    assert merits == pytest.approx(np.sort(whole)[:3], rel=1e-12)
+    assert np.array_equal(best, points[np.argsort(whole)[:3]])
+    assert 3 <= len(screened) < 40
 
 
 def test_searches_say_how_many_agree(held: Tuned) -> None:

@@ -13,12 +13,13 @@ import feeddrive as fd
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
-from feeddrive.loop.box import Box
+from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.study.robust import tune_robust
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.command import AT_THE_MODEL
+from feeddrive.workflow.compare import CompareRequest
 from feeddrive.workflow.tune import NO_MODEL, TuneRequest, tune
 
 
@@ -98,6 +99,27 @@ def test_the_box_of_an_identified_machine_is_that_of_its_errors(tmp_path: Path) 
     assert "mass 38.4 to 41.6 kg" in str(found.box.text)
     ends = [spread for spread in found.box.spreads if spread.figure.key == "sensitivity_peak"]
     assert ends[0].worst > 1.01 * ends[0].nominal
+
+
+def test_the_default_box_is_that_of_the_errors_or_the_standard_one(tmp_path: Path) -> None:
+    plain, known = fd.read_machine("linear_motor"), fd.read_machine(with_errors(tmp_path))
+    assert plain.box(AUTO, "x") == Box()
+    identified = known.box(AUTO, "x")
+    assert identified is not None
+    assert identified.known == (("mass", 2.0 * 0.8 / 40.0),)
+    friction = fd.read_machine(with_errors(tmp_path, '[axis.x.standard_errors]\n"friction_load.viscous" = 2.0\n'))
+    assert friction.box(AUTO, "x") == Box()
+    assert TuneRequest("linear_motor").box == CompareRequest("linear_motor").box == AUTO
+
+
+def test_a_search_on_a_model_has_a_box_and_a_rule_has_none() -> None:
+    found = tune.run(TuneRequest("linear_motor", filters="kept", starts=1))
+    assert found.result.box is not None
+    assert found.result.box.holds is True
+    assert str(found.result.box.box) == str(Box())
+    assert AT_THE_MODEL not in found.notes
+    assert tune.run(TuneRequest("linear_motor", recipe="kv-rule")).result.box is None
+    assert tune.run(TuneRequest("linear_motor", filters="kept", starts=1, box="none")).result.box is None
 
 
 def test_errors_are_asked_of_the_file_that_holds_them(tmp_path: Path) -> None:

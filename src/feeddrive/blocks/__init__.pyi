@@ -29,6 +29,7 @@ from feeddrive.blocks.controller.super_twisting import SuperTwisting as SuperTwi
 from feeddrive.blocks.coupling.cross_beam import CrossBeam as CrossBeam
 from feeddrive.blocks.coupling.cross_coupled import CrossCoupled as CrossCoupled
 from feeddrive.blocks.coupling.cut_sections import CutSections as CutSections
+from feeddrive.blocks.coupling.drilling_cut import DrillingCut as DrillingCut
 from feeddrive.blocks.coupling.dynamometer_force import DynamometerForce as DynamometerForce
 from feeddrive.blocks.coupling.force_record import ForceRecord as ForceRecord
 from feeddrive.blocks.coupling.geometry import Geometry as Geometry
@@ -36,8 +37,12 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut as MillingCut
 from feeddrive.blocks.coupling.mode_shape import ModeShape as ModeShape
 from feeddrive.blocks.coupling.straightness import Straightness as Straightness
 from feeddrive.blocks.coupling.structure_mode import StructureMode as StructureMode
+from feeddrive.blocks.coupling.turning_cut import TurningCut as TurningCut
+from feeddrive.blocks.cutting.drill import Drill as Drill
+from feeddrive.blocks.cutting.edge_coefficients import EdgeCoefficients as EdgeCoefficients
 from feeddrive.blocks.cutting.helical_cutter import HelicalCutter as HelicalCutter
 from feeddrive.blocks.cutting.mechanistic_cutter import MechanisticCutter as MechanisticCutter
+from feeddrive.blocks.cutting.turning_tool import TurningTool as TurningTool
 from feeddrive.blocks.feedforward.disturbance_compensator import DisturbanceCompensator as DisturbanceCompensator
 from feeddrive.blocks.feedforward.friction_feedforward import FrictionFeedforward as FrictionFeedforward
 from feeddrive.blocks.feedforward.friction_stops import FrictionStops as FrictionStops
@@ -64,11 +69,13 @@ from feeddrive.blocks.friction.lugre import Lugre as Lugre
 from feeddrive.blocks.friction.regularised import Regularised as Regularised
 from feeddrive.blocks.friction.stribeck import Stribeck as Stribeck
 from feeddrive.blocks.friction.viscous import Viscous as Viscous
+from feeddrive.blocks.load.drilling_force import DrillingForce as DrillingForce
 from feeddrive.blocks.load.force_sum import ForceSum as ForceSum
 from feeddrive.blocks.load.milling_force import MillingForce as MillingForce
 from feeddrive.blocks.load.recorded_force import RecordedForce as RecordedForce
 from feeddrive.blocks.load.sine_force import SineForce as SineForce
 from feeddrive.blocks.load.step_force import StepForce as StepForce
+from feeddrive.blocks.load.turning_force import TurningForce as TurningForce
 from feeddrive.blocks.observer.disturbance_recovery import DisturbanceRecovery as DisturbanceRecovery
 from feeddrive.blocks.observer.gpi_observer import GpiObserver as GpiObserver
 from feeddrive.blocks.observer.kalman_recovery import KalmanRecovery as KalmanRecovery

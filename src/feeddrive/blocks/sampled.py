@@ -45,6 +45,15 @@ def check_order(kind: str, start: float, end: float | None) -> None:
         )
 
 
+def check_source(kind: str, feed_per_turn: float | None, reference: Block | None) -> None:
+    """Raise StructureError unless exactly one of a feed per turn and a reference says how thick the chip is."""
+    if (feed_per_turn is None) == (reference is None):
+        raise StructureError(
+            f"{kind} takes its chip from either feed_per_turn (m) or a reference (the motion of the feed): give "
+            "exactly one of them"
+        )
+
+
 def since(t: np.ndarray, start: float) -> np.ndarray:
     """Return a mask that is True at and after `start`, also for a t = kT that is below `start` only by rounding.
 

@@ -4,6 +4,7 @@ The slack of a limit is the distance to its violation, as a logarithm or a relat
 A limit is satisfied if its slack is >= 0.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
@@ -162,7 +163,7 @@ class Place(NamedTuple):
 
 
 # larger than the trust region of the search, 0.6 of a logarithm (tuning/search.py): a step hardly reaches further
-_NEAR = 0.7  # of a logarithm: bounds with more slack on a line are not stored
+_NEAR = 0.65  # of a logarithm: bounds with more slack on a line are not stored (where L vanishes, Ms <= 2 has 0.69)
 # near its pole the fraction leaves the response altogether: no circle goes through these three lines
 _POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
 # a crossover at -1 has no delay margin left; its logarithm and the division by it must stay finite
@@ -285,55 +286,58 @@ class _Crossing(NamedTuple):
     margin      frequency and margins of the crossover
     turned      derivatives of the phase at the crossover with respect to the tunables
     along       derivatives of ln f of the crossover with respect to the tunables
-    tilt, bend  d ln|L|/d ln f and d phase/d ln f at the crossover
     """
 
     line: int
     margin: GainCrossover
     turned: np.ndarray
     along: np.ndarray
-    tilt: float
-    bend: float
 
 
 def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
-    pushed = loop.gain_slope / loop.gain[:, None]  # of ln L
     x, level, _, turn = loop.logarithms
     for k, part, margin in gain_crossings(loop.logarithms):
+        pushed = loop.gain_slope[k : k + 2] / loop.gain[k : k + 2, None]  # of ln L
         width = x[k + 1] - x[k]
-        moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+        moved = (1.0 - part) * pushed[0] + part * pushed[1]
         along = -moved.real / ((level[k + 1] - level[k]) / width)  # derivatives of ln f of the crossover
         turned = moved.imag + (turn[k] / width) * along
-        yield _Crossing(k, margin, turned, along, *_tilts(x, level, turn, k))
+        yield _Crossing(k, margin, turned, along)
 
 
 def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
     """Yield the gain crossovers, with the distance of |phase margin| from a limit in deg as the slack."""
-    spread = _spread(loop)
-    for k, margin, turned, _along, tilt, bend in _gain_crossings(loop):
+    for k, margin, turned, _along in _gain_crossings(loop):
         sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
         slack = float(np.radians(abs(margin.phase_margin_deg) - limit))
         # noise of the phase and of the crossover frequency
-        deviation = float(spread[k]) * float(np.hypot(1.0, bend / tilt))
-        yield Place(margin.frequency, slack, sign * turned, deviation, k)
+        yield Place(margin.frequency, slack, sign * turned, _crossing_deviation(loop, k, 1.0, 0.0), k)
 
 
 def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
     """Yield the gain crossovers, with the distance of the delay margin from a limit in samples as the slack."""
-    spread, T = _spread(loop), loop.sample_time
-    for k, margin, turned, along, tilt, bend in _gain_crossings(loop):
+    T = loop.sample_time
+    for k, margin, turned, along in _gain_crossings(loop):
         f = margin.frequency
         # the logarithm of the angle that a delay may use up: its derivative has a term of the phase and one of ln f
         ahead = max(2.0 * np.pi * f * margin.delay_margin, _AHEAD)
         slack = float(np.log(ahead / (2.0 * np.pi * f * T * limit)))
-        deviation = float(spread[k]) * float(np.hypot(1.0 / ahead, (bend / ahead - 1.0) / tilt))
-        yield Place(f, slack, turned / ahead - along, deviation, k)
+        yield Place(f, slack, turned / ahead - along, _crossing_deviation(loop, k, 1.0 / ahead, 1.0), k)
+
+
+def _crossing_deviation(loop: SlopedLoop, k: int, by_phase: float, by_frequency: float) -> float:
+    """Return the standard deviation of `by_phase` times the phase minus `by_frequency` times ln f at crossover k."""
+    variance = float(loop.gain_variance[k])
+    if variance == 0.0:
+        return 0.0
+    x, level, _, turn = loop.logarithms
+    tilt, bend = _tilts(x, level, turn, k)
+    return math.sqrt(0.5 * variance) * float(np.hypot(by_phase, (bend * by_phase - by_frequency) / tilt))
 
 
 def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
     """Yield the phase crossovers, with the distance of the gain margin from a limit in dB as the slack."""
     spread = _spread(loop)
-    pushed = loop.gain_slope / loop.gain[:, None]
     x, level, _lead, turn = loop.logarithms
     crossing: PhaseCrossover
     for k, part, crossing in phase_crossings(loop.logarithms):
@@ -341,7 +345,8 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
         if crossing.gain_margin_dB < 0.0 or np.abs(turn[k]) >= 0.9 * np.pi:
             continue
         width = x[k + 1] - x[k]
-        moved = (1.0 - part) * pushed[k] + part * pushed[k + 1]
+        pushed = loop.gain_slope[k : k + 2] / loop.gain[k : k + 2, None]
+        moved = (1.0 - part) * pushed[0] + part * pushed[1]
         along = -moved.imag / (turn[k] / width)
         slope = -(moved.real + (level[k + 1] - level[k]) / width * along)
         tilt, bend = _tilts(x, level, turn, k)
@@ -403,19 +408,26 @@ def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarra
     out = slack.copy()
     low = (slack[1:-1] < slack[:-2]) & (slack[1:-1] < slack[2:]) & (slack[1:-1] < _NEAR)
     k = np.flatnonzero(low) + 1
-    left, right = x[k - 1] - x[k], x[k + 1] - x[k]
+    out[k] += np.log(lower_between(np.array([x[k - 1], x[k], x[k + 1]]), np.array([w[k - 1], w[k], w[k + 1]])))
+    return out
+
+
+def lower_between(x: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return the least |w| between three neighboring lines, divided by |w| of the middle one; 1 if it is not lower.
+
+    x, w  ln f and complex values of shape (3, n), of n such places
+    """
+    left, right = x[0] - x[1], x[2] - x[1]
     # (w0 + b u)/(1 + c u) is the value of a side: b u - c u w = w - w0, two equations for b and c
-    before, after = w[k - 1] - w[k], w[k + 1] - w[k]
+    before, after = w[0] - w[1], w[2] - w[1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        c = (left * after - right * before) / (left * right * (w[k - 1] - w[k + 1]))
-        b = before / left + c * w[k - 1]
+        c = (left * after - right * before) / (left * right * (w[0] - w[2]))
+        b = before / left + c * w[0]
         way = np.linspace(left, right, _POINTS, axis=1)
         under = 1.0 + c[:, None] * way
-        least_w = np.min(np.abs((w[k, None] + b[:, None] * way) / under), axis=1)
-        lower = np.log(least_w / np.abs(w[k]))
+        lower = np.min(np.abs((w[1][:, None] + b[:, None] * way) / under), axis=1) / np.abs(w[1])
     fitted = (np.min(np.abs(under), axis=1) > _POLE) & ~np.isnan(lower)
-    out[k[fitted]] += np.minimum(lower[fitted], 0.0)
-    return out
+    return np.where(fitted, np.minimum(lower, 1.0), 1.0)
 
 
 def _at_vertex(x: np.ndarray, slack: np.ndarray) -> np.ndarray:

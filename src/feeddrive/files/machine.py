@@ -40,7 +40,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
-from feeddrive.loop.box import Box
+from feeddrive.loop.box import AUTO, Box, is_identified
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -188,13 +188,18 @@ class MachineFile(Result):
     def box(self, text: str, axis: str | None) -> Box | None:
         """Return the box that a text describes for an axis; the text may refer to the standard errors in the file.
 
+        `auto` is `identified` if the file has a standard error of a mass or stiffness, and `standard` otherwise.
         Raises ParameterError like `Box.parse` and `Box.with_errors`.
         """
         box = Box.parse(text)
         if box is None:
             return None
         name = self.named(axis)
-        return box.with_errors(self.loops[name].axis, self.errors.get(name, {}), self.file.name)
+        plant, errors = self.loops[name].axis, self.errors.get(name, {})
+        if text.strip() == AUTO and is_identified(plant, errors):
+            box = Box.parse("identified")
+            assert box is not None
+        return box.with_errors(plant, errors, self.file.name)
 
     def coupled(self, axis: str) -> str:
         """Return a clause that names the first coupling of an axis, or an empty string if the axis is not coupled."""

@@ -239,6 +239,14 @@ class Track(NamedTuple):
             results.append(old + gained * (new - old) + (from_new * fast + from_old * slow))
         return tuple(results)
 
+    def moved(self, now: Sequence[Any], count: Any, h: Any) -> tuple[Any, ...]:
+        """Return by how much the signals changed over `count` steps until the middle of the present substep.
+
+        now  their values there, predicted from the newest sample like the earlier ones
+        """
+        before = self.ago(count, h, 0.5)
+        return tuple(x - y for x, y in zip(now, before, strict=False))
+
     def rates_ago(self, count: Any) -> tuple[Any, ...]:
         """Return the rates at the last sample before the point `count` steps before the newest; 0 if not stored."""
         older = minimum(

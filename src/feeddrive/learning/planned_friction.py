@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.families import Friction
+from feeddrive.language import tree
+from feeddrive.loop.stepped import stepped
 
 RAMP = 0.02
 """The time over which the friction force changes after a stop and before a start, s."""
@@ -79,22 +82,53 @@ def smooth_step(t: np.ndarray) -> np.ndarray:
     return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
 
 
+def remembers(friction: Friction) -> bool:
+    """Return True if the friction depends on the motion before, as in presliding (LuGre, Maxwell slip)."""
+    return any(True for _ in tree.leaves(friction.start()))
+
+
 def friction_along(friction: Friction, velocity: np.ndarray, sample_time: float) -> np.ndarray:
     """Return the force (N) that overcomes the dry friction in each sample interval of a motion, shape (n,).
 
         f(k) = s(k) level(v(k + 1/2)),   level(v) = |steady(v) - linear · v|
+        f(k) = -(F(k) + F(k + 1)) / 2    of a friction with a memory
+
+    A friction with a memory (`remembers`) is followed along the plan by its own step, whose body moves as planned: F is
+    its force at kT.  After a reversal it needs the presliding distance, at rest it stays, and after the last motion it
+    falls to 0 within 20 ms.
 
     velocity     planned velocity at kT, m/s, shape (n,)
     sample_time  T, s
 
     The viscous part is left out: the linear model of the loop holds it.
     """
+    middle = 0.5 * (velocity + np.append(velocity[1:], velocity[-1]))
+    if remembers(friction):
+        return _followed(friction, velocity, middle, sample_time)
     s = direction_along(velocity, sample_time)
-    middle = np.abs(0.5 * (velocity + np.append(velocity[1:], velocity[-1])))
-    speed = np.maximum(middle, _CREEP)
+    speed = np.maximum(np.abs(middle), _CREEP)
     force = np.zeros(s.size)
     for sign in (1.0, -1.0):
         there = s * sign > 0.0
         along: Any = sign * speed[there]
         force[there] = s[there] * np.abs(np.asarray(friction.steady(along)) - friction.linear() * along)
+    return force
+
+
+def _followed(friction: Friction, velocity: np.ndarray, middle: np.ndarray, T: float) -> np.ndarray:
+    """Return the force against the dry friction of a body that moves as planned, whatever acts on it.
+
+    The mean velocity of an interval moves the presliding on by exactly the planned way.
+    """
+
+    def step(block: Any, state: Any, signals: Mapping[str, Any], _: Any, h: Any) -> tuple[Any, dict[str, Any]]:
+        # a mobility of 0: no force moves the body off its plan
+        state, force, _stuck = block.contact(h, state, signals["velocity"], signals["middle"], 0.0)
+        return state, {"force": force}
+
+    ends = -stepped(friction, lambda plain: plain.start(), step, {"velocity": velocity, "middle": middle}, T)["force"]
+    force = 0.5 * (np.append(0.0, ends[:-1]) + ends)
+    moving = np.flatnonzero(np.abs(velocity) > _STILL)
+    last = int(moving[-1]) + 1 if moving.size else 0
+    force[last:] *= 1.0 - smooth_step((np.arange(force.size - last) + 1.0) * T / RAMP)
     return force

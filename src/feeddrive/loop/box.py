@@ -21,6 +21,7 @@ from feeddrive.loop.loop import Loop
 _MASS = {"kg": 1.0, "kg m2": 1.0}
 _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
+AUTO = "auto"  # the box of an identification, if its standard errors are known, and else the standard box
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
 _EDGES = 256  # largest number of edges whose middles are examined
 
@@ -138,6 +139,7 @@ class Box:
         What is not named has no tolerance; `standard` is the standard box, and ±20 % may be written as 20%.
         `identified` is the standard box in which values with a standard error spread by two of them, `identified=3` by
         three; behind other tolerances it does the same with these.
+        `auto` is the standard box where nothing is known of the axis (`MachineFile.box`).
         Raises ParameterError for any other text.
         """
         if text.strip() == "none":
@@ -158,7 +160,7 @@ class Box:
                     "identified=3, or stiffness=0.2,mass=0.3,dead_time=1sample,identified=3"
                 )
             return replace(plain, deviations=deviations)
-        if text.strip() == "standard":
+        if text.strip() in ("standard", AUTO):
             return cls()
         values = tolerances(text, ("stiffness", "mass", "dead_time"), "stiffness=0.2,mass=0.3,dead_time=1sample")
         return cls(values["stiffness"], values["mass"], int(values["dead_time"]))
@@ -181,8 +183,7 @@ class Box:
         """
         if not self.deviations:
             return self
-        # of the whole plant, whichever of both tolerances the box has
-        every = replace(self, stiffness=0.5, mass=0.5, known=()).dimensions(axis)
+        every = _every(axis)
         known = {d.path: self.deviations * errors[f"plant.{d.path}"] for d in every if f"plant.{d.path}" in errors}
         if not known:
             raise ParameterError(
@@ -295,6 +296,16 @@ class Box:
             at_end = (random.random(n) < 0.5) & (i % 2 == 1)
             place = np.where(at_end, np.sign(place), place)
             yield Corner(tuple(place.tolist()), int(random.integers(0, self.dead_time + 1)))
+
+
+def _every(axis: Axis) -> tuple[Dimension, ...]:
+    """Return all masses and stiffnesses of the plant of an axis, whichever tolerances a box has."""
+    return Box(0.5, 0.5, 0).dimensions(axis)
+
+
+def is_identified(axis: Axis, errors: Mapping[str, float]) -> bool:
+    """Return True if there is a standard error of a mass or stiffness of the plant, by paths such as plant.mass."""
+    return any(f"plant.{dimension.path}" in errors for dimension in _every(axis))
 
 
 def named(dimensions: Sequence[Dimension], corner: Corner) -> Text:

@@ -3,24 +3,19 @@
 The surface of an end mill is the envelope of its edges under the actual motion of the axes, with feed marks.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.signals import Motion
-from feeddrive.language import tree
-from feeddrive.language.block import Number
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import Graph
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.ring import Ring
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
-from feeddrive.loop.engine.llvm import native
-from feeddrive.loop.engine.plan import plan
 from feeddrive.loop.simulate import Run
-from feeddrive.loop.trace import Carried, Program, concrete, leaf, node
+from feeddrive.loop.stepped import stepped
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,24 +81,9 @@ def cutting_forces(run: Run, cut: MillingCut) -> CuttingForces:
     missing = sorted(names - set(run.signals))
     if missing:
         raise ParameterError(f"the run has no {', '.join(missing)}: record these for the cutting force")
-    T = np.float64(run.sample_time)
-    plain = concrete(cut)  # type: ignore[arg-type]
     first = {name: np.float64(run[name][0]) for name in names}
-    begun = plain.start(None, _motions(cut, first, 0.0))
-    tables = dict(tree.tables(cut))
-    # the block of the run itself, compiled as in the run: a second copy of its equations could differ
-    compiled = native(plan(_program(cut, begun, tables)))
-    values = {**dict(tree.leaves(plain)), "T": T}
-    constants = np.array([[values[name]] for name, _ in compiled.plan.constants]).reshape(-1, 1)
-    held = {name: value for name, value in tree.leaves(begun) if not isinstance(value, Ring)}
-    states = np.zeros((len(compiled.plan.memory), 1))
-    for i, state in enumerate(compiled.plan.states):
-        states[i, 0] = held[state.name]
-    inputs = np.column_stack([run[name] for name, _ in compiled.plan.inputs])
-    outputs = np.empty((run.samples, len(compiled.plan.outputs), 1))
-    rows = [np.asarray(tables[name]) for name, _ in compiled.plan.tables]
-    compiled.run(run.samples, 0, constants, np.ascontiguousarray(inputs), states, outputs, rows)
-    results = {name: outputs[:, i, 0].copy() for i, (name, _) in enumerate(compiled.plan.outputs)}
+    signals = {name: run[name] for name in sorted(names)}
+    results = stepped(cut, lambda plain: plain.start(None, _motions(cut, first, 0.0)), _step, signals, run.sample_time)
     middle = run.time + 0.5 * run.sample_time
     acts = middle >= cut.cut_from
     if cut.cut_to is not None:
@@ -141,34 +121,11 @@ def _speed(cut: MillingCut, time: np.ndarray) -> np.ndarray:
     return np.asarray(rows["spindle_speed"])[section]
 
 
-def _program(cut: MillingCut, begun: Any, tables: dict[str, Any]) -> Program:
-    """Trace one substep of the cut into a program with named inputs, states and outputs."""
-    graph = Graph()
-    symbolic = tree.rebuild(cut, (graph.input(name) for name, _ in tree.leaves(cut)))
-    symbolic = tree.with_tables(symbolic, {name: graph.table(name, len(row)) for name, row in tables.items()})
-    names = [name for name, _ in tree.leaves(begun)]
-    before = tree.rebuild(begun, (leaf(graph, f"state.{name}", value) for name, value in tree.leaves(begun)))
-    signals = [f"{axis}.{what}" for axis in (cut.along_x, cut.along_y) for what in ("position_load", "velocity_load")]
-    symbols = {name: graph.input(name) for name in signals}
-    sample = graph.input("sample")
-    T: Any = graph.input("T")
-    after, (along, across), forces = symbolic.forces(
-        before, _motions(cut, symbols, 0.5 * T), cast(Number, sample * T + 0.5 * T), T
-    )
-    carried = tuple(
-        Carried(name, node(graph, old), node(graph, new))
-        for name, (_, old), (_, new) in zip(names, tree.leaves(before), tree.leaves(after), strict=True)
-    )
-    outputs = {**forces._asdict(), "along": along, "across": across}
-    return Program(
-        graph=graph,
-        constants={name: graph.input(name).index for name in (*dict(tree.leaves(cut)), "T")},
-        inputs={name: symbol.index for name, symbol in symbols.items()},
-        states=carried,
-        outputs={name: graph.symbol(value).index for name, value in outputs.items()},
-        sample=sample.index,
-        tables={name: graph.table(name, len(row)).index for name, row in tables.items()},
-    )
+def _step(cut: Any, state: Any, signals: Mapping[str, Any], sample: Any, T: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the state of the cut after a sample, its forces, and the direction of the feed."""
+    time = sample * T + 0.5 * T
+    state, (along, across), forces = cut.forces(state, _motions(cut, signals, 0.5 * T), time, T)
+    return state, {**forces._asdict(), "along": along, "across": across}
 
 
 _SAG = 1e-9  # m between two angles of an edge

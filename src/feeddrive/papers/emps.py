@@ -7,14 +7,12 @@ Source of the log: Janot, Gautier, Brunot, Data Set and Reference Models of EMPS
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import chi2
 
 from feeddrive import plot
 from feeddrive.analysis.replay import Replay, estimate_start, observe, replay
@@ -29,12 +27,11 @@ from feeddrive.files.job import read_job
 from feeddrive.files.machine import read_machine
 from feeddrive.identification.motion.identify import Identified, identify_motion
 from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.regression import Estimate
 from feeddrive.language import tree
 from feeddrive.language.errors import LogError, NotIdentifiableError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.table import Column, Table
+from feeddrive.language.table import Table
 from feeddrive.language.text import Text
 from feeddrive.learning.iterative_feedforward import Iteration, begin_compensation, compensated, next_iteration
 from feeddrive.learning.trajectory_prefilter import PrefilterFit, fit_prefilter_to_log, tune_prefilter
@@ -42,15 +39,14 @@ from feeddrive.learning.trial import measured_trial
 from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, root_mean_square, simulate
-from feeddrive.papers.claims import MEASURED, Claim, Experiment, stated
+from feeddrive.papers.claims import Claim, Experiment, stated
+from feeddrive.papers.covariance_box import DRAWS, Uncertain
 from feeddrive.report.report import Picture
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import tune_control
 
 SKIPPED = 49  # samples at the start of a half, as the bundled job has it: the state of the real loop is not known there
-CONFIDENCE = 0.95  # of the ellipsoid that the box encloses
-DRAWS = 64  # plants within the box, besides its corners
 LIMITS = Limits(sensitivity_peak=2.0, delay_margin_samples=2.0)
 RECOVERED = 50.0  # Hz, filter of the recovered force: a count of 50 nm at 1 kHz makes 3 N of noise without one
 FORWARD = 0.05  # m/s at which loops are linearized, both ways: viscous friction differs by direction
@@ -118,70 +114,6 @@ def halves(log: str | Path, loop: Loop) -> tuple[Half, Half]:
         return Half(name, wanted[rows], position[rows], force[rows], reference, T)
 
     return half("first half", 1, middle), half("second half", middle, position.size - 1)
-
-
-@dataclass(frozen=True)
-class Uncertain:
-    """The box that encloses the 95 % ellipsoid of the covariance of the identified parameters.
-
-        value ± k error,   k² = χ²(0.95) with as many degrees of freedom as there are parameters
-
-    with one more sample of dead time or none, since the dead time was fitted in whole samples.
-    """
-
-    model: Loop
-    estimates: tuple[Estimate, ...]
-
-    @property
-    def factor(self) -> float:
-        """The k of the equation above."""
-        return math.sqrt(float(chi2.ppf(CONFIDENCE, len(self.estimates))))
-
-    @property
-    def mass_share(self) -> float:
-        """The relative half width of the box in the mass."""
-        mass = next(estimate for estimate in self.estimates if estimate.name.endswith("mass"))
-        return self.factor * mass.error / mass.value
-
-    def places(self) -> Iterator[tuple[tuple[float, ...], int]]:
-        """Yield the center, all corners and draws: places from -1 to 1 in each parameter, and samples of dead time."""
-        n = len(self.estimates)
-        random = np.random.default_rng(0)
-        for late in (0, 1):
-            yield (0.0,) * n, late
-            for corner in product((-1.0, 1.0), repeat=n):
-                yield corner, late
-        for _ in range(DRAWS):
-            yield tuple(random.uniform(-1.0, 1.0, n).tolist()), int(random.integers(0, 2))
-
-    def loop(self, law: Loop, place: Sequence[float], late: int) -> Loop:
-        """Return the loop of a law with a plant of the box; the law keeps the numbers of its design."""
-        changes = {
-            estimate.name: estimate.value + u * self.factor * estimate.error
-            for estimate, u in zip(self.estimates, place, strict=True)
-        }
-        axis = tree.vary(self.model, changes).axis
-        return replace(law, axis=axis).later(late)
-
-    def table(self, published: Loop) -> Table:
-        """Return the parameters with their errors, the ends of the box, and the published values."""
-        rows = []
-        for estimate in self.estimates:
-            half = self.factor * estimate.error
-            value, error, low, high, told = (
-                Quantity(number, estimate.unit)
-                for number in (
-                    estimate.value,
-                    estimate.error,
-                    estimate.value - half,
-                    estimate.value + half,
-                    float(tree.get(published, estimate.name)),
-                )
-            )
-            rows.append([estimate.name.rsplit(".", 1)[-1], value, error, low, high, told])
-        columns = ["parameter", *(Column(head, form="4") for head in ("value", "error", "from", "to", "published"))]
-        title = Text(f"the axis by the first half, and the box of its covariance, ± {Quantity(self.factor):3} errors")
-        return Table(title, columns, rows)
 
 
 @dataclass(frozen=True)
@@ -380,7 +312,7 @@ def emps(log: str | Path, progress: Progress) -> Experiment:
         rows[name] = judged(name, law, box, second)
     shown = {name: follow(laws[name], second, name) for name in (DADSC, PREFILTERED, LEARNED)}
     return Experiment(
-        name=MEASURED,
+        name="emps",
         title="Three papers on a measured axis",
         citation="Log: Janot, Gautier, Brunot, Data Set and Reference Models of EMPS, Workshop on Nonlinear System "
         "Identification Benchmarks, 2019",
@@ -391,7 +323,7 @@ def emps(log: str | Path, progress: Progress) -> Experiment:
             *_paper_4(model, box, lessons, rows),
         ),
         tables=(
-            box.table(ran),
+            box.table(ran, "the axis by the first half"),
             Table("The laws on the identified axis, and over the box", COLUMNS, [row.row() for row in rows.values()]),
         ),
         pictures=_pictures(predicted, shown),

@@ -56,7 +56,7 @@ class Candidate:
         `control` is the tuned controller of this candidate, or of the candidate `like` if that is set.
         """
         if self.like:
-            # filters that were tuned with the law belong to its gains
+            # filters are tuned with the law, and its gains hold with these alone
             control = replace(self.loop.control, law=control.law, filters=control.filters)
         return replace(self, loop=replace(self.loop, control=control))
 

@@ -206,7 +206,7 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
 
     Control states that do not affect the force, such as an integrator with zero gain, are ignored.
     """
-    samples = _with_effect(samples)
+    samples = with_effect(samples)
     n, many = samples.shape[1] - 1, axis.A.shape[0]
     force = axis.inputs.index("cut")
     read = [axis.outputs.index(reading) for reading in READINGS]
@@ -226,7 +226,25 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
     return not float(np.max(np.abs(np.linalg.eigvals(moved)))) < _EDGE
 
 
-def _with_effect(samples: np.ndarray) -> np.ndarray:
+def growing(A: np.ndarray, B: np.ndarray, C: np.ndarray, sample: np.ndarray) -> np.ndarray:
+    """Return for each of many axes whether it forms an unstable loop with a single-rate controller, as `grows` does.
+
+    A, B, C  of the axes from force to both readings, of shapes (axes, m, m), (axes, m) and (2, m)
+    sample   [A B; c d] of the controller
+    """
+    sample = with_effect(sample[None])[0]
+    n, many = sample.shape[0] - 1, A.shape[1]
+    moved = np.zeros((len(A), many + n, many + n))
+    force = np.concatenate([sample[n, n:] @ C, sample[n, :n]])
+    moved[:, many:, :many], moved[:, many:, many:] = sample[:n, n:] @ C, sample[:n, :n]
+    moved[:, :many] = B[:, :, None] * force
+    moved[:, :many, :many] += A
+    finite = np.all(np.isfinite(moved), axis=(1, 2))
+    largest = np.max(np.abs(np.linalg.eigvals(np.where(finite[:, None, None], moved, 0.0))), axis=1)
+    return ~(finite & (largest < _EDGE))
+
+
+def with_effect(samples: np.ndarray) -> np.ndarray:
     """Return the controller matrices without the states that do not affect the force, which is the last row."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)

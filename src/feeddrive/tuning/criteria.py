@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -84,6 +84,12 @@ class Limits:
         bounds |= {limit.figure.key: limit.bound for limit in limits}
         noise = self.reading_noise if reading_noise is None else reading_noise
         return Limits((), reading_noise=noise, snap_force=self.snap_force, **bounds)
+
+    def only(self, key: str) -> Limits:
+        """Return a copy of these limits with the limit of one figure alone, by its key."""
+        bounds: dict[str, float | None] = {figure.key: None for figure in limitable()}
+        bounds[key] = next((limit.bound for limit in self.limits if limit.figure.key == key), None)
+        return Limits((), reading_noise=self.reading_noise, snap_force=self.snap_force, **bounds)
 
     def eased(self, figure: Figure, factor: float) -> Limits:
         """Return a copy of these limits in which the limit of one figure is relaxed by a factor."""
@@ -231,6 +237,7 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 
+_LOOKED = 3  # in a look with plants of a box one of so many lines of a point with a goal counts
 _FEWEST = 50  # least number of lines that remain after decimation
 
 
@@ -268,11 +275,24 @@ class Evaluation:
         return np.array([bound.slope for bound in self.bounds]).reshape(len(self.bounds), self.slope.shape[1])
 
 
+class Screened(Protocol):
+    """Plants of a box whose limits are computed together, without derivatives."""
+
+    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
+        """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
+        ...
+
+    def unstable(self, matrix: np.ndarray) -> bool:
+        """Return True if the loop is unstable at any of the plants."""
+        ...
+
+
 class Criteria:
     """The evaluation of goal and limits of a controller at all operating points.
 
     goal  a figure with a `Goal`, which counts at all points but those with bounds only
     near  True to use only the nearest images of a multirate controller, as in all searches but the last
+    screened  the points with bounds only once more, as plants that a look screens; empty if it cannot
     """
 
     def __init__(
@@ -284,7 +304,9 @@ class Criteria:
         band: tuple[float, float],
         *,
         near: bool = False,
+        screened: Sequence[Screened] = (),
     ) -> None:
+        self.screened = screened
         self.points, self.control, self.goal, self.limits, self.band = points, control, goal, limits, band
         self.near = near
         assert goal.goal is not None
@@ -301,6 +323,11 @@ class Criteria:
             _none_below(control.images(point.by_force_at, point.frequency), lines.size)
             for point, lines in zip(points, below, strict=True)
         ]
+
+    @property
+    def over_plants(self) -> bool:
+        """True if limits apply at plants of a box too."""
+        return any(point.bounds_only for point in self.points)
 
     @property
     def count(self) -> int:
@@ -348,39 +375,82 @@ class Criteria:
             for point, below, slow, fast in zip(self.points, self._below, parts[::2], parts[1::2], strict=True)
         ]
 
-    def looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
+    def looked(
+        self, x: np.ndarray, promising: Callable[[int, Evaluation], bool] = lambda _place, _evaluation: True
+    ) -> Iterator[Evaluation | None]:
         """Evaluate many sets of tunables without derivatives; yield None for a set whose evaluation fails.
 
-        x holds the logarithms of the tunables, shape (sets, tunables). The models of a single-rate controller are
-        computed for all sets at once, so that a set costs a fraction of a search step. A multirate controller is
-        evaluated set by set, on a part of the lines and with the nearest images only.
-        """
-        if self.control.period > 1:
-            every = 2 if self.near else 4
-            coarser = tuple(point.chosen(some(np.arange(point.frequency.size), every)) for point in self.points)
-            yield from Criteria(coarser, self.control, self.goal, self.limits, self.band, near=True)._looked(x)
-        else:
-            yield from self._looked(x)
+        x          the logarithms of the tunables, shape (sets, tunables)
+        promising  is asked with the number of a set and what was evaluated of it so far: goal and limits at the points
+                   with a goal, then the limits at one plant of a box after the other.  Where it returns False the rest
+                   is left out.
 
-    def _looked(self, x: np.ndarray) -> Iterator[Evaluation | None]:
+        The models of a single-rate controller are computed for all sets at once, so that a set costs a fraction of a
+        search step. A multirate controller is evaluated set by set, on a part of the lines and with the nearest images
+        only.
+        """
         models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
-        for place, matrix in zip(x, models, strict=True):
+        for i, (place, matrix) in enumerate(zip(x, models, strict=True)):
             try:
-                if matrix is None:
-                    samples = self.control.of_a_period(np.exp(place))
-                    axes = (point.model for point in self.points if point.model is not None)
-                    # poles first: they cost a fraction of the lines
-                    if any(grows(axis, samples) for axis in axes):
-                        yield None
-                        continue
-                    answers = self._of_two_rates(np.exp(place), look=True)
-                else:
-                    answers = self._answers(self.control.of_model(matrix, self._lines), np.zeros(0))
-                # many points are unstable: their goals and bounds are not needed
-                yield None if any(unstable(loop) for loop in answers) else self._of_stable(place, answers)
+                yield self._look(place, matrix, lambda evaluation, i=i: promising(i, evaluation))
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 # a scattered point may overflow or leave the bounds of a block: it only drops out of the population
                 yield None
+
+    @cached_property
+    def _parts(self) -> tuple[Criteria, ...]:
+        """The criteria of a look: at the points with a goal, and at the plants of a box, if there are any."""
+        points, several = self.points, self.control.period > 1
+        if several or self.screened:
+            # beside plants that are screened the points with a goal need no more lines than those have
+            every = _LOOKED if not several else 2 if self.near else 4
+            points = tuple(point.chosen(some(np.arange(point.frequency.size), every)) for point in points)
+        return tuple(
+            Criteria(tuple(part), self.control, self.goal, self.limits, self.band, near=several)
+            for bounds_only in (False, True)
+            if (part := [point for point in points if point.bounds_only is bounds_only])
+        )
+
+    def _look(
+        self, x: np.ndarray, matrix: np.ndarray | None, promising: Callable[[Evaluation], bool]
+    ) -> Evaluation | None:
+        """Evaluate one set of tunables; None if its loop is unstable at a point."""
+        if matrix is None:
+            samples = self.control.of_a_period(np.exp(x))
+            axes = (point.model for point in self.points if point.model is not None)
+            # poles first: they cost a fraction of the lines
+            if any(grows(axis, samples) for axis in axes):
+                return None
+        found: Evaluation | None = None
+        for part in self._parts[:1] if self.screened else self._parts:
+            answers = (
+                part._of_two_rates(np.exp(x), look=True)
+                if matrix is None
+                else part._answers(self.control.of_model(matrix, part._lines), np.zeros(0))
+            )
+            if found is None:
+                # many sets are unstable: their goals and bounds are not needed
+                if any(unstable(loop) for loop in answers):
+                    return None
+                found = part._of_stable(x, answers)
+                continue
+            for loop in answers:
+                if not promising(found):
+                    return found
+                if unstable(loop):
+                    return None
+                found = replace(found, bounds=(*found.bounds, *bounds_of(0, loop, self.limits)))
+        assert found is not None
+        if matrix is None:
+            return found
+        for plants in self.screened:
+            if not promising(found):
+                return found
+            found = replace(found, bounds=(*found.bounds, *plants.bounds(self.control, matrix, self.limits)))
+        # poles last: they cost more than the lines, and most sets are no longer promising
+        if promising(found) and any(plants.unstable(matrix) for plants in self.screened):
+            return None
+        return found
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """Return the evaluation for logarithms x of the tunables; results are cached."""

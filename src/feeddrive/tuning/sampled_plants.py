@@ -5,6 +5,7 @@ The models here are compared with linearized ones when a box is set up, and not 
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class SampledPlants:
             np.all(np.abs(self._middle[2] @ along) <= 1e-12 * np.max(np.abs(self._middle[2]), initial=0.0))
         )
         self._first = first
-        one = axis.one_encoder()
+        one = self.one_encoder = axis.one_encoder()
         motor, load = shape[plain.motor], shape[plain.load]
         only = load if axis.encoder_load is not None else motor
         self._drive, self._load = shape[plain.drive], load
@@ -74,49 +75,104 @@ class SampledPlants:
                         return False
         return True
 
-    def model(self, corner: Corner) -> StateSpace:
-        """Return the sampled model of a plant from command and table force to both readings and the table."""
+    def held(self, places: np.ndarray) -> "Held":
+        """Return the sampled models of plants at places of the box, shape (plants, dimensions)."""
         from scipy.linalg import expm
 
-        moved = self._middle.copy()
-        for u, change in zip(corner.place, self._changes, strict=True):
-            moved += u * change
-        S = self._basis
+        moved = self._middle + np.einsum(
+            "kd,dabc->kabc", places, np.array(self._changes).reshape(-1, *self._middle.shape)
+        )
+        S, count = self._basis, len(places)
         n = S.shape[0]
-        M, C, K = (S.T @ part @ S for part in moved)
+        M, C, K = (S.T @ moved[:, part] @ S for part in range(3))
         if self._free:
-            K[:, self._first] = K[self._first] = 0.0
+            K[:, :, self._first] = K[:, self._first] = 0.0
         size = 2 * n + (self._lag is not None)
-        F = np.zeros((size + 2, size + 2))  # states, the command and the force on the table, both held
-        F[:n, n : 2 * n] = np.eye(n)
-        acts = np.linalg.solve(M, np.column_stack([K, C, S.T @ self._drive, S.T @ self._load]))
-        F[n : 2 * n, :n], F[n : 2 * n, n : 2 * n] = -acts[:, :n], -acts[:, n : 2 * n]
-        F[n : 2 * n, 2 * n], F[n : 2 * n, size + 1] = acts[:, 2 * n], acts[:, 2 * n + 1]
+        F = np.zeros((count, size + 2, size + 2))  # states, the command and the force on the table, both held
+        F[:, :n, n : 2 * n] = np.eye(n)
+        forces = np.broadcast_to(np.column_stack([S.T @ self._drive, S.T @ self._load]), (count, n, 2))
+        acts = np.linalg.solve(M, np.concatenate([K, C, forces], axis=2))
+        F[:, n : 2 * n, :n], F[:, n : 2 * n, n : 2 * n] = -acts[:, :, :n], -acts[:, :, n : 2 * n]
+        F[:, n : 2 * n, 2 * n], F[:, n : 2 * n, size + 1] = acts[:, :, 2 * n], acts[:, :, 2 * n + 1]
         if self._lag is not None:
-            F[2 * n, 2 * n], F[2 * n, size] = -self._lag, self._lag
+            F[:, 2 * n, 2 * n], F[:, 2 * n, size] = -self._lag, self._lag
         whole = expm(F * self.T)
-        A, pushed = whole[:size, :size], whole[:size, size + 1]
-        new, old = whole[:size, size], np.zeros(size)
+        new, old = whole[:, :size, size], np.zeros((count, size))
         if self._part:
             # before the handover the command of the sample before acts
             after = expm(F * (self.T * (1.0 - self._part)))
-            new, old = after[:size, size], whole[:size, size] - after[:size, size]
-        late = self._whole + corner.late
-        waiting = late + (self._part > 0.0)
-        full = np.zeros((size + waiting, size + waiting))
-        full[:size, :size] = A
-        B = np.zeros((size + waiting, 2))
-        B[:size, 1] = pushed
-        for acting, delay in ((new, late), (old, late + 1)):
-            if delay == 0:
-                B[:size, 0] += acting
-            elif delay <= waiting:
-                full[:size, size + delay - 1] += acting
-        if waiting:
-            B[size, 0] = 1.0
-            full[size + 1 :, size : size + waiting - 1] = np.eye(waiting - 1)
-        outputs = np.zeros((3, size + waiting))
+            new, old = after[:, :size, size], whole[:, :size, size] - after[:, :size, size]
+        outputs = np.zeros((3, size))
         outputs[:, :n] = self._outputs @ S
+        return Held(whole[:, :size, :size], new, old, whole[:, :size, size + 1], outputs, self._whole, self.T)
+
+    def model(self, corner: Corner) -> StateSpace:
+        """Return the sampled model of a plant from command and table force to both readings and the table."""
+        held = self.held(np.array([corner.place]).reshape(1, -1))
+        A, B, outputs = held.delayed(corner.late)
+        n, waiting = held.A.shape[1] // 2, A.shape[1] - held.A.shape[1]
         names = (*(f"position.{i}" for i in range(n)), *(f"velocity.{i}" for i in range(n)))
         states = (*names, *(("drive",) if self._lag is not None else ()), *(f"pending.{i}" for i in range(waiting)))
-        return StateSpace(full, B, outputs, np.zeros((3, 2)), self.T, states, INPUTS, OUTPUTS)
+        return StateSpace(A[0], B[0], outputs, np.zeros((3, 2)), self.T, states, INPUTS, OUTPUTS)
+
+
+class Held(NamedTuple):
+    """Sampled models of plants: x' = A x + new u(k - whole) + old u(k - whole - 1) + pushed d, readings = outputs x.
+
+    A is of shape (plants, n, n), new, old and pushed of shape (plants, n), outputs of shape (3, n).
+    """
+
+    A: np.ndarray
+    new: np.ndarray
+    old: np.ndarray
+    pushed: np.ndarray
+    outputs: np.ndarray
+    whole: int
+    T: float
+
+    def delayed(self, late: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return A, B and C of the plants with the delayed commands as states, for so many samples of more dead time.
+
+        A is of shape (plants, m, m), B of shape (plants, m, 2) for command and force on the table, C of shape (3, m).
+        """
+        count, n = self.A.shape[:2]
+        after = self.whole + late
+        waiting = after + bool(np.any(self.old))
+        A, B = np.zeros((count, n + waiting, n + waiting)), np.zeros((count, n + waiting, 2))
+        A[:, :n, :n], B[:, :n, 1] = self.A, self.pushed
+        for acting, delay in ((self.new, after), (self.old, after + 1)):
+            if delay == 0:
+                B[:, :n, 0] += acting
+            elif delay <= waiting:
+                A[:, :n, n + delay - 1] += acting
+        if waiting:
+            B[:, n, 0] = 1.0
+            A[:, n + 1 :, n : n + waiting - 1] = np.eye(waiting - 1)
+        return A, B, np.concatenate([self.outputs, np.zeros((3, waiting))], axis=1)
+
+    def at(self, frequency: np.ndarray, late: np.ndarray) -> np.ndarray:
+        """Return the responses of both readings to the command, shape (plants, 2, lines).
+
+            C adj(δ - N) B/det(δ - N),   N = A - 1,   δ = z - 1
+
+        The polynomials are those of Faddeev and LeVerrier: N M(k-1) + c(k) is M(k), and c(k+1) = -tr(N M(k))/(k+1).
+        In δ their coefficients keep their digits where all poles of a slow axis lie near z = 1.
+
+        frequency  lines in Hz of each plant, shape (plants, lines)
+        late       additional dead time of each plant, whole samples
+        """
+        count, n = self.A.shape[:2]
+        N, C = self.A - np.eye(n), self.outputs[:2]
+        z = np.exp(2j * np.pi * self.T * frequency)
+        inputs = np.stack([self.new, self.old] if np.any(self.old) else [self.new], axis=2)
+        delta, adjugate = z - 1.0, np.broadcast_to(np.eye(n), (count, n, n))
+        below = np.ones_like(z)
+        above = np.zeros((*frequency.shape[:1], 2, inputs.shape[2], frequency.shape[1]), complex)
+        for k in range(1, n + 1):
+            above = above * delta[:, None, None] + (C @ adjugate @ inputs)[..., None]
+            product = N @ adjugate
+            c = -np.trace(product, axis1=1, axis2=2) / k
+            below = below * delta + c[:, None]
+            adjugate = product + c[:, None, None] * np.eye(n)
+        driven = above[:, :, 0] if inputs.shape[2] == 1 else above[:, :, 0] + above[:, :, 1] / z[:, None]
+        return driven / below[:, None] * (z ** -(self.whole + late)[:, None])[:, None]

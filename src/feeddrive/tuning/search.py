@@ -101,17 +101,41 @@ class Search:
             return None
         return evaluation if evaluation.stable and np.all(np.isfinite(evaluation.goal)) else None
 
-    def look(self, points: np.ndarray) -> np.ndarray:
+    def look(self, points: np.ndarray, better_than: np.ndarray | None = None) -> np.ndarray:
         """Return the merit at many points (points, tunables), clipped to the search range.
+
+        better_than  a merit for each point: where a part of the points of the criteria shows that it is not reached,
+                     the merit of this part is returned, which is no better
 
         The merit is infinite where the loop is unstable or the evaluation fails.
         """
         inside = np.clip(points, self.low, self.high)
+
+        def promising(i: int, evaluation: Evaluation) -> bool:
+            return better_than is None or self.merit(evaluation) < better_than[i]
+
         fine = (
             evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
-            for evaluation in self.criteria.looked(inside)
+            for evaluation in self.criteria.looked(inside, promising)
         )
         return np.array([self.merit(evaluation) for evaluation in fine])
+
+    def best(self, points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best of many points, with their merits, the best first.
+
+        At plants of a box only those are judged that may be among the best by their merit at the model, which cannot be
+        worse.
+        """
+        merits = lower = self.look(points, np.full(len(points), -np.inf))
+        if self.criteria.over_plants:
+            merits = np.full(len(points), np.inf)
+            for i in np.argsort(lower):
+                least = np.partition(merits, count - 1)[count - 1]
+                if lower[i] >= least:
+                    break
+                merits[i] = self.look(points[i : i + 1], np.array([least]))[0]
+        order = np.argsort(merits)[:count]
+        return points[order], merits[order]
 
     def evolve(
         self, points: np.ndarray, merits: np.ndarray, random: np.random.Generator, turns: int
@@ -129,7 +153,7 @@ class Search:
             best = points[random.choice(np.argsort(merits)[: max(many // 6, 1)], size=many)]
             trial = points + factor * (best - points) + factor * (a - b)
             trial = np.where(random.random((many, n)) < _CROSSED, trial, points)
-            trial_merits = self.look(trial)
+            trial_merits = self.look(trial, merits)
             better = trial_merits < merits
             points, merits = (
                 np.where(better[:, None], np.clip(trial, self.low, self.high), points),

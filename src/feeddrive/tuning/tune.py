@@ -46,8 +46,9 @@ from feeddrive.tuning.criteria import (
 from feeddrive.tuning.filters import HIGHEST_FILTER
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point, position_loop, response_on
 from feeddrive.tuning.proof import Checked, of_known, of_measurement, of_model
+from feeddrive.tuning.screen import ScreenedPlants, can_screen
 from feeddrive.tuning.search import AGREE, PENALTY, End, Search, unconfirmed
-from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, box_plants, over_box
+from feeddrive.tuning.worst import BoxPlants, Examination, Examined, OverBox, box_plants, over_box, worst_plants
 
 _RANGE = math.log(1e3)  # largest factor between a gain and its start value
 _FILTER = math.log(4.0)  # largest factor between the frequency of a filter and its start value
@@ -155,6 +156,7 @@ def scattered(
     return np.clip((shapes[:, None] + _RUNGS[:, None] * powers).reshape(-1, x.size), low, high)
 
 
+_SMALLER = ", or take a smaller box of plants (--box), or the model alone (--box none)"
 _AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
 _ROUNDS = 12  # rounds in which plants of a box join
 _JOIN = 2  # plants that join in a round
@@ -260,17 +262,46 @@ class Tuner:
         control = replace(control, law=control.law.at_one_rate()) if rough else control
         response = ControlResponse(control, self.points[0].sample_time, names, self.velocity)
         points = self.points if whole else tuple(s.chosen(k) for s, k in zip(self.points, self.kept, strict=True))
-        return Criteria(points, response, self.goal, self.limits, self.band)
+        screened = () if whole or not can_screen(response, self.limits) else self._screened()
+        return Criteria(points, response, self.goal, self.limits, self.band, screened=screened)
+
+    def _screened(self) -> tuple[ScreenedPlants, ...]:
+        """Return the plants of the box that have joined for the looks of a search; empty if one cannot be screened."""
+        screens = [plants.screen for plants in self.boxes]
+        of_box = [[corner for box, corner in self.joined if box == i] for i in range(len(screens))]
+        if any(screen is None and corners for screen, corners in zip(screens, of_box, strict=True)):
+            return ()
+        return tuple(
+            ScreenedPlants(screen, corners)
+            for screen, corners in zip(screens, of_box, strict=True)
+            if screen is not None and corners
+        )
 
     def _join(self, plants: Sequence[Examined]) -> None:
-        """Add plants of the box to the points at which the limits apply."""
+        """Add plants of the box to the points at which the limits apply; one that is there gets all of its lines."""
         for plant in plants:
-            point = plant.plants.point(plant.corner)
-            self.points += (point,)
-            self.kept.append(point.sparse(_SPARSER))
-            self.joined.append((self.boxes.index(plant.plants), plant.corner))
+            place = self._place(plant)
+            if place in self.joined:
+                i = len(self.stated) + self.joined.index(place)
+                self.kept[i] = np.arange(self.points[i].frequency.size)
+            else:
+                point = plant.plants.point(plant.corner)
+                self.points += (point,)
+                self.kept.append(point.sparse(_SPARSER))
+                self.joined.append(place)
         # the criteria on all lines belong to the points before
         self._whole = None
+
+    def _place(self, plant: Examined) -> tuple[int, Corner]:
+        return self.boxes.index(plant.plants), plant.corner
+
+    def _on_all(self, plant: Examined) -> bool:
+        """Return True for a plant that has joined with all of its lines."""
+        place = self._place(plant)
+        if place not in self.joined:
+            return False
+        i = len(self.stated) + self.joined.index(place)
+        return self.kept[i].size == self.points[i].frequency.size
 
     def _prune(self, criteria: Criteria, x: np.ndarray) -> None:
         """Remove the plants of the box at which no limit is nearly used at x."""
@@ -285,10 +316,9 @@ class Tuner:
         self._whole = None
 
     def _joining(self, plants: Iterable[Examined]) -> list[Examined]:
-        """Return the plants that are to join: of those that exceed a limit the worst ones, the worst first."""
+        """Return the plants that are to join, with more lines if they have: of those that exceed a limit the worst."""
         exceeding = sorted((plant for plant in plants if plant.used > 1.0), key=lambda plant: -plant.used)
-        new = [p for p in exceeding if (self.boxes.index(p.plants), p.corner) not in self.joined]
-        return new[:_JOIN]
+        return [plant for plant in exceeding if not self._on_all(plant)][:_JOIN]
 
     def _over_corners(
         self,
@@ -344,10 +374,14 @@ class Tuner:
         for turn in range(_ROUNDS + 1):
             values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
             self.progress.step("worst plants of the box")
-            examined, plants = over_box(tree.vary(best.control, values), self.boxes, self.limits)
-            joining = self._joining(plants)
+            control = tree.vary(best.control, values)
+            known = worst_plants(control, self.boxes, self.limits)
+            joining = self._joining(known[1])
             if not joining or turn == _ROUNDS:
-                break
+                examined, plants = over_box(control, self.boxes, self.limits, known=known)
+                joining = self._joining(plants)
+                if not joining or turn == _ROUNDS:
+                    break
             self._join(joining)
             search = Search(self.criteria(best.control, best.names), *best.box, best.sure)
             x = best.end.x if search.judge(best.end.x) is not None else None
@@ -489,7 +523,15 @@ class Tuner:
     def _under(self, search: Search, limits: Limits) -> Search:
         """Return a search with the same points and ranges but other limits."""
         present = search.criteria
-        criteria = Criteria(present.points, present.control, self.goal, limits, self.band, near=present.near)
+        criteria = Criteria(
+            present.points,
+            present.control,
+            self.goal,
+            limits,
+            self.band,
+            near=present.near,
+            screened=present.screened,
+        )
         other = Search(criteria, search.low, search.high)
         other.sure = search.sure
         return other
@@ -607,19 +649,15 @@ class Tuner:
         if evolved:
             points, merits = self._population(search, x, powers, _GENERATIONS)
         else:
-            points = scattered(x, search.low, search.high, powers, self.random)
-            merits = search.look(points)
-        best = int(np.argmin(merits))
-        return points[best] if np.isfinite(merits[best]) else None
+            points, merits = search.best(scattered(x, search.low, search.high, powers, self.random), 1)
+        return points[0] if np.isfinite(merits[0]) else None
 
     def _population(
         self, search: Search, x: np.ndarray, powers: np.ndarray, generations: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the best of random points over the whole range, evolved for some generations, with their merits."""
         points = scattered(x, search.low, search.high, powers, self.random)
-        merits = search.look(points)
-        chosen = np.argsort(merits)[: _POPULATION * max(x.size, 3)]
-        return search.evolve(points[chosen], merits[chosen], self.random, generations)
+        return search.evolve(*search.best(points, _POPULATION * max(x.size, 3)), self.random, generations)
 
     def _from_all_over(self, search: Search, x: np.ndarray, powers: np.ndarray) -> np.ndarray | None:
         """Return the best of a population over the whole range under the reserve of a search; None if none is stable.
@@ -677,7 +715,7 @@ class Tuner:
         raise UnstableError(
             f"no setting was found that keeps {self.limits.sentence()}: {worst.kind}{where} "
             f"('{self.points[worst.point].name}'){noise} stays {beyond:3} beyond its limit{against}{best}; ease a "
-            "limit, or add a filter there"
+            f"limit, or add a filter there{_SMALLER if self.joined else ''}"
         )
 
     def _reachable(self, search: Search, end: End, figure: Figure | None) -> str:

@@ -10,12 +10,13 @@ and no proof.
 import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.of_loops import ROPE_SNAP
+from feeddrive.figures.of_loops import FORCE_NOISE, ROPE_SNAP
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
@@ -29,6 +30,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, Limits, bounds_of
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.sampled_plants import SampledPlants
+from feeddrive.tuning.screen import Plants, Screen, Used, can_screen
 
 _STARTS = 3  # worst corners from which a search within the box starts
 _NEARLY, _MOST = 0.9, 16  # of the worst: middles of edges from which a search starts; the largest number of them
@@ -38,6 +40,12 @@ _FIRST, _LEAST = 0.5, 0.05  # of half of a dimension: first and smallest step of
 _KEPT = 256  # plants between the corners whose models are kept
 _LARGEST = 8  # steps of a search
 VERDICTS = {True: "holds", False: "does not hold", None: "undecided"}
+_TRIALS = 4  # lengths of a step of a screened search that are tried at once, each half of the one before
+_CLOSE, _CHECKED = (
+    0.98,
+    4,
+)  # utilization by a screen from which plants are examined, and of each limit at least how many
+_ALIKE = 0.05  # of half of a dimension: plants nearer to each other than this are examined once
 UNDECIDED = 2e-3  # of a limit: a violation that the lines of the examination cannot tell from none
 
 
@@ -48,6 +56,7 @@ class BoxPlants:
         self.box, self.loop, self.name, self.velocity = box, loop, name, velocity
         sampled = SampledPlants(box, loop)
         self._sampled = sampled if sampled.agree(box, velocity) else None
+        self.screen = None if self._sampled is None else Screen(self._sampled)
         self._dimensions = box.dimensions(loop.axis)
         self.corners = tuple(box.corners(loop.axis))
         self.inside = tuple(box.drawn(loop.axis, _INSIDE, 0))
@@ -60,21 +69,29 @@ class BoxPlants:
         self._fixed = {*self.corners, *self.edges, *self.inside, *self.middle}
         self._corners, self._others = Recent[OperatingPoint](len(self._fixed)), Recent[OperatingPoint](_KEPT)
 
+    @cached_property
+    def screened(self) -> Plants:
+        """The corners, the model, middles of edges and plants drawn at random, for the screen."""
+        assert self.screen is not None
+        return self.screen.plants(tuple(dict.fromkeys((*self.corners, *self.middle, *self.edges, *self.inside))))
+
     def coarse(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant, on few lines."""
 
         def made() -> OperatingPoint:
-            name, model = self.named(corner), None if self._sampled is None else self._sampled.model(corner)
-            # only the model of its axis is needed of the loop, where it is known
-            loop = self.loop if model is not None else self.box.plant(self.loop, corner)
-            return modelled_point(loop, name, velocity=self.velocity, coarse=True, model=model)
+            return self._modelled(corner, coarse=True)
 
         return (self._corners if corner in self._fixed else self._others).get(corner, made)
 
     def point(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant on all lines, at which limits apply and the goal does not."""
-        loop = self.box.plant(self.loop, corner)
-        return replace(modelled_point(loop, self.named(corner), velocity=self.velocity), bounds_only=True)
+        return replace(self._modelled(corner, coarse=False), bounds_only=True)
+
+    def _modelled(self, corner: Corner, *, coarse: bool) -> OperatingPoint:
+        name, model = self.named(corner), None if self._sampled is None else self._sampled.model(corner)
+        # only the model of its axis is needed of the loop, where it is known
+        loop = self.loop if model is not None else self.box.plant(self.loop, corner)
+        return modelled_point(loop, name, velocity=self.velocity, coarse=coarse, model=model)
 
     def named(self, corner: Corner) -> Text:
         """Return the name of a plant: that of the operating point, and how the plant differs from the model."""
@@ -120,6 +137,10 @@ class Examination:
         self.response = ControlResponse(control, sample_time, (), velocity)
         self.limits = limits
         self._known: dict[tuple[int, Corner], Examined] = {}
+        # [A B; c d] of a control that can be screened
+        self.matrix = self.response.model(())[0] if can_screen(self.response, limits) else None
+        self._screens: dict[int, tuple[np.ndarray, Used]] = {}
+        self._screened: dict[int, int] = {}
 
     def at(self, plants: BoxPlants, corners: Iterable[Corner]) -> list[Examined]:
         """Return plants under the control, in the order of `corners`."""
@@ -157,13 +178,32 @@ class Examination:
             used[key] = max(used.get(key, 0.0), float(np.exp(-bound.slack)))
         return loop, max(used.values(), default=0.0), used
 
+    def count(self, plants: BoxPlants) -> int:
+        """Return the number of plants of a box that were examined or screened."""
+        return self._screened.get(id(plants), 0) + sum(place == id(plants) for place, _ in self._known)
+
     def corners(self, plants: BoxPlants) -> list[Examined]:
-        """Return the corners and the middle of a box under the control, the worst first."""
-        return _sorted(self.at(plants, (*plants.corners, *plants.middle)))
+        """Return the worst plants among corners and middle of a box under the control, the worst first.
+
+        Where the control and its limits can be screened these are the worst of all plants that are known from the
+        start, and else the corners.
+        """
+        if self.matrix is None or plants.screen is None:
+            return _sorted(self.at(plants, (*plants.corners, *plants.middle)))
+        unstable, used = self._screen(plants)
+        if np.any(unstable):
+            bad = np.flatnonzero(unstable)[:_CHECKED]
+            return _sorted(self.at(plants, [plants.screened.corners[i] for i in bad]))
+        return self._examined(plants, plants.screened.corners, used.used)
 
     def searched(self, plants: BoxPlants) -> list[Examined]:
-        """Return all examined plants of a box, also between the corners, the worst first."""
-        corners, edges, drawn = self.corners(plants), self.at(plants, plants.edges), self.at(plants, plants.inside)
+        """Return the worst plants of a box, also between the corners, the worst first."""
+        corners = self.corners(plants)
+        if self.matrix is not None and plants.screen is not None:
+            for limit in self.limits.limits if np.isfinite(corners[0].used) else ():
+                self._climb(plants, plants.screen, limit.figure.key)
+            return _sorted([found for (place, _), found in self._known.items() if place == id(plants)])
+        edges, drawn = self.at(plants, plants.edges), self.at(plants, plants.inside)
         # of each limit on its own: one that is used up everywhere would hide where another one is exceeded
         for limit in self.limits.limits if np.isfinite(corners[0].used) else ():
             key = limit.figure.key
@@ -174,6 +214,91 @@ class Examination:
             for start in (*starts, *[edge for edge in ranked[1] if edge.of(key) > near][:_MOST]):
                 self._ascend(plants, start, key)
         return _sorted([found for (place, _), found in self._known.items() if place == id(plants)])
+
+    def _screen(self, plants: BoxPlants) -> tuple[np.ndarray, Used]:
+        """Return whether the loop is unstable at each plant that is known from the start, and how limits are used."""
+        assert plants.screen is not None
+        assert self.matrix is not None
+        if id(plants) not in self._screens:
+            self._screened[id(plants)] = len(plants.screened.corners)
+            unstable = plants.screen.unstable(plants.screened, self.matrix)
+            used = plants.screen.used(plants.screened, self.response, self.matrix, self.limits)
+            self._screens[id(plants)] = unstable, used
+        return self._screens[id(plants)]
+
+    def _examined(self, plants: BoxPlants, corners: Sequence[Corner], used: Mapping[str, np.ndarray]) -> list[Examined]:
+        """Examine the plants that use a limit most by a screen, of several that are alike one; the worst first."""
+        chosen = dict[Corner, None]()
+        for sizes in used.values():
+            picked = list[Corner]()
+            for i in np.argsort(-sizes):
+                if len(picked) >= _CHECKED or (picked and sizes[i] < _CLOSE):
+                    break
+                if not any(_alike(corners[i], other) for other in picked):
+                    picked.append(corners[i])
+            chosen |= dict.fromkeys(picked)
+        return _sorted(self.at(plants, chosen or plants.middle))
+
+    def _climb(self, plants: BoxPlants, screen: Screen, key: str) -> None:
+        """Increase the utilization of a limit from many plants at once by steps along the gradient within the box."""
+        assert self.matrix is not None
+        first, matrix = self._screen(plants)[1], self.matrix
+        used, where, known = first.used[key], first.where[key], plants.screened.corners
+        n = len(known[0].place)
+        place_of = {corner: i for i, corner in enumerate(known)}
+        ranked = [
+            sorted((place_of[corner] for corner in found), key=lambda i: -used[i])
+            for found in (plants.corners, plants.edges, plants.inside)
+        ]
+        # a limit that is hardly used at all of these plants is not exceeded beside them
+        if not n or np.max(used) < _NEARLY:
+            return
+        # the middle of an edge is nearly as bad as the worst plant where the worst of the edge lies beside it
+        near = [i for i in ranked[1] if used[i] > _NEARLY * np.max(used)][:_MOST]
+        starts = list(dict.fromkeys([*ranked[0][:_STARTS], *ranked[2][:_STARTS], *near]))
+        places = np.array([known[i].place for i in starts])
+        late = [known[i].late for i in starts]
+        here, middle = used[starts], where[starts]
+
+        def at(rows: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Return the utilization at places (rows, trials, dimensions), and the frequency."""
+            corners = [
+                Corner(tuple(u), late[i]) for i, trials in zip(rows, there.tolist(), strict=True) for u in trials
+            ]
+            self._screened[id(plants)] += len(corners)
+            around = np.repeat(middle[rows], there.shape[1])
+            some = screen.plants(corners) if key == FORCE_NOISE.key else screen.beside(corners, around)
+            result = screen.used(some, self.response, matrix, self.limits.only(key))
+            shape = there.shape[:2]
+            return result.used[key].reshape(shape), result.where[key].reshape(shape)
+
+        sizes, rows = np.full(len(starts), _FIRST), np.arange(len(starts))
+        for _ in range(_LARGEST):
+            u = places[rows]
+            # inwards, so that every difference is one of plants in the box
+            inward = np.where(u > 0.0, -_DIFFERENCE, _DIFFERENCE)
+            beside, _where = at(rows, np.concatenate([u[:, None], u[:, None] + inward[:, None] * np.eye(n)], axis=1))
+            slope = (beside[:, 1:] - beside[:, :1]) / inward
+            # along the faces that hold it: a steep slope out of the box would shorten every step within it
+            slope[(u * slope > 0.0) & (np.abs(u) >= 1.0)] = 0.0
+            steepest = np.max(np.abs(slope), axis=1)
+            moving = np.isfinite(steepest) & (steepest > 0.0)
+            rows, u, slope = rows[moving], u[moving], slope[moving] / steepest[moving, None]
+            if not rows.size:
+                break
+            factors = 0.5 ** np.arange(_TRIALS)
+            there = np.clip(u[:, None] + (sizes[rows, None] * factors)[:, :, None] * slope[:, None], -1.0, 1.0)
+            tried, peaks = at(rows, there)
+            best = np.argmax(tried, axis=1)
+            each = np.arange(rows.size)
+            better = tried[each, best] > beside[moving, 0]
+            rows, best, each = rows[better], best[better], each[better]
+            places[rows], here[rows], middle[rows] = there[each, best], tried[each, best], peaks[each, best]
+            sizes[rows] = np.maximum(1.5 * sizes[rows] * factors[best], _LEAST)
+            if not rows.size:
+                break
+        ends = [Corner(tuple(u), k) for u, k in zip(places.tolist(), late, strict=True)]
+        self._examined(plants, ends, {key: here})
 
     def _ascend(self, plants: BoxPlants, here: Examined, key: str) -> None:
         """Increase the utilization of a limit from a plant by steps along the gradient within the box."""
@@ -203,6 +328,10 @@ class Examination:
 
 def _moved(corner: Corner, place: np.ndarray) -> Corner:
     return replace(corner, place=tuple(place.tolist()))
+
+
+def _alike(a: Corner, b: Corner) -> bool:
+    return a.late == b.late and all(abs(u - v) < _ALIKE for u, v in zip(a.place, b.place, strict=True))
 
 
 def _sorted(plants: Iterable[Examined]) -> list[Examined]:
@@ -301,6 +430,19 @@ class OverBox(Result):
         return Table(title, ["what", "model", "worst", "unit", "worst plant"], rows)
 
 
+def worst_plants(
+    control: Control, boxes: Sequence[BoxPlants], limits: Limits, *, inside: bool = True
+) -> tuple[Examination, list[Examined]]:
+    """Examine a control over the boxes of all operating points; return the examination and its plants, the worst first.
+
+    inside  False to examine the corners alone, which costs less
+    """
+    first = boxes[0]
+    examination = Examination(control, float(first.loop.sample_time), limits, first.velocity)
+    examined = examination.searched if inside else examination.corners
+    return examination, _sorted([plant for plants in boxes for plant in examined(plants)])
+
+
 def over_box(
     control: Control,
     boxes: Sequence[BoxPlants],
@@ -308,18 +450,21 @@ def over_box(
     *,
     inside: bool = True,
     shown: Sequence[Figure] | None = None,
+    known: tuple[Examination, list[Examined]] | None = None,
 ) -> tuple[OverBox, list[Examined]]:
-    """Examine a control over the boxes of all operating points; return the result and all plants, the worst first.
+    """Examine a control over the boxes of all operating points; return the result and its plants, the worst first.
 
     inside  False to examine the corners alone, which costs less
     shown   the figures beside those at the model; default: those that a tuning reports
+    known   what `worst_plants` returned for this control
     """
     first = boxes[0]
-    examination = Examination(control, float(first.loop.sample_time), limits, first.velocity)
-    examined = examination.searched if inside else examination.corners
-    found = _sorted([plant for plants in boxes for plant in examined(plants)])
-    models = [plant for plants in boxes for plant in examination.at(plants, plants.middle[:1])]
+    examination, found = known or worst_plants(control, boxes, limits, inside=inside)
     worst = found[0]
+    models = [plant for plants in boxes for plant in examination.at(plants, plants.middle[:1])]
+    # other figures than those of the limits are worst at a corner, or where a limit is
+    corners = [p for plants in boxes for p in examination.at(plants, (*plants.corners, *plants.middle))]
+    found = _sorted({(id(plant.plants), plant.corner): plant for plant in (*found, *corners)}.values())
     counted = (
         sum(len(plants.corners) for plants in boxes),
         sum(plants.box.all_corners(plants.loop.axis) for plants in boxes),
@@ -327,10 +472,10 @@ def over_box(
     result = OverBox(
         box=first.box,
         text=joined("; ", [plants.box.text(plants.loop.axis) for plants in boxes]),
-        examined=len(found),
+        examined=sum(examination.count(plants) for plants in boxes),
         corners=counted,
-        used=worst.used,
-        plant=worst.name,
+        used=max(worst.used, found[0].used),
+        plant=found[0].name,
         spreads=tuple(_spreads(examination, models, found, reported() if shown is None else shown)),
     )
     return result, found

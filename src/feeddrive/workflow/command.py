@@ -138,7 +138,8 @@ class Field:
 
 BOX = (
     "tolerances of the plant within which the limits hold: stiffness=0.2,mass=0.3,dead_time=1sample (that is "
-    "standard), identified (standard, and two standard errors where the machine file has them), or none"
+    "standard), identified (standard, and two standard errors where the machine file has them), auto (identified if it "
+    "has them, else standard), or none"
 )
 """The meaning of the option `--box` of all commands that have it; its text is read by `MachineFile.box`."""
 
@@ -146,7 +147,7 @@ AT_THE_MODEL = (
     "The limits hold at the model only, and need not where masses, stiffnesses or the dead time differ: --box standard "
     "makes them hold there too, --box identified within the errors of an identification."
 )
-"""The note of commands that were given no box."""
+"""The note of commands whose limits hold over no box."""
 
 
 def argument(

@@ -1169,6 +1169,7 @@ class Chain:
         }
         model, responses = self._in("model", "machine.toml"), self._in("responses", "responses/frf.csv")
 
+        limits["box"] = "none"  # measured responses have no box, and both searches shall have equal limits
         limits["filters"] = "placed" if Filter in self.axis.takes else "kept"
         if self._noise > 0.0:
             # a drive takes an axis that the noise shakes for one that moves, and its limit of force cuts the peaks

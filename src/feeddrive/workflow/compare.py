@@ -26,7 +26,7 @@ from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
-from feeddrive.loop.box import Box
+from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.control import Control
 from feeddrive.workflow.command import AT_THE_MODEL, BOX, OUT, Outcome, argument, command, exporting, option, stem
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
@@ -45,7 +45,7 @@ class CompareRequest(EvaluationRequest):
         default=(),
     )
     starts: int = option("Searches for each law; the best counts", default=2, least=1, most=20)
-    box: str = option(BOX, default="none")
+    box: str = option(BOX, default=AUTO)
     filters: str | None = option(
         "filters of all laws: kept, or free (tuned with every law, with a notch and a low-pass); default: free with a "
         "box, kept without",

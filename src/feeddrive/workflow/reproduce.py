@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from feeddrive.files.atomic_io import new_directory
@@ -19,18 +20,19 @@ from feeddrive.workflow.command import OUT, Outcome, Request, argument, command,
 class ReproduceRequest(Request):
     """The paper to reproduce."""
 
-    paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all; emps with --log")
-    log: Path | None = option("the published log of the EMPS axis, DATA_EMPS.mat, for emps", default=None)
+    paper: str = argument("altintas2009, gordon2013, beltran2013, wu2017, or all; emps or bench with --log")
+    log: Path | None = option("the published log: DATA_EMPS.mat for emps, MultisineTypeA.mat for bench", default=None)
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
         """Raise ParameterError for the measured axis without its log, and for a log with a paper."""
-        measured = claims.MEASURED
-        if (self.paper == measured) != (self.log is not None):
+        file = claims.MEASURED.get(self.paper)
+        if file is not None and self.log is None:
+            raise ParameterError(f"{self.paper} needs its measured log: feeddrive reproduce {self.paper} --log {file}")
+        if file is None and self.log is not None:
             raise ParameterError(
-                f"{measured} needs the measured log of the axis: feeddrive reproduce {measured} --log DATA_EMPS.mat"
-                if self.log is None
-                else f"--log is the measured log of {measured}, and '{self.paper}' has none: leave it out"
+                f"--log is the measured log of {' or '.join(claims.MEASURED)}, and '{self.paper}' has none: leave it "
+                "out"
             )
 
     def usual_out(self) -> Path:
@@ -41,8 +43,9 @@ class ReproduceRequest(Request):
 def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence[Reproduced]]:
     """Run a paper's experiments and tabulate its claims, the acceptance bounds of each claim, and the results.
 
-    Papers run in parallel processes.  `emps` takes three of them through a measured axis.  Raises ParameterError for an
-    unknown paper, and LogError for a log that is not that of the axis.
+    Papers run in parallel processes.  `emps` takes three of them through a measured axis, `bench` pole placement
+    through a measured one with two encoders.  Raises ParameterError for an
+    unknown paper, and LogError for a log that is not the published one.
     """
     # before the output is opened: an unknown paper must leave no directory
     names = () if request.log is not None else claims.chosen(request.paper)
@@ -54,9 +57,8 @@ def reproduce(request: ReproduceRequest, progress: Progress) -> Outcome[Sequence
             reproduced = claims.reproduce(names, progress)
         else:
             # imported on use: it loads identification and tuning, which `--help` does not need
-            from feeddrive.papers.emps import emps
-
-            reproduced = [Reproduced(emps(request.log, progress.named(claims.MEASURED)))]
+            module = import_module(f"feeddrive.papers.{request.paper}")
+            reproduced = [Reproduced(getattr(module, request.paper)(request.log, progress.named(request.paper)))]
         if folder is not None and request.out is not None:
             claims.fill(folder, reproduced)
             files["Report"] = request.out / "report.html"

@@ -14,7 +14,7 @@ from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
 from feeddrive.files.commissioning import read_commissioning
 from feeddrive.files.drive import axis_name
-from feeddrive.files.machine import MachineLike, read_machine
+from feeddrive.files.machine import MachineFile, MachineLike, read_machine
 from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
@@ -22,7 +22,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
-from feeddrive.loop.box import Box
+from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.study.study import StudyLike, read_study
@@ -116,7 +116,7 @@ class TuneRequest(Request, more=limit_options(), after="recipe"):
     )
     recipe: str | None = option("a tuning rule instead of a search", options=tuple(RECIPES), default=None)
     reading_noise: float = option("noise of the readings, RMS, white", default=0.0, unit="m", entered="nm", least=0.0)
-    box: str = option(BOX, default="none")
+    box: str = option(BOX, default=AUTO)
     step_force: float | None = option(
         "a force step of this size on the table must not drive the command to the force limit of the control",
         unit="N",
@@ -257,7 +257,7 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
     # with these limits nothing is gained by other gains of this law: another law may gain something
     elif told is not None and machine_of(told) is not None:
         then = line("compare", told, axis=request.axis)
-    if Box.parse(request.box) is None and tuned.loops:
+    if tuned.box is None and tuned.loops:
         notes = (*notes, AT_THE_MODEL)
     return Outcome(
         tuned,
@@ -301,11 +301,24 @@ def _of_study(request: TuneRequest, progress: Progress) -> Outcome[Any]:
 
 
 def _plain_box(text: str) -> Box | None:
-    """Return the box of a study, whose machines are varied already. Raise ParameterError for one by standard errors."""
-    box = Box.parse(text)
+    """Return the box beside the machines of a study; none by default, since the study states what varies.
+
+    Raises ParameterError for one by standard errors.
+    """
+    box = None if text.strip() == AUTO else Box.parse(text)
     if box is not None and box.deviations:
         raise ParameterError(f"{NO_ERRORS}, and a study varies its machines by what it states")
     return box
+
+
+def _tolerances(request: TuneRequest, modelled: bool, base: MachineFile | None) -> Box | None:
+    """Return the box of a tuning. By default only the result of a search on a model has one.
+
+    A rule knows no limits, and a measured response has its own standard deviations.
+    """
+    if request.box.strip() == AUTO and (request.recipe is not None or not modelled):
+        return None
+    return Box.parse(request.box) if base is None else base.box(request.box, request.axis)
 
 
 def _band(request: TuneRequest) -> tuple[float, float]:
@@ -351,7 +364,7 @@ def _tuned(
     remarks = [*said, *remarks]
     control, begun = first_control(request.law, loop, points)
     band = _band(request)
-    tolerances = Box.parse(request.box) if base is None else base.box(request.box, request.axis)
+    tolerances = _tolerances(request, machine is not None or direct is not None, base)
     if tolerances is not None and tolerances.deviations and not tolerances.known:
         raise ParameterError(NO_ERRORS)
     today = None if loop is None else loop.control

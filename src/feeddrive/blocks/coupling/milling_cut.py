@@ -197,9 +197,9 @@ class MillingCut(Coupling):
             path, turns = state.path.push([*ends, state.turns], [*velocity, rate]), state.turns + 0.5 * rate * h
         # reduced to one turn first: after many turns the product with 2π would lose the digits of the angle
         angle = self.start_angle + 2.0 * ops.pi * (turns - ops.floor(turns))
-        steps = [self._moved(place, path, self._ago(m, path, turns, rate, h), h) for m in range(1, self.surfaces + 1)]
+        steps = [path.moved(place, self._ago(m, path, turns, rate, h), h) for m in range(1, self.surfaces + 1)]
         if now.direction is None:
-            x, y = self._moved(place, path, self._ago(self.cutter.teeth, path, turns, rate, h), h)
+            x, y = path.moved(place, self._ago(self.cutter.teeth, path, turns, rate, h), h)
             length = ops.sqrt(x * x + y * y)
             safe = ops.where(length > 0.0, length, 1.0)
             # at standstill any direction will do, since there is no chip
@@ -244,11 +244,6 @@ class MillingCut(Coupling):
             then = ops.where(then > _SLOWEST, then, ops.maximum(rate, _SLOWEST))
             ago = ago + (path.ago(ago, h, 0.5)[2] - (turns - turned)) / (then * h)
         return ago
-
-    def _moved(self, place: tuple[Any, Any], path: Track, ago: Any, h: Any) -> tuple[Any, Any]:
-        """Return the displacement of the tool along x and y over the last `ago` substeps."""
-        x, y = path.ago(ago, h, 0.5)[:2]
-        return place[0] - x, place[1] - y
 
     def _relative(self, motions: Mapping[str, Motion]) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
         """Return the position and velocity of the tool relative to the workpiece."""

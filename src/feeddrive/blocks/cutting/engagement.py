@@ -237,23 +237,33 @@ def _slice(low: _End, high: _End, moved: Sequence[tuple[Any, Any]]) -> list[Any]
     return [ops.where(cuts, value, 0.0) for value in found]
 
 
+def edge_force(cutting: Any, edge: Any, chip: Any, length: Any) -> Any:
+    """Return the force of a cutting edge in one direction, the mechanistic law K_c · chip + K_e · length, in N.
+
+    cutting  K_c, force per area of the chip, N/m2
+    edge     K_e, force per length of the edge, N/m; None: none
+    chip     area of the chip, thickness times width of cut, m2; or its integral with a weight
+    length   length of the edge in the cut, m; or its integral with the same weight
+
+    Source: Altintas, Manufacturing Automation (2nd ed. 2012), chapter 2, F = K_c b h + K_e b, with b the width of cut
+    and h the chip thickness; milling, turning and drilling differ in the chip and the direction of the force only.
+    """
+    force = cutting * chip
+    return force if edge is None else force + edge * length
+
+
 def _forces(edge: Edge, total: list[Any], depth: Any, rubbing: Rubbing | None) -> Cut:
     """Return the forces from the sums over all slices; `depth` is the height of an edge in m per rad of its lag."""
     sine, cosine, chip, dc, ds, angle, sines, mixed, cosines = total
-    tangential, radial, axial = edge.cutting
-    along, across = 0.5 * sine, 0.5 * cosine
-    feed = tangential * across + radial * along
-    normal = tangential * along - radial * across
-    lift, turned = axial * chip, tangential * chip
-    if edge.rubbing is not None:
-        tangential, radial, axial = edge.rubbing
-        feed = feed + (tangential * ds + radial * dc)
-        normal = normal + (tangential * dc - radial * ds)
-        lift, turned = lift + axial * angle, turned + tangential * angle
+    tangential, radial, axial = zip(edge.cutting, edge.rubbing or (None, None, None), strict=True)
+    along, across = (0.5 * sine, dc), (0.5 * cosine, ds)
+    feed = edge_force(*tangential, *across) + edge_force(*radial, *along)
+    normal = edge_force(*tangential, *along) - edge_force(*radial, *across)
     if rubbing is not None:
         x, y, damping = rubbing
         feed = feed + 0.5 * damping * (x * sines + y * mixed)
         normal = normal - 0.5 * damping * (x * mixed + y * cosines)
+    lift, turned = edge_force(*axial, chip, angle), edge_force(*tangential, chip, angle)
     return Cut(-(depth * feed), depth * normal, depth * lift, 0.5 * edge.diameter * (depth * turned))
 
 

@@ -1,20 +1,16 @@
 """An end mill with cutting and edge force coefficients and run-out."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from feeddrive.blocks.cutting.edge_coefficients import material_rules
 from feeddrive.blocks.cutting.engagement import Cut, arc, cut, fits_slices
 from feeddrive.blocks.families import Cutter, Edge
 from feeddrive.language import ops
 from feeddrive.language.block import Number, Rule, choice, parameter
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-
-# N/m2: from foam to the hardest alloys; excludes 600 N/mm2 written as 600 N/m2
-_CUTTING = 1e6, 1e11
-# N/m: excludes 27.7 N/mm written as 27.7 N/m
-_EDGE = 100.0, 1e6
 
 
 class MechanisticCutter(Cutter):
@@ -119,10 +115,7 @@ class MechanisticCutter(Cutter):
                 ),
             )
         yield fits_slices("mechanistic_cutter", self.edge())
-        for name in ("Ktc", "Krc", "Kac"):
-            yield _material(name, getattr(self, name), "N/m2", "N_per_mm2", "N/mm2", _CUTTING)
-        for name in ("Kte", "Kre", "Kae"):
-            yield _material(name, getattr(self, name), "N/m", "N_per_mm", "N/mm", _EDGE)
+        yield from material_rules(self, ("Ktc", "Krc", "Kac"), ("Kte", "Kre", "Kae"))
 
     def edge(self) -> Edge:
         """Return the edges with the parameters of this cutter."""
@@ -158,31 +151,6 @@ class MechanisticCutter(Cutter):
         steps = [(float(m) * chip_load, 0.0) for m in range(1, surfaces + 1)]
         # no sweep: the forces at this angle, not their mean over a substep
         return cut(self.edge(), angle, 0.0, steps)
-
-
-def _material(name: str, value: Any, unit: str, key: str, other: str, bounds: tuple[float, float]) -> Rule:
-    """Return the rule that a coefficient is 0 or in the range of real materials, from foam to the hardest alloys."""
-    least, most = bounds
-    factor = 1e6 if other == "N/mm2" else 1e3
-
-    def quantity(size: float, *, bare: bool = False) -> str:
-        return f"{Quantity(size, unit, stays=True, bare=bare):6 SI}"
-
-    def refusal() -> Text:
-        refused = (
-            f"mechanistic_cutter.{name} = {quantity(value)} is that of no material ({quantity(least, bare=True)} .. "
-            f"{quantity(most)} or 0)"
-        )
-        if value < least:
-            plain = number(value, 6)
-            return Text(
-                f"{refused}; if {plain} is in {other}, write {name}_{key} = {plain} in the file, "
-                f"{name}={number(value * factor, 6)} in Python"
-            )
-        return Text(f"{refused}; if it was {quantity(value / factor)}, leave the unit out of the key")
-
-    within = ops.both(value >= least, value <= most)
-    return Rule(ops.either(ops.equal(value, 0.0), within), f"{name} is that of a material", refusal)
 
 
 class Oblique(NamedTuple):

@@ -81,6 +81,7 @@ class Compare(Room):
             self.desk.machine_path(),
             axis=bench.axis,
             law=wanted if self.left_out else (),
+            box="none",
             starts=int(asked.number("starts")),
             keep=self.desk.folder / "compared_laws",
         )

@@ -166,7 +166,8 @@ class Goal(Room):
         source = bench.sources
         # a result that was accepted keeps its directory, to which an undo may return
         out = free_name(self.desk.folder, "tuned")
-        settings: dict[str, Any] = {**self.settings, "out": out, "at": tuple(source.at), "axis": bench.axis or None}
+        places: dict[str, Any] = {"at": tuple(source.at), "axis": bench.axis or None}
+        settings: dict[str, Any] = {**self.settings, "box": "none", "out": out, **places}
         if bench.from_machine:
             return TuneRequest(self.desk.machine_path(), **settings)
         baseline = None if bench.machine is None else self.desk.machine_path()

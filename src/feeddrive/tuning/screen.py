@@ -1,0 +1,203 @@
+"""A screen of many plants of a box under one control, in array operations: which of them come near a limit.
+
+An examination of one plant on all its lines takes 3 ms, most of it for the calls of many small operations.  A screen
+computes Ms, delay margin and force noise of hundreds of plants at once, on fewer lines and without interpolation, to
+find those that are then examined one by one.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from feeddrive.figures.of_loops import DELAY_MARGIN, FORCE_NOISE, SENSITIVITY_PEAK
+from feeddrive.figures.slopes import lower_between
+from feeddrive.loop.box import Corner
+from feeddrive.tuning.closed_loop import growing
+from feeddrive.tuning.control_response import ControlResponse
+from feeddrive.tuning.criteria import Bound, Limits
+from feeddrive.tuning.sampled_plants import Held, SampledPlants
+
+SCREENED = (SENSITIVITY_PEAK.key, DELAY_MARGIN.key, FORCE_NOISE.key)
+_LOWEST = 1e-4  # of Nyquist: lowest line
+_LINES = 320  # lines that all plants share
+_BESIDE = np.linspace(-4.0, 4.0, 17)  # half widths of a resonance at which a plant has lines of its own
+_LOCAL, _WIDE = 65, 0.25  # lines around the frequency at which a limit is used most, and their reach in ln f
+_MARGIN = 0.5  # of a bound of Ms: peaks of |S| above it are computed between lines
+_AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
+
+
+class Used(NamedTuple):
+    """The utilization of each screened limit at many plants, and the frequency in Hz at which it is used most.
+
+    Both by the key of the figure, of shape (plants,).
+    """
+
+    used: Mapping[str, np.ndarray]
+    where: Mapping[str, np.ndarray]
+
+
+def can_screen(control: ControlResponse, limits: Limits) -> bool:
+    """Return True if a screen computes all limits of a control."""
+    return control.period == 1 and all(limit.figure.key in SCREENED for limit in limits.limits)
+
+
+class Plants(NamedTuple):
+    """Plants with their responses from the command to both readings.
+
+    corners    the plants
+    held, late  their sampled models, and the additional samples of dead time of each
+    frequency  lines in Hz, rising, shape (plants, lines)
+    shared     number of the lines that all plants share; `own` are those of each plant, shape (plants, lines)
+    order      the place of each line among the shared and the own ones
+    response   shape (plants, 2, lines)
+    """
+
+    corners: tuple[Corner, ...]
+    held: Held
+    late: np.ndarray
+    frequency: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+    order: np.ndarray
+    response: np.ndarray
+
+
+class Screen:
+    """The plants of a box, of which many are judged at once."""
+
+    def __init__(self, sampled: SampledPlants) -> None:
+        self.sampled, self.T = sampled, sampled.T
+        nyquist = 0.5 / self.T
+        self.shared = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), _LINES)
+
+    def plants(self, corners: Sequence[Corner]) -> Plants:
+        """Return plants on lines that are dense at the resonances of each."""
+        sampled = self.sampled.held(np.array([corner.place for corner in corners]).reshape(len(corners), -1))
+        late = np.array([corner.late for corner in corners])
+        poles = np.log(np.linalg.eigvals(sampled.A) + 0j) / self.T
+        # of each pair of poles one; sorted, so that the modes of all plants have their columns
+        pairs = poles.shape[1] // 2
+        poles = np.take_along_axis(poles, np.argsort(-poles.imag, axis=1)[:, :pairs], axis=1)
+        near = np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * _BESIDE
+        own = np.clip(near.reshape(len(corners), -1) / (2.0 * np.pi), self.shared[0], self.shared[-1])
+        lines = np.concatenate([np.tile(self.shared, (len(corners), 1)), own], axis=1)
+        order = np.argsort(lines, axis=1)
+        lines = np.take_along_axis(lines, order, axis=1)
+        return Plants(tuple(corners), sampled, late, lines, self.shared, own, order, sampled.at(lines, late))
+
+    def beside(self, corners: Sequence[Corner], middles: np.ndarray) -> Plants:
+        """Return plants on lines around a frequency of each in Hz."""
+        sampled = self.sampled.held(np.array([corner.place for corner in corners]).reshape(len(corners), -1))
+        late = np.array([corner.late for corner in corners])
+        lines = middles[:, None] * np.exp(np.linspace(-_WIDE, _WIDE, _LOCAL))
+        lines = np.clip(lines, self.shared[0], self.shared[-1])
+        order = np.tile(np.arange(_LOCAL), (len(corners), 1))
+        return Plants(tuple(corners), sampled, late, lines, np.zeros(0), lines, order, sampled.at(lines, late))
+
+    def unstable(self, plants: Plants, matrix: np.ndarray) -> np.ndarray:
+        """Return for each plant whether its loop with a single-rate control is unstable; `matrix`: [A B; c d] of it."""
+        out = np.zeros(len(plants.corners), bool)
+        for late in np.unique(plants.late):
+            of_late = np.flatnonzero(plants.late == late)
+            some = plants.held._replace(
+                A=plants.held.A[of_late],
+                new=plants.held.new[of_late],
+                old=plants.held.old[of_late],
+                pushed=plants.held.pushed[of_late],
+            )
+            A, B, C = some.delayed(int(late))
+            out[of_late] = growing(A, B[:, :, 0], C[:2], matrix)
+        return out
+
+    def used(self, plants: Plants, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> Used:
+        """Return the utilization of each limit by a single-rate control at plants where its loop is stable.
+
+            |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
+
+        matrix  [A B; c d] of the control
+        """
+        count = len(plants.corners)
+        lines = np.concatenate([plants.shared, plants.own.ravel()])
+        values = control.of_model(matrix, lines).value
+        first = plants.shared.size
+        both = np.concatenate(
+            [np.broadcast_to(values[:, None, :first], (2, count, first)), values[:, first:].reshape(2, count, -1)],
+            axis=2,
+        )
+        C = np.take_along_axis(both, plants.order[None], axis=2)
+        f = plants.frequency
+        L = -(C[0] * plants.response[:, 0] + C[1] * plants.response[:, 1])
+        away = np.abs(1.0 + L)
+        used, where = dict[str, np.ndarray](), dict[str, np.ndarray]()
+        every = np.arange(count)
+        for limit in limits.limits:
+            key, bound = limit.figure.key, limit.bound
+            if key == SENSITIVITY_PEAK.key:
+                least = _least_between(f, 1.0 + L, 1.0 / (_MARGIN * bound))
+                at = np.argmin(least, axis=1)
+                used[key], where[key] = 1.0 / (bound * least[every, at]), f[every, at]
+            elif key == DELAY_MARGIN.key:
+                used[key], where[key] = self._delay(f, L, bound)
+            elif key == FORCE_NOISE.key:
+                motor, load = limits.reading_noise
+                if self.sampled.one_encoder:
+                    power = max(motor, load) ** 2 * np.abs(C[0] + C[1]) ** 2
+                else:
+                    power = motor**2 * np.abs(C[0]) ** 2 + load**2 * np.abs(C[1]) ** 2
+                power = power / away**2
+                summed = np.sum(0.5 * (power[:, 1:] + power[:, :-1]) * np.diff(f, axis=1), axis=1)
+                used[key] = np.sqrt(2.0 * self.T * (summed + power[:, 0] * f[:, 0])) / bound
+                where[key] = f[every, np.argmax(power, axis=1)]
+        return Used(used, where)
+
+    def _delay(self, f: np.ndarray, L: np.ndarray, bound: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the utilization of a delay margin in samples, and the frequency of the crossover."""
+        level = np.log(np.maximum(np.abs(L), np.finfo(float).tiny))
+        crosses = level[:, :-1] * level[:, 1:] < 0.0
+        row, k = np.nonzero(crosses)
+        part = level[row, k] / (level[row, k] - level[row, k + 1])
+        turn = np.angle(L[row, k + 1] * np.conj(L[row, k]))
+        ahead = np.maximum((np.angle(-L[row, k]) + part * turn) % (2.0 * np.pi), _AHEAD)
+        there = f[row, k] ** (1.0 - part) * f[row, k + 1] ** part
+        used, where = np.zeros(len(f)), np.full(len(f), f[0, -1])
+        size = 2.0 * np.pi * there * self.T * bound / ahead
+        order = np.argsort(size)
+        # the largest of each plant is written last
+        used[row[order]], where[row[order]] = size[order], there[order]
+        return used, where
+
+
+def _least_between(f: np.ndarray, w: np.ndarray, near: float) -> np.ndarray:
+    """Return |w| with each local minimum below `near` corrected for the smallest |w| between its neighboring lines.
+
+    As the slacks of a search are: a resonance traces a circle, whose point nearest to 0 may lie between lines.
+    """
+    size = np.abs(w)
+    row, k = np.nonzero((size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & (size[:, 1:-1] < near))
+    beside = (k, k + 1, k + 2)
+    x, values = (np.array([part[row, i] for i in beside]) for part in (np.log(f), w))
+    size[row, k + 1] *= lower_between(x, values)
+    return size
+
+
+class ScreenedPlants:
+    """Some plants of a box for the looks of a search."""
+
+    def __init__(self, screen: Screen, corners: Sequence[Corner]) -> None:
+        self._screen, self._plants = screen, screen.plants(corners)
+
+    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
+        """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
+        used, where = self._screen.used(self._plants, control, matrix, limits)
+        bounds: list[Bound] = []
+        for limit in limits.limits:
+            key = limit.figure.key
+            worst = int(np.argmax(used[key]))
+            slack = -float(np.log(max(used[key][worst], np.finfo(float).tiny)))
+            bounds.append(Bound(limit.figure, 0, float(where[key][worst]), slack, np.zeros(0), 0.0, (key, 0, worst)))
+        return bounds
+
+    def unstable(self, matrix: np.ndarray) -> bool:
+        """Return True if the loop is unstable at any of the plants."""
+        return bool(np.any(self._screen.unstable(self._plants, matrix)))
