@@ -294,7 +294,7 @@ def test_a_law_is_named_by_its_kind_too() -> None:
     [
         (["--plant", "rac"], "did you mean rack?"),
         (["--plant", QUICK, "--law", "DADC"], "'DADC' is not known here"),
-        (["--rules", "2"], "there are no rules 2"),
+        (["--rules", "3"], "there are no rules 3"),
         (["--retune"], "name with --keep"),
         (["--seed", "-1"], "seed"),
     ],

@@ -17,10 +17,12 @@ from feeddrive.blocks.families import Plant
 from feeddrive.blocks.plant.milling_axis import MillingAxis
 from feeddrive.blocks.plant.modal import Modal
 from feeddrive.blocks.plant.mode import Mode
+from feeddrive.blocks.plant.rigid import Rigid
 from feeddrive.blocks.plant.screw_rigid import ScrewRigid
 from feeddrive.blocks.plant.screw_two_mass import ScrewTwoMass
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain
 from feeddrive.blocks.plant.two_mass import TwoMass
+from feeddrive.blocks.plant.with_mode import WithMode
 from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.testing.strategies import blocks_of
@@ -199,3 +201,39 @@ def test_screw_two_mass_is_the_two_mass_axis_with_reflected_inertia() -> None:
 def test_a_mass_matrix_that_is_not_positive_definite_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"two_mass.coupling_mass = 70 kg must be smaller .* 65\.4981 kg"):
         TwoMass(mass_motor=130.0, mass_load=33.0, stiffness=1e7, coupling_mass=70.0)
+
+
+@pytest.mark.parametrize("load", [1.0, -1.0])
+def test_a_rigid_axis_with_a_mode_is_the_modal_one(load: float) -> None:
+    mode = Mode(frequency=600.0, mass=800.0, load=load)
+    one = WithMode(plant=Rigid(mass=40.0, viscous=30.0), mode=mode).mechanics()
+    assert one == Modal(mass=40.0, viscous=30.0, modes=(mode,)).mechanics()
+
+
+def test_a_mode_is_added_to_the_compliances_of_any_plant() -> None:
+    """x = (G + φ φᵀ/(m (ω² - s² ...))) f at each body, with the shape φ of the mode."""
+    mode = Mode(frequency=400.0, damping_ratio=0.02, mass=900.0, motor=1.0, load=0.5)
+    s = 2j * np.pi * 230.0
+
+    def compliance(plant: Plant) -> np.ndarray:
+        found = plant.mechanics()
+        M, C, K, S = (np.array(part, float) for part in found[:4])
+        return S @ np.linalg.inv(M * s * s + C * s + K) @ S.T
+
+    w = 2.0 * np.pi * 400.0
+    eta = 1.0 / (900.0 * (s * s + 2.0 * 0.02 * w * s + w * w))
+    shape = np.array([1.0, 0.5])
+    np.testing.assert_allclose(
+        compliance(WithMode(plant=TWO_MASS, mode=mode)), compliance(TWO_MASS) + eta * np.outer(shape, shape), rtol=1e-9
+    )
+    assert WithMode(plant=TWO_MASS, mode=mode).stiffness == TWO_MASS.stiffness
+    assert WithMode(plant=TWO_MASS, mode=mode).rigid_mass() == pytest.approx(TWO_MASS.rigid_mass(), rel=1e-12)
+
+
+def test_the_drive_may_act_on_another_body_than_that_of_the_motors_encoder() -> None:
+    plant = ThreeMassChain(mass_motor=60.0, mass_screw=70.0, mass_load=33.0, coupling_stiffness=1e8, stiffness=1.8e7)
+    mode = Mode(frequency=900.0, mass=900.0)
+    plain, found = plant.mechanics(), WithMode(plant=plant, mode=mode).mechanics()
+    assert plain.drive != plain.motor
+    for name in ("drive", "motor", "load"):
+        assert found.shape[getattr(found, name)][1:] == plain.shape[getattr(plain, name)]

@@ -266,6 +266,7 @@ SAMPLES = [
     Sample("limits", "limits", LIMITS),
     Sample("machine", "made_from", f"{MACHINES[0].read_text(encoding='utf-8')}\n{MADE_FROM}"),
     sample("rules", RULES),
+    sample("rules", folder(2) / "rules.toml"),
 ]
 
 

@@ -7,17 +7,17 @@ figure.  Figures are neither summed nor weighted: stiffness, tracking and comput
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from feeddrive.benchmark.rules import Rules, read_rules
-from feeddrive.evaluation.competitor import AtWork, Competitor, Plant
+from feeddrive.evaluation.competitor import UNFIT, AtWork, Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.lineup import Lineup, Trial, judged
-from feeddrive.evaluation.robustness import Tuning, tuned_all
+from feeddrive.evaluation.robustness import Design, Rule, Tuning, tuned_all
 from feeddrive.figures import of_loops, of_runs
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.ranking import ROBUST
@@ -28,8 +28,9 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Cell, Column, Result, Table, chart_of, frame_of
 from feeddrive.language.text import Text, capitalized
 from feeddrive.plot.chart import Chart
-from feeddrive.tuning.candidates import PLAIN, Candidate
+from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.recipes import RECIPES
+from feeddrive.tuning.tune import Tuned
 
 FIGURES = (
     of_loops.ROPE_SNAP,
@@ -42,29 +43,44 @@ FIGURES = (
 )
 HEADS = tuple(figure.short for figure in FIGURES)
 _DRAWN = 5  # number of figures in the picture, starting with the first
+_AS_MUCH = 0.95  # of the noise of P-PI, above which a law has its control effort
+_BY_GROUPS = (of_loops.ROPE_SNAP, of_runs.TRACKING_RMS, of_runs.CUTTING_RMS)  # figures drawn for groups of plants
 _MANY = 1.02  # improvement factor over P-PI above which a law counts as better
 
 
 def on_plant(rules: Rules, plant: Plant, designs: Designs, *, laws: Sequence[str] = (), own: int = 0) -> list[Trial]:
-    """Return the trials on a plant: the laws, P-PI first, the refused laws and, if no laws are named, the recipes.
+    """Return the trials on a plant: the laws, P-PI first, the refused laws, P-PI at the control effort of laws, and, if
+    no laws are named and the rules show them, the recipes.
 
     Raises FileError for a damaged design.
     """
-    lineup, plant = Lineup.of(plant.model), rules.seeded(plant, own)
+    lineup, plant = rules.lineup(plant), rules.seeded(plant, own)
     tunings = {law.name: design for law in lineup.searched if (design := designs.outcome(law.name)) is not None}
     plain = next(lineup.trials(tunings, plant)).law
-    if isinstance(plain, AtWork):
+    if isinstance(plain, AtWork) and not rules.draws:
         # the rule for all laws: the tuned P-PI sets the noise limit
         noise = plant.rule.figures(plain.candidate.loop)[of_loops.NOISE_GAIN.key]
         plant = replace(plant, rule=replace(plant.rule, noise=rules.noise_ratio * noise))
     listed = list(lineup.trials(tunings, plant))
     if laws:
-        return [trial for trial in listed if trial.name in (PLAIN, *laws)]
-    start = lineup.possible[0].loop
-    for recipe in RECIPES:
-        law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", start)
-        listed.append(Trial(AtWork(law, plant, recipe)))
+        listed = [trial for trial in listed if trial.name in (PLAIN, *laws)]
+    start = lineup.possible[0]
+    if rules.draws:
+        return [*listed, *_at_equal_effort(start, [trial.name for trial in listed], plant, designs)]
+    if rules.recipes and not laws:
+        for recipe in RECIPES:
+            law = Candidate(f"{PLAIN} by {recipe.replace('-', ' ')}", start.loop)
+            listed.append(Trial(AtWork(law, plant, recipe)))
     return listed
+
+
+def _at_equal_effort(start: Candidate, laws: Sequence[str], plant: Plant, designs: Designs) -> Iterator[Trial]:
+    """Yield a trial of P-PI at the control effort of each law for which it was tuned."""
+    for law in laws:
+        design = designs.design(effort_of(law))
+        if design is not None and not design.refused:
+            candidate = replace(start, name=design.law)
+            yield Trial(AtWork(candidate.tuned(design.control(candidate)), plant), design)
 
 
 @dataclass(frozen=True)
@@ -86,15 +102,32 @@ class Score:
         return Text(f"{'-' if value is None else value} ({self.never} never)")
 
 
+class Group(NamedTuple):
+    """Plants with the same number of encoders on which P-PI has a place, and on which laws are ranked together.
+
+    A law that reads motor and table cannot control an axis with one encoder: its mean over all plants would be over
+    other plants than that of the other laws.
+    """
+
+    name: str
+    plants: tuple[str, ...]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Benchmark(Result):
-    """The result of the benchmark: all rows; `own` is a user's seed, 0 for the seeds of the rules."""
+    """The result of the benchmark: all rows; `own` is a user's seed, 0 for the seeds of the rules.
+
+    references   rows of P-PI at the control effort of other laws, by `effort_of`
+    variants     the results by the variants of the rules, by name
+    """
 
     rules: Rules
     plants: tuple[str, ...]
     rows: tuple[Competitor, ...]
     own: int
     versions: Mapping[str, str]
+    references: tuple[Competitor, ...] = ()
+    variants: Mapping[str, "Benchmark"] = field(default_factory=dict[str, "Benchmark"])
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -121,28 +154,67 @@ class Benchmark(Result):
         rows = [row for row in self.rows if row.name == law]
         return [row for row in rows if not row.unplaced or (row.recipe and FIGURES[0].key in row.figures)]
 
-    def ratios(self, law: str, criterion: Figure) -> dict[str, float]:
-        """Return the improvement factor over P-PI for each plant.
+    def draws(self, law: str, criterion: Figure, *, effort: bool = False) -> dict[str, tuple[float, ...]]:
+        """Return the improvement factors over P-PI at each draw of each plant; one a plant where none are drawn.
 
-        An infinite value marks a plant on which the law never settles, but P-PI does.
+        effort  True: over P-PI at the control effort of the law
+
+        An infinite value marks a machine on which the law never settles, but P-PI does.
         """
-        ratios: dict[str, float] = {}
+        factors: dict[str, tuple[float, ...]] = {}
         for row in self.counted(law):
-            plain = self.row(row.plant, PLAIN)
-            ours = row.figures.get(criterion.key)
-            theirs = None if plain is None or plain.unplaced else plain.figures.get(criterion.key)
+            plain = self.reference(row) if effort else self.row(row.plant, PLAIN)
+            if plain is None or plain.unplaced:
+                continue
+            pairs = zip(row.draws or (row.figures,), plain.draws or (plain.figures,), strict=True)
+            values = [(ours.get(criterion.key), theirs.get(criterion.key)) for ours, theirs in pairs]
             # where P-PI never settles there is nothing to divide by
-            if ours and theirs and math.isfinite(theirs):
-                ratios[row.plant] = ours if math.isinf(ours) else _times_better(criterion, ours, theirs)
-        return ratios
+            if all(ours and theirs and math.isfinite(theirs) for ours, theirs in values):
+                factors[row.plant] = tuple(
+                    ours if math.isinf(ours) else _times_better(criterion, ours, theirs)
+                    for ours, theirs in values
+                    if ours and theirs
+                )
+        return factors
 
-    def score(self, law: str, criterion: Figure) -> Score:
+    def reference(self, row: Competitor) -> Competitor | None:
+        """Return the row of P-PI at the control effort of a law; None if it was needed and not tuned."""
+        quieter = next((r for r in self.references if (r.plant, r.name) == (row.plant, effort_of(row.name))), None)
+        plain = self.row(row.plant, PLAIN)
+        if quieter is not None or plain is None:
+            return quieter
+        # a law that takes the gains of another one has its tuning, and with it the name of the other
+        like = row.tuned.law if isinstance(row.tuned, Design) else row.name
+        other = next((r for r in self.references if (r.plant, r.name) == (row.plant, effort_of(like))), None)
+        return other or (plain if _as_much(row.tuned, plain.tuned) else None)
+
+    def ratios(self, law: str, criterion: Figure, *, effort: bool = False) -> dict[str, float]:
+        """Return the improvement factor over P-PI for each plant, the geometric mean of its draws; infinite if the law
+        does not settle at one of them.
+        """
+        draws = self.draws(law, criterion, effort=effort)
+        return {plant: math.exp(math.fsum(map(math.log, values)) / len(values)) for plant, values in draws.items()}
+
+    def score(
+        self, law: str, criterion: Figure, plants: Collection[str] | None = None, *, effort: bool = False
+    ) -> Score:
         """Return the geometric mean over plants of the ratio to P-PI, as defined in the module docstring."""
-        ratios = self.ratios(law, criterion).values()
+        every = self.ratios(law, criterion, effort=effort)
+        ratios = [ratio for plant, ratio in every.items() if plants is None or plant in plants]
         finite = [ratio for ratio in ratios if math.isfinite(ratio)]
         # geometric: twice as good on one plant and half as good on another one is no gain
         mean = math.exp(math.fsum(map(math.log, finite)) / len(finite)) if finite else None
         return Score(mean, len(finite), len(ratios) - len(finite))
+
+    def laws_on(self, group: Group) -> list[str]:
+        """Return the tuned laws that were judged on at least one plant of a group, ranked or not."""
+        rows = (row for row in self.rows if row.plant in group.plants and row.tuned is not None)
+        return list(dict.fromkeys(row.name for row in rows))
+
+    def mean_on(self, law: str, criterion: Figure, group: Group) -> float | None:
+        """Return the score of a law on a group of plants; None if it has no finite figure on one of them."""
+        found = self.score(law, criterion, group.plants)
+        return found.value if found.plants == len(group.plants) else None
 
     def robust(self, law: str) -> float | None:
         """Return the largest Ms over all plants with masses or stiffnesses perturbed by the share in the rules."""
@@ -157,6 +229,16 @@ class Benchmark(Result):
         """Return the score table of the laws and, if any, that of the recipes, which may violate the rule."""
         title = f"Recipes without a search, against tuned {PLAIN}; not at equal robustness"
         return [self.table(), *([self.scores(self.recipes, title)] if self.recipes else [])]
+
+    def groups(self) -> list[Group]:
+        """Return the groups of plants with one and with two encoders on which P-PI has a place."""
+        named: dict[str, list[str]] = {"one encoder": [], "two encoders": []}
+        for plant in self.plants:
+            plain = self.row(plant, PLAIN)
+            if plain is not None and not plain.unplaced:
+                axis = self.rules.plants[plant].loop.axis
+                named["one encoder" if axis.encoders() == 1 else "two encoders"].append(plant)
+        return [Group(name, tuple(plants)) for name, plants in named.items() if plants]
 
     def scores(self, laws: Sequence[str], title: str) -> Table:
         """Return a table with one row per law: number of plants, score for each figure, robust Ms."""
@@ -183,7 +265,9 @@ class Benchmark(Result):
 
     def winners(self) -> Table:
         """Return a table of the best tuned law per plant and figure, with its improvement factor over P-PI."""
-        rows = [[plant, *(self._winner(plant, criterion) for criterion in FIGURES[:-1])] for plant in self.plants]
+        placed = {row.plant for row in self.rows if not row.unplaced}
+        shown = [plant for plant in self.plants if plant in placed]
+        rows = [[plant, *(self._winner(plant, criterion) for criterion in FIGURES[:-1])] for plant in shown]
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 
     def _winner(self, plant: str, criterion: Figure) -> Cell:
@@ -208,21 +292,62 @@ class Benchmark(Result):
         return plants
 
 
+def _as_much(tuned: Tuned | Design | None, plain: Tuned | Design | None) -> bool:
+    """Return True if a law has about the control effort of P-PI, by their stored designs."""
+    if not isinstance(tuned, Design) or not isinstance(plain, Design):
+        return False
+    return (tuned.noise_gain or 0.0) >= _AS_MUCH * (plain.noise_gain or math.inf)
+
+
 def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
     return ours / theirs if criterion.higher else theirs / ours
 
 
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
-    """Plot every law relative to P-PI, plant by plant."""
-    from feeddrive.plot.laws import scores_chart
+    """Plot every law relative to P-PI, plant by plant: with drawn plants by groups of plants, a dot a drawn plant."""
+    from feeddrive.plot.laws import Scores, scores_chart
 
-    def row(law: str, criterion: Figure) -> tuple[list[float], float | None]:
-        finite = [ratio for ratio in benchmark.ratios(law, criterion).values() if math.isfinite(ratio)]
-        return finite, benchmark.score(law, criterion).value
+    def finite(values: Iterable[float]) -> list[float]:
+        return [value for value in values if math.isfinite(value)]
 
-    panels = {figure.short: [row(law, figure) for law in benchmark.laws] for figure in FIGURES[:_DRAWN]}
-    return scores_chart(benchmark.laws, panels)
+    if not benchmark.rules.draws:
+        panels = {
+            figure.short: [
+                (finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
+                for law in benchmark.laws
+            ]
+            for figure in FIGURES[:_DRAWN]
+        }
+        return scores_chart((benchmark.laws, panels))
+    rows: list[tuple[list[str], Scores]] = []
+    for group in benchmark.groups():
+        best, *_ = _BY_GROUPS
+        # a mean over fewer plants than those of the laws beside it is not shown, and nothing is sorted by it
+        mean = {law: benchmark.mean_on(law, best, group) for law in benchmark.laws_on(group)}
+        laws = sorted(mean, key=lambda law, mean=mean: (mean[law] is None, -(mean[law] or 0.0), law))
+        panels: Scores = {
+            f"{group.name}: {figure.short}": [
+                (
+                    finite(v for p, row in benchmark.draws(law, figure).items() if p in group.plants for v in row),
+                    benchmark.mean_on(law, figure, group),
+                )
+                for law in laws
+            ]
+            for figure in _BY_GROUPS
+        }
+        rows.append(([_with_unstable(benchmark, law, group) for law in laws], panels))
+    return scores_chart(*rows)
+
+
+def _with_unstable(benchmark: Benchmark, law: str, group: Group) -> str:
+    """Return the name of a law, marked if its search is not settled somewhere, with the number of plants on which it is
+    unstable: its dots alone would flatter it.
+    """
+    rows = [row for row in benchmark.rows if row.name == law and row.plant in group.plants]
+    mark = " *" if any(row.tuned is not None and row.tuned.unsettled for row in rows) else ""
+    count = sum(row.kind == UNFIT for row in rows)
+    return f"{law}{mark}{f' (unstable on {count})' if count else ''}"
 
 
 @frame_of.register
@@ -258,16 +383,36 @@ def score(
     """
     rules = rules or read_rules()
     chosen = tuple(rules.plants.values()) if plants is None else tuple(plants)
-    laws = laws_of(chosen, laws)
-    # designs of the user come first, those of the package fill the gaps
-    first, *also = (*designs, rules.designs)
-    listed = [
-        trial
-        for plant in chosen
-        for trial in on_plant(rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own)
-    ]
-    rows = judged(listed, engine or Engine(), Bar(progress or Progress(), len(listed)))
-    return Benchmark(rules, tuple(plant.name for plant in chosen), tuple(rows), own, versions())
+    laws, engine, progress = laws_of(chosen, laws, rules), engine or Engine(), progress or Progress()
+
+    def scored(rules: Rules, plants: Iterable[Plant]) -> Benchmark:
+        # designs of the user come first, those of the package fill the gaps
+        first, *also = (*map(rules.designs, designs), rules.designs())
+        listed = [
+            trial
+            for plant in plants
+            for trial in on_plant(
+                rules, plant, Designs(first, plant.name, rules.version, tuple(also)), laws=laws, own=own
+            )
+        ]
+        rows = judged(listed, engine, Bar(progress, len(listed)))
+        apart = {effort_of(row.name) for row in rows}
+        return Benchmark(
+            rules,
+            tuple(plant.name for plant in chosen),
+            tuple(row for row in rows if row.name not in apart),
+            own,
+            versions(),
+            tuple(row for row in rows if row.name in apart),
+        )
+
+    found = scored(rules, chosen)
+    variants = {
+        variant.name: scored(varied, (varied.plants[plant.name] for plant in chosen))
+        for variant in rules.variant
+        if (varied := rules.varied_by(variant))
+    }
+    return replace(found, variants=variants)
 
 
 def search(
@@ -290,17 +435,46 @@ def search(
     """
     engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:
-        lineup = Lineup.of(plant.model)
+        lineup = rules.lineup(plant)
         searched = (lineup.only(laws) if laws else lineup).searched
-        designs = Designs(keep, plant.name, rules.version, (rules.designs,) if stored else ())
+        designs = Designs(rules.designs(keep), plant.name, rules.version, (rules.designs(),) if stored else ())
+        engine_of_plant = replace(engine, store=designs)
         bar = Bar(progress, Tuning.stages * len(searched))
-        tuned_all(searched, plant.rule, replace(engine, store=designs), bar)
+        outcomes, _ = tuned_all(searched, plant.rule, engine_of_plant, bar)
+        if rules.draws:
+            quieter = matched(searched, outcomes, plant.rule)
+            engine_of_plant.evaluate(quieter, Bar(progress, Tuning.stages * len(quieter)))
 
 
-def laws_of(plants: Sequence[Plant], laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of laws that are given by name or kind. Raises ParameterError for an unknown law."""
+def matched(laws: Sequence[Candidate], outcomes: Mapping[str, Tuned | Refusal], rule: Rule) -> list[Tuning]:
+    """Return the tunings of P-PI at the control effort of each law that needs clearly less of it than P-PI.
+
+    P-PI at the effort of a law has the noise in the force of that law, at its worst plant, as its bound.  A law with
+    as much noise as P-PI needs none: the optimum of P-PI takes no more than it has, and is its own reference.
+    """
+    plain = next((law for law in laws if law.name == PLAIN), None)
+    if plain is None:
+        return []
+    own = rule.with_noise_of(outcomes[PLAIN]).noise
+    tunings: list[Tuning] = []
+    for law in laws:
+        bounded = replace(rule, noise_ratio=1.0).with_noise_of(outcomes[law.name])
+        if law.name != PLAIN and own and bounded.noise and bounded.noise < _AS_MUCH * own / rule.noise_ratio:
+            tunings.append(Tuning(replace(plain, name=effort_of(law.name)), bounded))
+    return tunings
+
+
+def effort_of(law: str) -> str:
+    """Return the name of P-PI at the control effort of a law."""
+    return f"{PLAIN} at the effort of {law}"
+
+
+def laws_of(plants: Sequence[Plant], laws: Sequence[str], rules: Rules | None = None) -> tuple[str, ...]:
+    """Return the names of laws that are given by name or kind. Raises ParameterError for a law that is unknown, or that
+    takes no part by the rules.
+    """
     # of all plants: a law may fit only some of them
-    lineups = [Lineup.of(plant.model) for plant in plants] if laws else []
+    lineups = [Lineup.of(plant.model) if rules is None else rules.lineup(plant) for plant in plants] if laws else []
     possible = tuple(law for lineup in lineups for law in lineup.possible)
     return Lineup(possible, tuple(law for lineup in lineups for law in lineup.refused)).names(laws)
 
@@ -310,12 +484,14 @@ def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:
 
     asked  True if laws were named explicitly: it is then a failure if none of them is ranked
     """
-    snap, laws, plants = FIGURES[0], benchmark.laws, benchmark.plants
+    snap, laws = FIGURES[0], benchmark.laws
+    # where P-PI has no place there is nothing to compare with
+    plants = [p for p in benchmark.plants if (plain := benchmark.row(p, PLAIN)) is not None and not plain.unplaced]
     tried = {row.name for row in benchmark.rows if not row.recipe and row.name != PLAIN}
     if asked and tried and not tried & {*laws}:
         return Judgment.NO_PLACE.because("the table above says why")
     whole = [law for law in laws if len(benchmark.ratios(law, snap)) == len(plants)]
-    if not whole:
+    if not whole or not plants:
         return Advice(Judgment.NONE_PLACED, f"{Judgment.NONE_PLACED.says}.")
     best = whole[0]
     ratio = benchmark.score(best, snap).value or 0.0

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
+from feeddrive.benchmark.standings import score_tables
 from feeddrive.files.run_files import figures_text, summary_text
-from feeddrive.language.quantity import DRAWN, Quantity, Units
+from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import Table
-from feeddrive.language.text import Text
 from feeddrive.report.page import write_page
 from feeddrive.report.report import Facts, Picture, Report, Section, Verdict, facts
 
@@ -51,16 +51,7 @@ def benchmark_report(benchmark: Benchmark) -> Report:
     rules, (judgment, sentence), count = benchmark.rules, advice(benchmark), len(benchmark.plants)
     stated = [
         ("To be cited as", citation(benchmark)),
-        (
-            "Rule",
-            Text(
-                f"Ms <= {Quantity(rules.sensitivity_peak)}, delay margin >= "
-                f"{Quantity(rules.delay_margin_samples, 'samples')}, noise in the force at most "
-                f"{Quantity(rules.noise_ratio)} times that of P-PI, at every position of a plant"
-            ),
-        ),
-        ("Searches", f"{rules.repeats} whole tunings of each law on each plant; settled if all end within 5 %"),
-        ("Runs", f"{rules.seeds} with different noise at each position; the worst figure counts"),
+        *rules.stated(),
         ("Versions", ", ".join(f"{name} {value}" for name, value in benchmark.versions.items())),
     ]
     # units by plant: the page has linear and rotary axes
@@ -72,7 +63,7 @@ def benchmark_report(benchmark: Benchmark) -> Report:
         "feeddrive benchmark",
         Verdict((sentence, citation(benchmark)), good=not judgment.bad),
         (
-            Section("scores", "Scores", benchmark.tables()),
+            Section("scores", "Scores", score_tables(benchmark)),
             Section("winners", "Who wins where", (benchmark.winners(),)),
             Section("unplaced", "No place", (unplaced,)),
             Section("plants", "Plants", (described, *grids), folded=True),
@@ -104,6 +95,11 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
         "rules_sha256": benchmark.rules.digest(),
         "seed": benchmark.own,
         "versions": dict(benchmark.versions),
+        "variants": {
+            name: [{"plant": row.plant, "law": row.name} | row.record() for row in (*variant.rows, *variant.references)]
+            for name, variant in benchmark.variants.items()
+        },
+        "references": [{"plant": row.plant, "law": row.name} | row.record() for row in benchmark.references],
         "scores": {
             law: {figure.key: vars(benchmark.score(law, figure)) for figure in FIGURES}
             for law in (*benchmark.laws, *benchmark.recipes)
@@ -124,10 +120,11 @@ def figures_csv(benchmark: Benchmark) -> str:
 
 def markdown(benchmark: Benchmark) -> str:
     """Return the score tables in Markdown."""
-    tables = [*benchmark.tables(), benchmark.winners()]
+    tables = [*score_tables(benchmark), benchmark.winners()]
     return "\n\n".join([*(table.grid().markdown() for table in tables), f"{citation(benchmark)}."]) + "\n"
 
 
 def latex(benchmark: Benchmark) -> str:
-    """Return the score table as a LaTeX tabular, with the citation in a comment."""
-    return f"% {citation(benchmark)}\n{benchmark.table().grid().latex()}\n"
+    """Return the score tables as LaTeX tabulars, with the citation in a comment."""
+    tables = score_tables(benchmark) if benchmark.rules.draws else [benchmark.table()]
+    return "\n".join([f"% {citation(benchmark)}", *(table.grid().latex() for table in tables), ""])

@@ -91,6 +91,7 @@ from feeddrive.blocks.plant.screw_two_mass import ScrewTwoMass as ScrewTwoMass
 from feeddrive.blocks.plant.three_mass_chain import ThreeMassChain as ThreeMassChain
 from feeddrive.blocks.plant.two_bodies import TwoBodies as TwoBodies
 from feeddrive.blocks.plant.two_mass import TwoMass as TwoMass
+from feeddrive.blocks.plant.with_mode import WithMode as WithMode
 from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter as TrajectoryPrefilter
 from feeddrive.blocks.reference.bezier10 import Bezier10 as Bezier10
 from feeddrive.blocks.reference.chirp import Chirp as Chirp

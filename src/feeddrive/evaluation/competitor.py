@@ -18,9 +18,10 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, joined, marked
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import MOST
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning.candidates import Candidate
+from feeddrive.tuning.candidates import ON_THE_MACHINE, Candidate
 from feeddrive.tuning.recipes import RECIPES
 from feeddrive.tuning.tune import Tuned
 from feeddrive.tuning.worst import OverBox, box_plants, over_box
@@ -62,6 +63,8 @@ class Plant:
     seeds    noise seeds of the runs; the worst figures over all of them count
     lesson   noise seed of the trials in which a law learns
     varied   relative error of masses and stiffnesses for the robust Ms; None: the robust Ms is not computed
+    drawn    plants on which the laws are judged in place of the models, each at all positions; no law is told how they
+             differ from the models; the runs at each have the noise of the seed of the same number
     """
 
     name: str
@@ -72,6 +75,7 @@ class Plant:
     seeds: tuple[int, ...] = ()
     lesson: int = 0
     varied: float | None = None
+    drawn: tuple[tuple[Place, ...], ...] = ()
 
     @property
     def model(self) -> Loop:
@@ -94,6 +98,8 @@ class Competitor:
     box       the law over the box of the rule; None if there is no box
     worst     its figures at the worst plant of the box: linear ones over the box, those of runs at the plants with the
               largest Ms and with the least stiffness at 10 Hz
+    nominal   figures of the model, where `figures` are those of drawn plants
+    draws     its figures at each drawn plant; `figures` has the worst of them
     unplaced  empty for a ranked law, otherwise the kind and the reason. "unfit": the loop is unstable or the motion
               left its bounds; "outside of the rule": the bounds that the law exceeds, as the existing gains may
     tuned     result of its search, or its stored design; None for a law that was not tuned and for a recipe
@@ -114,6 +120,8 @@ class Competitor:
     model: LoopModel | None = None
     box: OverBox | None = None
     worst: Values = field(default_factory=dict[str, float | None])
+    nominal: Values = field(default_factory=dict[str, float | None])
+    draws: tuple[Values, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -152,6 +160,9 @@ class Competitor:
             row["worst"] = {key: plain(value) for key, value in self.worst.items()}
         if isinstance(tuned, Tuned):
             row["proof"] = {line.what: {"holds": line.holds, "said": line.text} for line in tuned.proof}
+        if self.draws:
+            row["draws"] = [{key: plain(value) for key, value in figures.items()} for figures in self.draws]
+            row["model"] = {key: plain(value) for key, value in self.nominal.items()}
         return row | {"figures": {key: plain(value) for key, value in self.figures.items()}}
 
 
@@ -182,12 +193,20 @@ class AtWork(Case[Competitor]):
             "figures": dict(outcome.figures),
             "unplaced": marked(outcome.unplaced),
             "remark": marked(outcome.remark),
+            "nominal": dict(outcome.nominal),
+            "draws": [dict(figures) for figures in outcome.draws],
         }
 
     def restored(self, record: Any, progress: Progress) -> Competitor:
         """Restore the row from a record."""
         unplaced, remark = Text(record["unplaced"]), Text(record["remark"])
-        return self._row(figures=dict(record["figures"]), unplaced=unplaced, remark=remark)
+        return self._row(
+            figures=dict(record["figures"]),
+            unplaced=unplaced,
+            remark=remark,
+            nominal=dict(record["nominal"]),
+            draws=tuple(dict(figures) for figures in record["draws"]),
+        )
 
     def outcome(self, progress: Progress) -> Competitor:
         """Return the law with its figures, or as refused if it cannot be adapted to the move or evaluated."""
@@ -199,7 +218,8 @@ class AtWork(Case[Competitor]):
                 loop, remark = replace(loop, control=replace(loop.control, law=gains.law)), gains.reason
             else:
                 loop = replace(self.candidate, loop=loop).adapted(self.plant.duty.move, self.plant.lesson)
-            law = self._judged(self._row(loop=loop, remark=remark))
+            row = self._row(loop=loop, remark=remark)
+            law = self._on_drawn(row) if self.plant.drawn else self._judged(row)
         except FeeddriveError as error:
             return self._row(unplaced=Text(f"{REFUSED}: {error}"))
         # runs of all laws on all plants would fill the memory, and a row from the store has none either
@@ -236,6 +256,38 @@ class AtWork(Case[Competitor]):
         # the longest remark is that of a run in which the guard tripped, if any
         remark = max((row.remark for row in rows), key=len)
         return replace(rows[0], figures=figures, remark=remark, unplaced=unplaced, box=box, worst=worst_figures)
+
+    def _on_drawn(self, law: Competitor) -> Competitor:
+        """Return the law with its figures at each drawn plant, and the worst of them.
+
+        It is unfit if its loop is unstable or leaves its bounds at any of them.  The bounds of the rule are those of
+        the box, over which its gains were tuned.
+        """
+        nominal = self.plant.rule.figures(replace(law.loop, axis=self.plant.places[0].model))
+        rows: list[Competitor] = []
+        for number, (places, seed) in enumerate(zip(self.plant.drawn, self.plant.seeds, strict=True), 1):
+            control = self._taught(law, places[0].axis)
+            at_places: list[Competitor] = []
+            for place in places:
+                loop, model = (replace(law.loop, axis=axis, control=control) for axis in (place.axis, place.model))
+                at_places.append(self._at(law, loop, model, seed))
+                if at_places[-1].unplaced:
+                    failed = at_places[-1]
+                    why = Text(f"{failed.kind}: at drawn plant {number}, {failed.reason}")
+                    return replace(failed, nominal=nominal, unplaced=why)
+            rows.append(replace(at_places[0], figures=worst([row.figures for row in at_places])))
+        figures = worst([row.figures for row in rows])
+        remark = max((row.remark for row in rows), key=len)
+        return replace(
+            rows[0], figures=figures, remark=remark, nominal=nominal, draws=tuple(row.figures for row in rows)
+        )
+
+    def _taught(self, law: Competitor, axis: Axis) -> Control:
+        """Return the control of a law, which a law that learns on the machine learns on this axis."""
+        if self.candidate.then not in ON_THE_MACHINE:
+            return law.loop.control
+        learner = replace(self.candidate, loop=replace(self.candidate.loop, axis=axis))
+        return learner.adapted(self.plant.duty.move, self.plant.lesson).control
 
     def _over_box(self, loop: Loop) -> OverBox | None:
         """Return the law over the box of the rule; None if the rule has no box."""

@@ -10,7 +10,17 @@ from typing import NamedTuple, Self
 
 from feeddrive.blocks.catalogue import members, shipped
 from feeddrive.blocks.families import Law
-from feeddrive.evaluation.competitor import OUTSIDE, REFUSED, STALE, UNSEARCHED, UNSETTLED, AtWork, Competitor, Plant
+from feeddrive.evaluation.competitor import (
+    OUTSIDE,
+    REFUSED,
+    STALE,
+    UNDECIDED,
+    UNSEARCHED,
+    UNSETTLED,
+    AtWork,
+    Competitor,
+    Plant,
+)
 from feeddrive.evaluation.engine import Bar, Engine
 from feeddrive.evaluation.robustness import Design
 from feeddrive.language import tree
@@ -19,6 +29,7 @@ from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal, candidates, names_of
 from feeddrive.tuning.tune import Tuned, own_tunables
+from feeddrive.tuning.worst import VERDICTS
 
 FIXED = "it has nothing to tune and is judged as it is"
 
@@ -42,10 +53,16 @@ class Trial(NamedTuple):
             return row
         # the stored figures are those of the law at the nominal position; those of a row are the worst of all positions
         if isinstance(law, AtWork) and isinstance(tuned, Design) and tuned.law == row.name:
-            moved = tuned.moved(row.figures) if len(law.plant.places) == 1 else ""
+            at_model = row.nominal or (row.figures if len(law.plant.places) == 1 else {})
+            moved = tuned.moved(at_model) if at_model else ""
         if moved:
             return replace(row, unplaced=f"{STALE}: {moved}: --retune searches it anew")
-        return replace(row, unplaced=Text(f"{UNSETTLED}: {tuned.unsettled}")) if tuned.unsettled else row
+        if isinstance(tuned, Design) and not tuned.holds:
+            kind = UNDECIDED if tuned.box["verdict"] == VERDICTS[None] else OUTSIDE
+            return replace(row, unplaced=Text(f"{kind}: over the box {tuned.exceeded}"))
+        # on drawn plants an unsettled law keeps its place, as one that is at least so good: `Order` knows of it
+        lacking = tuned.unsettled and not row.draws
+        return replace(row, unplaced=Text(f"{UNSETTLED}: {tuned.unsettled}")) if lacking else row
 
 
 @dataclass(frozen=True)

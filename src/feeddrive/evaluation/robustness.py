@@ -33,6 +33,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.candidates import PLAIN, Candidate, Refusal
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.tune import HeldBack, Tuned, assess, goal_of, law_tunables, tune_control
+from feeddrive.tuning.worst import VERDICTS
 
 _ROOM = 1e-3  # of a bound: tolerance for peaks between the frequency lines
 AGREE = 0.05  # of the goal: complete tunings this close to the best one agree with it
@@ -144,6 +145,7 @@ class Design:
     figures    figures by key, at the nominal position; the design is stale once the recomputed figures differ
     noise      the noise-gain limit of its tuning, N/m; None for P-PI, which sets the limit
     agreed     number of searches that ended within 5 % of the best one of their tuning, and of all
+    box        the law over the box of its rule (`OverBox.record`); empty without a box
     held       the active constraints, as sentences; `bounds` contains them as values
     """
 
@@ -164,6 +166,27 @@ class Design:
     bounds: tuple[HeldBack, ...] = ()
     advice: tuple[str, ...] = ()
     agreed: tuple[int, int] = (0, 0)
+    box: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def holds(self) -> bool:
+        """True if the bounds hold over the box of the rule, to the tolerance of `Rule.broken`; True without a box."""
+        if not self.box or self.box["verdict"] == VERDICTS[True]:
+            return True
+        used = self.box["limit_used"]
+        return used is not None and used <= 1.0 + _ROOM
+
+    @property
+    def exceeded(self) -> str:
+        """How far the bounds are exceeded over the box, in words."""
+        used, plant = self.box["limit_used"], self.box["worst_plant"]
+        return f"unstable at {plant}" if used is None else Text(f"{Quantity(used):5} of a bound is used at {plant}")
+
+    @property
+    def noise_gain(self) -> float | None:
+        """The largest gain from reading noise to force over the box, or without a box at the model, N/m."""
+        worst = self.box["figures"][FORCE_NOISE.key]["worst"] if self.box else None
+        return self.figures.get(NOISE_GAIN.key) if worst is None else worst / NANO
 
     @classmethod
     def of(cls, law: str, outcome: Tuned | Refusal, rule: Rule) -> Self:
@@ -184,6 +207,7 @@ class Design:
             bounds=outcome.held,
             advice=outcome.advice,
             agreed=outcome.agreed,
+            box={} if outcome.box is None else outcome.box.record(),
         )
 
     def record(self) -> dict[str, Any]:

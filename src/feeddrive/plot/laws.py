@@ -3,6 +3,7 @@ disturbance recovery.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -151,29 +152,38 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
     return Chart(label, tuple(panels), height=5.0, columns=3)
 
 
-def scores_chart(laws: Sequence[str], panels: Mapping[str, Sequence[tuple[Sequence[float], float | None]]]) -> Chart:
-    """Plot one panel per figure with one row per law: a small dot per plant and a large one for the geometric mean.
+Scores: TypeAlias = Mapping[str, Sequence[tuple[Sequence[float], float | None]]]
+"""For each heading and each law, the ratios to P-PI and their mean, or None if there is no mean to be shown."""
 
-    panels  for each heading and each law, the ratios to P-PI and their mean
+
+def scores_chart(*rows: tuple[Sequence[str], Scores]) -> Chart:
+    """Plot rows of panels, one panel per figure with one line per law: a small dot per plant, a large one for the mean.
+
+    rows  for each row of panels its laws from the top, and their ratios by heading
     """
     shown = list[Panel]()
-    for head, rows in panels.items():
-        plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
-        means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
-        # `reshape` gives two columns even without a dot.
-        (x, y), (mean_x, mean_y) = (np.array(dots, float).reshape(-1, 2).T for dots in (plants, means))
-        names = tuple(Tick(tick.value, tick.name if not shown else "") for tick in listed(laws))
-        shown.append(
-            Panel(
-                "",
-                (Curve(x, y, number=NEUTRAL, look=DOTS), Curve(mean_x, mean_y, look=MARKERS)),
-                levels=(Level(1.0, upright=True),),
-                ticks=names,
-                low=0.4 - len(laws),
-                high=0.6,
-                caption=head,
-                # P-PI itself has the ratio 1; without margins the outermost dots would be cut
-                abscissa=Abscissa("", LOG, *_around([1.0, *x], 0.1)),
-            )
-        )
-    return Chart("", tuple(shown), across=len(shown), height=1.0 + 0.2 * len(laws))
+    for laws, panels in rows:
+        for place, (head, values) in enumerate(panels.items()):
+            shown.append(_scores_panel(laws, head, values, named=place == 0))
+    tallest = max(len(laws) for laws, _ in rows)
+    return Chart("", tuple(shown), across=len(rows[0][1]), height=len(rows) * (1.0 + 0.2 * tallest))
+
+
+def _scores_panel(
+    laws: Sequence[str], head: str, rows: Sequence[tuple[Sequence[float], float | None]], *, named: bool
+) -> Panel:
+    plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
+    means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
+    # `reshape` gives two columns even without a dot.
+    (x, y), (mean_x, mean_y) = (np.array(dots, float).reshape(-1, 2).T for dots in (plants, means))
+    return Panel(
+        "",
+        (Curve(x, y, number=NEUTRAL, look=DOTS), Curve(mean_x, mean_y, look=MARKERS)),
+        levels=(Level(1.0, upright=True),),
+        ticks=tuple(Tick(tick.value, tick.name if named else "") for tick in listed(laws)),
+        low=0.4 - len(laws),
+        high=0.6,
+        caption=head,
+        # P-PI itself has the ratio 1; without margins the outermost dots would be cut
+        abscissa=Abscissa("", LOG, *_around([1.0, *x], 0.1)),
+    )

@@ -30,6 +30,7 @@ from feeddrive.loop.loop import Loop
 
 PLAIN = CascadePPI.title  # the reference law of the comparison
 _MOTION = ("acceleration", "velocity")
+ON_THE_MACHINE = ("trials", "stops")  # steps after the tuning in which a law learns from motions of its machine
 _TRIALS = 6  # number of trials in which a compensator learns
 
 

@@ -39,6 +39,7 @@ _DIFFERENCE = 0.02  # of half of a dimension: step of the differences
 _FIRST, _LEAST = 0.5, 0.05  # of half of a dimension: first and smallest step of a search
 _KEPT = 256  # plants between the corners whose models are kept
 _LARGEST = 8  # steps of a search
+VERDICTS = {True: "holds", False: "does not hold", None: "undecided"}
 _TRIALS = 4  # lengths of a step of a screened search that are tried at once, each half of the one before
 _CLOSE, _CHECKED = (
     0.98,
@@ -382,7 +383,7 @@ class OverBox(Result):
     @property
     def verdict(self) -> str:
         """The verdict in a word."""
-        return {True: "holds", False: "does not hold", None: "undecided"}[self.holds]
+        return VERDICTS[self.holds]
 
     @property
     def covered(self) -> Text:

@@ -8,10 +8,12 @@ from tempfile import TemporaryDirectory
 
 from feeddrive.benchmark.benchmark import Benchmark, advice, laws_of, score, search
 from feeddrive.benchmark.report import benchmark_report, citation, reasons, write_benchmark
-from feeddrive.benchmark.rules import VERSION, read_rules
+from feeddrive.benchmark.rules import VERSION, Rules, read_rules
+from feeddrive.benchmark.standings import score_tables
 from feeddrive.evaluation.lineup import Lineup
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
+from feeddrive.tuning.candidates import PLAIN
 from feeddrive.workflow.command import OUT, Outcome, command, option
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
@@ -42,6 +44,19 @@ AT_THE_MODELS = (
 )
 
 
+def rules_in_short(rules: Rules) -> list[str]:
+    """Return what a reader of the tables must know of the rules, in sentences."""
+    if rules.draws:
+        return [
+            f"each figure: times better than {PLAIN}, the geometric mean over the plants named above and their draws",
+            *(f"{subject.lower()}: {text}" for subject, text in rules.stated()),
+        ]
+    return [
+        f"each figure: times better than {PLAIN}, the geometric mean over the plants on which both have a place",
+        *([AT_THE_MODELS] if rules.tolerances is None else []),
+    ]
+
+
 @command(BenchmarkRequest)
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
     """Run every law with its stored design on the fixed plants of the benchmark, and print a table to be cited.
@@ -55,7 +70,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
     # checked here: an unknown law must be refused before a search that takes hours
-    laws = laws_of(plants, request.law)
+    laws = laws_of(plants, request.law, rules)
     own = tuple(law for law in Lineup.of(plants[0].model).user_defined if not laws or law in laws)
     files: dict[str, Path] = {}
     with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
@@ -80,12 +95,8 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     named = missing if request.law else []
     return Outcome(
         scored,
-        [*scored.tables(), *named],
-        [
-            "each figure: times better than P-PI, the geometric mean over the plants on which both have a place",
-            f"to be cited as: {citation(scored)}",
-            AT_THE_MODELS,
-        ],
+        [*score_tables(scored), *named],
+        [*rules_in_short(scored.rules), f"to be cited as: {citation(scored)}"],
         verdict,
         files=files,
         judgment=judgment,
