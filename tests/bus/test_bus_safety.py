@@ -139,6 +139,21 @@ def test_a_runaway_in_cst_goes_against_its_force() -> None:
     assert watched(made, braked, pushed) is None
 
 
+def test_in_csv_under_a_control_the_set_position_is_followed_and_not_the_velocity() -> None:
+    """A force pushes the axis along at 0.1 m/s, where the control asks for 0.05 m/s to hold its set position."""
+    made = described("csv", following_error=3e-3)
+    pushed = [Answer(0.1 * T * k, 0.1, 20.0) for k in range(100)]
+    led = [Target(answer.position + 0.5e-3, 0.05, 0.0) for answer in pushed]
+    assert watched(made, pushed, led, follows=True) is None
+    # of a profile of velocities alone, nothing else is known
+    assert watched(made, pushed, led) is not None
+    stands = [Target(0.0, 0.05, 0.0)] * 100
+    fault = watched(made, pushed, stands, follows=True)
+    assert fault.kind == "runaway"
+    # 3/4 of 3 mm at 0.1 mm a cycle, 2 cycles more, and the cycle of the target that acts
+    assert fault.cycle <= 26
+
+
 @pytest.mark.parametrize(
     ("bounds", "answers", "kind"),
     [

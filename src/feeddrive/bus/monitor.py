@@ -33,8 +33,8 @@ Checks, in this order; the first that fails is the fault:
     velocity       |v| > limits.velocity; without 0x606C the difference of the positions
     force, energy  |F| > limits.force + NOISE thousandths of the rated torque; M v²/2 > limits.energy, if both are
                    stated
-    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE.  cst under a
-                   control in the master: |r - x| > E
+    following      csp: max(|r - x|, |0x60F4|) > E.  csv: |Σ (w T - Δx)| > E, a leaky sum over 10 RESPONSE.  cst and
+                   csv under a control in the master: |r - x| > E
     acceleration   (U - U_R)/(R T) > limits.acceleration plus rounding and noise of the positions, JUMP c/(R T)², if
                    stated
     and the checks of `watch`: standstill, frozen values, velocity against positions
@@ -173,9 +173,11 @@ class Monitor:
     """The safety monitor of one drive within the limits of its drive file; it holds no state."""
 
     def __init__(self, drive: BusDrive, *, follows: bool = False) -> None:
-        """Set up the monitor; `follows`: a control in the master makes the force of cst from the target position."""
+        """Set up the monitor; `follows`: a control in the master makes the force of cst, or the velocity of csv, from
+        the target position.
+        """
         self.drive, self.limits, self._follows = drive, drive.limits, follows
-        self._watch = Watch(drive, follows=follows)
+        self._watch = Watch(drive, follows=follows and drive.mode == "cst")
         self._count = drive.scaling.metre
         self._window = drive.lost_frames + SPARE
         self._mode = MODES[drive.mode]

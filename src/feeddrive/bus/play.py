@@ -891,7 +891,7 @@ class _Rows:
         self.leading, self._held = leading, held
         if leading is not None:
             leading.control.rest(client.told.position, client.told.second, held)
-        self._monitor = Monitor(client.drive, follows=leading is not None and client.drive.mode == "cst")
+        self._monitor = Monitor(client.drive, follows=leading is not None and client.drive.mode != "csp")
         self._state = self._monitor.begin(self._answer(client.told))
         rest = Target(self.start, 0.0, 0.0)
         self._targets = (rest, rest)  # the last two
