@@ -267,6 +267,8 @@ LOOPS: dict[str, fd.Loop] = {
     ),
 }  # fmt: skip
 # a law that stands in none of them is exported with its start values: a new law needs its own file only
-for kind in sorted(set(members(Law)) - {each.control.law.kind for each in LOOPS.values()}):
+# (one that commands a velocity needs another axis, and is exported by the commissioning in csv)
+FORCED = {kind for kind, law in members(Law).items() if law.commanded == "force"}
+for kind in sorted(FORCED - {each.control.law.kind for each in LOOPS.values()}):
     begun = control_with(LOOPS["cascade_ppi, plain"], kind).law
     LOOPS[kind] = loop(TWO if begun.positions() == 2 else ONE, begun)

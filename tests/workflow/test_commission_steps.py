@@ -80,6 +80,7 @@ class Axis:
     played: list[tuple[Profile, BusLimits]] = field(default_factory=list)
     guards: list[float] = field(default_factory=list)  # bounds of the following error of controls on trial, m
     where: str = "paper, axis 1"
+    commanded: str = "force"
     is_virtual: bool = False
     sample_time: float = T
     takes: tuple[type[Block], ...] = (Block,)

@@ -95,14 +95,16 @@ def fit_velocity_loop(
     """
     first = next(iter(by_force.values()))
     rate = gain_of(first) / (2.0 * np.pi * float(axis.plant.rigid_mass()))
+    tried = list[VelocityFit]()
     for band in BANDS:
         led, pushed = (
             {name: on_lines(frf, frf.frequency <= band * rate) for name, frf in each.items()}
             for each in (by_velocity, by_force)
         )
-        found = _fitted(axis, led, pushed, sample_time, held_force)
-        if max(found.by_velocity, found.by_force) <= APART:
-            return found
+        tried.append(_fitted(axis, led, pushed, sample_time, held_force))
+        if max(tried[-1].by_velocity, tried[-1].by_force) <= APART:
+            return tried[-1]
+    found = tried[-1]
     raise NotIdentifiableError(
         Text(
             f"no PI velocity loop explains the responses of the drive: up to {Quantity(found.top, 'Hz'):3} those to "

@@ -19,7 +19,6 @@ from feeddrive.language.progress import Progress
 from feeddrive.workflow.command import Outcome, command
 from feeddrive.workflow.commission_gantry import GantryChain
 from feeddrive.workflow.commission_steps import Chain, CommissionRequest
-from feeddrive.workflow.commission_velocity import VelocityChain
 
 
 @command(CommissionRequest)
@@ -35,11 +34,23 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     axis = _in_mode(_axis(request), request.mode)
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
-    chain = GantryChain if isinstance(axis, GantryMotion) else VelocityChain if axis.commanded == "velocity" else Chain
+    chain = _chain(axis)
     if request.out is None:
         with TemporaryDirectory() as folder:
             return chain(request, axis, Path(folder), progress).run(kept=False)
     return chain(request, axis, request.out, progress).run(kept=True)
+
+
+def _chain(axis: LiveAxis) -> type[Chain]:
+    """Return the steps for an axis."""
+    if isinstance(axis, GantryMotion):
+        return GantryChain
+    if axis.commanded == "velocity":
+        # with what fits the velocity loop, which no other drive needs
+        from feeddrive.workflow.commission_velocity import VelocityChain
+
+        return VelocityChain
+    return Chain
 
 
 def _in_mode(axis: LiveAxis, mode: str | None) -> LiveAxis:

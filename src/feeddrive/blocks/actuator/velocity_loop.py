@@ -1,9 +1,7 @@
 """The velocity loop of a drive that is commanded by velocities."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from feeddrive.language import ops
 from feeddrive.language.block import Block, Number, Rule, parameter
@@ -69,17 +67,16 @@ class VelocityLoop(Block):
         mean = made + (self.lag / h) * (1.0 - left) * (state.force - made)
         return self.State(integral, after), mean
 
-    def equivalent(self, force: np.ndarray, sample_time: float) -> np.ndarray:
+    def equivalent(self, force: Any, sample_time: float) -> Any:
         """Return the velocities (m/s) that act as forces added to those of the loop do, N; both of shape (n,).
 
             force = Kp w + (Kp/Tn) Σ T w     so that   w(k) = (force(k) - I(k))/Kp,   I(k+1) = I(k) + (Kp T/Tn) w(k)
 
         It is exact while the loop is not at its limit: the loop makes the same u of either.
         """
-        forces, held = np.asarray(force, dtype=np.float64), 0.0
-        found = np.zeros(forces.size)
+        found, held = force.astype(float), 0.0
         share = 0.0 if self.Tn is None else float(sample_time / self.Tn)
-        for k, added in enumerate(forces.tolist()):
+        for k, added in enumerate(force.tolist()):
             found[k] = (added - held) / float(self.Kp)
             held += share * float(self.Kp) * float(found[k])
         return found
