@@ -285,6 +285,21 @@ def push(graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds:
     return [tangents.get(index) for index in outputs]
 
 
+def jacobian_entries(graph: Graph, outputs: Sequence[int], inputs: Sequence[int]) -> tuple[tuple[int, int, int], ...]:
+    """Return the derivatives of nodes with respect to leaves that are not always 0: place of the node, place of the
+    leaf, and the node of the derivative, of each.
+    """
+    values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
+    found: list[tuple[int, int, int]] = []
+    for j, leaf in enumerate(inputs):
+        for i, tangent in enumerate(push(graph, outputs, values, {leaf: 1.0})):
+            if tangent is not None:
+                node = graph.symbol(tangent).index
+                if graph.nodes[node] != ("const", (0.0).hex()):
+                    found.append((i, j, node))
+    return tuple(found)
+
+
 def _tangents(
     graph: Graph, outputs: Sequence[int], values: Mapping[int, Any], seeds: Mapping[int, Any]
 ) -> dict[int, Any]:

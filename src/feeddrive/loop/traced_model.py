@@ -7,9 +7,8 @@ import numpy as np
 
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.graph import Symbol
 from feeddrive.language.ring import Ring
-from feeddrive.loop.gradient import TracedModel, push
+from feeddrive.loop.gradient import TracedModel, jacobian_entries
 from feeddrive.loop.linearize import unlimited_loop
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.runner import Prepared, TracedBeginning, traced_beginning
@@ -55,18 +54,11 @@ def traced_loop(loop: Loop, position: float, velocity: float) -> TracedLoop:
     graph = program.graph
     states = program.states
     ends = [*(state.after for state in states), program.outputs["force"]]
-    values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
     columns = [*(state.before for state in states), program.inputs["added_force"]]
-    entries: list[tuple[int, int, int]] = []
-    for j, column in enumerate(columns):
-        for i, tangent in enumerate(push(graph, ends, values, {column: 1.0})):
-            if tangent is not None:
-                node = graph.symbol(tangent).index
-                if graph.nodes[node] != ("const", (0.0).hex()):
-                    entries.append((i, j, node))
+    derived = jacobian_entries(graph, ends, columns)
     n = len(states)
     leaves = {node[1]: i for i, node in enumerate(graph.nodes) if node[0] == "input"}
-    whole = TracedModel(graph, n, (n + 1, n + 1), tuple(entries), leaves)
+    whole = TracedModel(graph, n, (n + 1, n + 1), derived, leaves)
     begun, settled = prepared.first, prepared.settled()
     fixed = {
         f"state.{name}": float(value)

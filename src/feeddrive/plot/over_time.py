@@ -43,13 +43,19 @@ def run_chart(run: Run) -> Chart:
     # Optional in an FMU.
     if "velocity_load" in run.signals:
         velocities.insert(0, Curve(*envelope(run.time, 1e3 * run["velocity_load"]), "actual", 2, PLAIN))
+    # a law around the velocity loop of a drive commands a velocity, shown in mm/s as the others
+    leads = run.units["force"] == "m/s"
+    words, unit, factor = ("commanded\nvelocity", "m/s", 1e3) if leads else ("force", "N", 1.0)
     panels = (
         Panel(
             f"following error\n({unit_name('m')})",
             (Curve(*envelope(run.time, 1e6 * run["following_error"])),),
             caption=Text(f"RMS {Quantity(root_mean_square(run['following_error']), 'm')}"),
         ),
-        Panel(f"force\n({unit_name('N')})", (Curve(*envelope(run.time, run["force"]), number=1, look=PLAIN),)),
+        Panel(
+            f"{words}\n({unit_name(unit)})",
+            (Curve(*envelope(run.time, factor * run["force"]), number=1, look=PLAIN),),
+        ),
         Panel(f"velocity\n({unit_name('m/s')})", tuple(velocities)),
     )
     return Chart("time (s)", panels, height=5.4, legend=PANELS)

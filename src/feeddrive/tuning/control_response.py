@@ -21,7 +21,7 @@ from feeddrive.language.recent import Recent
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native, native
 from feeddrive.loop.engine.plan import plan
-from feeddrive.loop.gradient import Resolvent, push, require_slopes
+from feeddrive.loop.gradient import Resolvent, jacobian_entries, push, require_slopes
 from feeddrive.loop.linearize import MOST
 from feeddrive.loop.runner import PAYS_AFTER
 from feeddrive.loop.trace import Program, node_values
@@ -80,16 +80,9 @@ def _trace(control: Control, begun: Any) -> TracedControl:
     after, command = symbolic.step(symbolic.prepare(T), state, setpoint, motor, load, 1.0, T)
     ends = [graph.symbol(value).index for _, value in tree.leaves(after)] + [graph.symbol(command.applied).index]
     columns = [graph.input(f"state.{name}").index for name in states] + [graph.input(name).index for name in READINGS]
-    values = {i: Symbol(graph, i) for i in range(len(graph.nodes))}
-    entries: list[tuple[int, int, int]] = []
-    for j, column in enumerate(columns):
-        for i, tangent in enumerate(push(graph, ends, values, {column: 1.0})):
-            if tangent is not None:
-                node = graph.symbol(tangent).index
-                if graph.nodes[node] != ("const", (0.0).hex()):
-                    entries.append((i, j, node))
+    derived = jacobian_entries(graph, ends, columns)
     places = {name: graph.input(name).index for name in names}
-    return TracedControl(graph, tuple(entries), places, states, tuple(ends[:-1]), ends[-1])
+    return TracedControl(graph, derived, places, states, tuple(ends[:-1]), ends[-1])
 
 
 class Walk:
