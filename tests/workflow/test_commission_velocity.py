@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 from test_commission import TEXT, Drive
@@ -16,7 +14,6 @@ from feeddrive.bus.live import BusAxis
 from feeddrive.bus.virtual_bus import VirtualEtherCAT
 from feeddrive.files.toml_file import parse_toml
 from feeddrive.language.errors import ParameterError
-from feeddrive.workflow.commission_velocity import VelocityChain
 
 
 @pytest.mark.slow(reason="60 s: the whole chain on a drive of unknown gains")
@@ -47,7 +44,10 @@ def test_two_drives_of_a_gantry_are_not_commissioned_by_velocities(tmp_path: Pat
 
 
 def test_a_bound_of_the_noise_of_a_force_is_refused_of_a_drive_that_takes_velocities(tmp_path: Path) -> None:
-    chain = cast(Any, SimpleNamespace(limits=SimpleNamespace(force=500.0)))
+    text = TEXT.replace('mode = "csp"', 'mode = "csv"')
+    drive = Drive()
+    axis = BusAxis(drive_of(parse_toml(text, "drive.toml")), lambda _: VirtualEtherCAT(drive.firmware), paced=False)
     with pytest.raises(ParameterError, match="--max-noise bounds the noise of a commanded force"):
-        VelocityChain._tuning(chain, 3.0)
-    assert VelocityChain._tuning(chain, None) == {"filters": "kept", "step_force": 10.0}
+        fd.commission(axis, max_noise=3.0, out=tmp_path / "out")
+    # before anything is written or moves
+    assert not (tmp_path / "out").exists()

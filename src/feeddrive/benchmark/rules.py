@@ -26,7 +26,7 @@ from feeddrive.language import tree
 from feeddrive.language.block import Number, choice, declarations, defaults, parameter, part
 from feeddrive.language.errors import ParameterError, nearest
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.text import Text
+from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
@@ -264,7 +264,8 @@ def read_rules(version: int = VERSION) -> Rules:
     """Return the rules of a version. Raises ParameterError for an unknown version."""
     path = folder(version) / "rules.toml"
     if not path.is_file():
-        raise ParameterError(f"there are no rules {version} of the benchmark; the present ones are rules {VERSION}")
+        known = sorted(each.parent.name.removeprefix("rules_") for each in path.parents[1].glob("rules_*/rules.toml"))
+        raise ParameterError(f"there are no rules {version} of the benchmark; there are rules {joined(' and ', known)}")
     return read_section(Rules, read_toml(path).root())
 
 

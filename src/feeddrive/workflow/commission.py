@@ -35,6 +35,7 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
     chain = _chain(axis)
+    chain.check(request)
     if request.out is None:
         with TemporaryDirectory() as folder:
             return chain(request, axis, Path(folder), progress).run(kept=False)

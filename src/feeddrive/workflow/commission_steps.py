@@ -288,6 +288,10 @@ class Chain:
     late = UNKNOWN_DELAY
     forces, measured_force = "responses/frf.csv", False
 
+    @classmethod
+    def check(cls, request: CommissionRequest) -> None:
+        """Raise ParameterError for options that do not fit these steps, before anything moves."""
+
     def __init__(self, request: CommissionRequest, axis: LiveAxis, folder: Path, progress: Progress) -> None:
         self.request, self.axis, self.folder, self.progress = request, axis, folder, progress
         self.stated = axis.text()

@@ -49,6 +49,7 @@ from feeddrive.workflow.commission_steps import (
     USED,
     WORK,
     Chain,
+    CommissionRequest,
 )
 from feeddrive.workflow.frf import FrfRequest, frf
 
@@ -84,6 +85,16 @@ class VelocityChain(Chain):
     # the force of these logs is the one that the drive tells with its reading
     late = 0.0
     forces, measured_force = "force/frf.csv", True
+
+    @classmethod
+    def check(cls, request: CommissionRequest) -> None:
+        """Raise ParameterError for a bound of the noise of a force, which a control in csv does not command."""
+        # the options of limits are made from the table of figures
+        if getattr(request, "max_noise", None) is not None:
+            raise ParameterError(
+                "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave "
+                "it out"
+            )
 
     def start_law(self) -> tuple[str, Mapping[str, float]]:
         """Write a slow position loop, which any velocity loop of a drive bears; nothing moves."""
@@ -328,11 +339,6 @@ class VelocityChain(Chain):
 
     def _tuning(self, most_noise: float | None) -> dict[str, Any]:
         """Return options of the tuning: no filters, which the drive has itself, and no noise of a force."""
-        if most_noise is not None:
-            raise ParameterError(
-                "--max-noise bounds the noise of a commanded force, and this drive is commanded by velocities: leave "
-                "it out"
-            )
         # the control has no limit of force, of which the proof of a tuning takes a share
         return {"filters": "kept", "step_force": STEP * float(self.limits.force)}
 
