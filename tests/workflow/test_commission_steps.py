@@ -33,6 +33,8 @@ from feeddrive.language.errors import DivergedError, NotCertifiedError, Paramete
 from feeddrive.language.progress import Progress
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
+from feeddrive.workflow.commission_steps import Chain
+from small_axis import MACHINE as SMALL
 
 module = importlib.import_module("feeddrive.workflow.commission_steps")
 
@@ -792,3 +794,16 @@ def test_after_a_trial_with_another_stiffness_the_responses_are_measured_again(
     assert asked[0].amplitude == pytest.approx(16.0)
     # at once, or after other controls were tuned in vain
     assert (tuned == []) is again
+
+
+@pytest.mark.parametrize(("gain", "passes"), [(8e3, True), (68e3, False)])
+def test_a_control_that_the_model_takes_near_instability_is_not_tried(
+    tmp_path: Path, gain: float, passes: bool
+) -> None:
+    """By a mode above the lines that were measured, which tuning and certificate have not seen."""
+    (tmp_path / "machine.toml").write_text(SMALL.replace("Kp = 8e3", f"Kp = {gain:g}"), encoding="utf-8")
+    chain: Any = SimpleNamespace(place=tmp_path, _real=lambda machine: machine, _trial_motion=lambda _: ("fits", {}))
+    why = Chain._not_tried(chain)
+    assert (why == "") == passes
+    assert passes or ("sensitivity peak Ms is" in why and "a tuned loop has at most 2" in why)
+    assert (chain.planned is not None) == passes

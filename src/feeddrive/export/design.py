@@ -143,10 +143,15 @@ class Design:
     @property
     def judgment(self) -> Judgment:
         """The judgment on the stability of the axes: the first negative one, or `EXPORTED` if there is none."""
+        return self.advice.judgment
+
+    @property
+    def advice(self) -> Advice:
+        """The judgment on the stability of the axes with its reason, which is empty of `EXPORTED`."""
         loops = [self.loop] if not self.together else self.system.loops().values()
         loops = () if self.what == PLANT else loops
-        judgments = [advice.judgment for loop in loops if (advice := self._stability(loop.name)) is not None]
-        return next((judgment for judgment in judgments if judgment.bad), Judgment.EXPORTED)
+        found = [advice for loop in loops if (advice := self._stability(loop.name)) is not None]
+        return next((advice for advice in found if advice.judgment.bad), Advice(Judgment.EXPORTED, ""))
 
     def _stability(self, axis: str) -> Advice | None:
         """Return the judgment on the stability of a loop; None if its period is too long to compute margins."""

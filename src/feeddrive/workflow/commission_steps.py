@@ -48,7 +48,7 @@ from feeddrive.commissioning.record import (
     write_record,
 )
 from feeddrive.commissioning.trial import AGREED, COMMANDED, Figures, Trial, acting_force, figures, filled, predicted
-from feeddrive.export.design import weight
+from feeddrive.export.design import read_design, weight
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.files.atomic_io import files_of, new_directory, write_whole
 from feeddrive.files.frf import read_frfs
@@ -1291,6 +1291,10 @@ class Chain:
     def _not_tried(self) -> str:
         """Return why the control of this step cannot be tried; "" if a trial of it fits into the limits."""
         self.planned = None
+        # a mode of the model above the measured lines, which neither tuning nor certificate has seen
+        stability = read_design(self.place / "machine.toml", axis=AXIS).advice
+        if stability.judgment.bad:
+            return stability.sentence
         try:
             self.planned = self._trial_motion(self._real(self.place / "machine.toml"))
         except UnlikePredictedError as unlike:
@@ -1380,7 +1384,8 @@ class Chain:
         """Write the tuned control for the target; nothing moves."""
         outcome = export.run(self._export_request(), self.progress.quiet())
         if outcome.judgment.bad:
-            raise RefusedError(Text(f"export: {outcome.verdict} {outcome.failure}"))
+            why = next(design.advice.sentence for design in outcome.result if design.judgment.bad)
+            raise RefusedError(Text(f"export: {why}"))
         return Text(f"for {self.request.target}, in {self.place.name}"), {}
 
     def _controlled(self) -> Path:
