@@ -168,7 +168,7 @@ SECOND = 'position_mm = 1500\nlaw = { kind = "cascade_ppi", Kv = 35, Kp = 2.6e5,
         ("Tn_ms = 28", "Tn_ms = 28, velocity_samples = 2", r"velocity_samples would go from 1 to 2 along the travel"),
         (", Tn_ms = 28", "", r"places\.1\.law\.Tn would be left out along the travel"),
         ("2.6e5", "[2.6e5, 3e5]", r"places\.1\.law\.Kp .* must be a number"),
-        (SECOND, "position_mm = 1500", r"places\.1: schedule_place needs law"),
+        (SECOND, "position_mm = 1500", r"places\.1: schedule_place needs either law or loads, and has neither: give the law"),
         (SECOND, SECOND.replace("position_mm = 1500\n", ""), r"places\.1: schedule_place needs position"),
         (
             SECOND,
